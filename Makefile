@@ -1,0 +1,49 @@
+# `make demo` is the first command, `make test` the second. PYTHON chooses the interpreter.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+
+.PHONY: help install install-test demo test check lock clean
+
+help:
+	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
+	@echo "make test     install what the tests need, then run them"
+	@echo "make install  create $(VENV) with the pinned dependencies"
+	@echo "make check    format, lint, types and layers, in under a minute"
+
+install: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, this is %d.%d; use e.g. make PYTHON=python3.12" % v)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@touch $@
+
+install-test: $(VENV)/.installed-test
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check]'
+	@touch $@
+
+# Exit code 1 says that a case did not pass; that is what the demo is meant to find.
+demo: install
+	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
+
+test: install-test
+	$(BIN)/pytest $(ARGS)
+
+check: install-test
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+# Writes constraints.txt anew from the newest versions that pyproject.toml admits.
+lock:
+	$(PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check]'
+	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
+	rm -rf $(VENV)-lock
+
+clean:
+	rm -rf $(VENV) $(VENV)-lock build dist

@@ -1,0 +1,371 @@
+"""The campaign file: simulator, scenario, sensors, autonomy and the matrix of cases.
+
+Everything a case needs is inside its :class:`Case`; nothing about it depends on where it stands in
+the file, so cases may be reordered, added and removed without changing the verdict of another.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from schemas.validation import Mistake, convert_all, suggest
+
+Weather = Literal[
+    "clear",
+    "cloudy",
+    "light_fog",
+    "heavy_fog",
+    "light_rain",
+    "heavy_rain",
+    "light_snow",
+    "heavy_snow",
+]
+WEATHERS: tuple[str, ...] = Weather.__args__  # type: ignore[attr-defined]
+
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?$")]
+"""Names that become file names, Zenoh keys and Rerun ids."""
+
+TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
+"""Local solar time ``HH:MM``."""
+
+CASES_MAX = 100_000
+"""Largest number of cases in one campaign."""
+
+
+class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all file types: frozen, unknown keys are errors."""
+
+
+class Camera(_Spec):
+    """A pinhole camera on the ego, looking forward."""
+
+    name: Name = "front_right"
+    width: Annotated[int, Meta(ge=16, le=3840)] = 640
+    """Image width [px]."""
+    height: Annotated[int, Meta(ge=9, le=2160)] = 360
+    """Image height [px]."""
+    hz: Annotated[int, Meta(ge=1, le=100)] = 20
+    """Frames per second [Hz]; a frame period is a whole number of physics steps."""
+    hfov_deg: Annotated[float, Meta(ge=10, le=150)] = 70.0
+    """Horizontal field of view [deg]."""
+    noise: bool = True
+    """Shot and read noise, drawn from the case's own stream."""
+
+
+class Scenario(_Spec):
+    """The AEB jump scare: the ego drives down its lane towards a broken-down car."""
+
+    type: Literal["jump_scare"] = "jump_scare"
+    scene: str = "downtown"
+    """Name of a shipped scene, or the path of a scene file."""
+    vehicle: str = "opencav"
+    """Name of a shipped vehicle, or the path of a vehicle file."""
+    ego_start_m: Annotated[float, Meta(ge=5, le=180)] = 148.0
+    """Hull-to-hull distance from the ego to the broken-down car at the start [m]."""
+    ego_speed_mps: Annotated[float, Meta(ge=0, le=30)] = 0.0
+    """Speed of the ego at the start [m/s]."""
+    duration_s: Annotated[float, Meta(ge=0.1, le=3600)] = 60.0
+    """Longest sim time of a case [s]."""
+    standstill_s: Annotated[float, Meta(ge=0, le=60)] = 2.0
+    """The case ends this long after the ego has come to rest [s]."""
+    false_braking_m: Annotated[float, Meta(gt=0, le=1000)] = 30.0
+    """Coming to rest further than this from the obstacle is false braking [m]."""
+
+
+class GroundTruthPerception(_Spec, tag_field="type", tag="ground_truth"):
+    """The box sensor seen through a contrast threshold: fog, night and rain make it miss."""
+
+    contrast_min: Annotated[float, Meta(gt=0, le=1)] = 0.05
+    """Contrast of object against surroundings at which confidence is 0.5 [-]."""
+    pixels_min: Annotated[int, Meta(ge=1)] = 24
+    """Fewest visible pixels of an object that can be detected [px]."""
+
+
+class Autonomy(_Spec):
+    """The stack under test and its perception variants."""
+
+    stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
+    """Entry point ``module:Class``."""
+    placement: Literal["worker", "node"] = "worker"
+    """``worker``: beside the simulator, frames in shared memory; ``node``: frames over TCP."""
+    latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
+    """Delay between a frame and the effect of its command, in sim time [ms]."""
+    parameters: dict[str, bool | int | float | str] = {}
+    """Keyword arguments of the stack class."""
+    perception: dict[Name, GroundTruthPerception] = msgspec.field(
+        default_factory=lambda: {"default": GroundTruthPerception()}
+    )
+    """Perception variants by name; the matrix axis ``model`` chooses one."""
+
+
+class Batch(_Spec):
+    """Cases labelled in file order, ``size`` to a batch, as the paper ran them."""
+
+    size: Annotated[int, Meta(ge=1, le=CASES_MAX)] = 32
+
+
+class Campaign(_Spec, kw_only=True):
+    """One campaign file."""
+
+    schema: Literal[1] = 1
+    campaign: Name
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    simulator: Literal["warp", "noop"] = "warp"
+    """``warp``: the simulator. ``noop``: nothing is simulated; scheduling tests only."""
+    attempts_max: Annotated[int, Meta(ge=1, le=100)] = 3
+    """Charged attempts before a case stays unresolved."""
+    deadline_s: Annotated[float, Meta(gt=0, le=86_400)] = 60.0
+    """Longest wall time without progress before an attempt is given up [s]; never a verdict."""
+    device: Literal["same", "any"] = "same"
+    """``same``: all cases on one device class; ``any``: mixed, and the fingerprint says so."""
+    control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
+    """Control rate [Hz]; the camera's rate divides it."""
+    scenario: Scenario = Scenario()
+    camera: Camera = Camera()
+    autonomy: Autonomy = Autonomy()
+    matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
+    """Axis -> values; the cases are the cross product, last axis fastest."""
+    cases: list[dict[str, bool | int | float | str]] = []
+    """Further cases, one point each."""
+    exclude: list[dict[str, bool | int | float | str]] = []
+    """Points removed from the matrix; an axis left out matches every value."""
+    batch: Batch | None = None
+
+
+class Case(_Spec, kw_only=True):
+    """One test case, complete in itself; this is what a lease carries."""
+
+    id: str
+    """``yolov3-0500-heavy_fog``: stable, unique in its campaign."""
+    campaign: str
+    seed: int
+    simulator: Literal["warp", "noop"]
+    control_hz: int
+    deadline_s: float
+    scenario: Scenario
+    camera: Camera
+    stack: str
+    placement: Literal["worker", "node"]
+    latency_ms: int
+    parameters: dict[str, bool | int | float | str]
+    model: str
+    """Name of the perception variant."""
+    perception: GroundTruthPerception
+    time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
+    """Local solar time [minutes after midnight]."""
+    weather: Weather
+    repeat: int
+    batch: int
+    """Label only, from 1; 0 without batches."""
+
+
+# Axes that are not fields of a section; sections are reached by ``section.field``.
+_PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
+_SECTIONS: dict[str, type[Struct]] = {"scenario": Scenario, "camera": Camera}
+
+
+def axes_allowed() -> list[str]:
+    """Every axis a matrix may name."""
+    fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
+    return [*_PLAIN_AXES, *(f for f in fields if f not in ("scenario.type", "camera.name"))]
+
+
+def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
+    """Plain data (of a YAML file) -> campaign, with every mistake found, cross checks included."""
+    campaign, mistakes = convert_all(data, Campaign)
+    if campaign is None:
+        return None, mistakes
+    mistakes = _cross_checks(campaign)
+    if not mistakes:
+        _, mistakes = _expand(campaign)
+    return (None, mistakes) if mistakes else (campaign, [])
+
+
+def expand(campaign: Campaign) -> list[Case]:
+    """All cases in file order.
+
+    Raises:
+        ValueError: the campaign has mistakes; :func:`parse_campaign` lists them.
+    """
+    cases, mistakes = _expand(campaign)
+    if mistakes:
+        raise ValueError(mistakes[0].line(campaign.campaign))
+    return cases
+
+
+def _cross_checks(campaign: Campaign) -> list[Mistake]:
+    mistakes = []
+    allowed = axes_allowed()
+    named = [("matrix", campaign.matrix)]
+    named += [(f"cases[{i}]", point) for i, point in enumerate(campaign.cases)]  # type: ignore[misc]
+    named += [(f"exclude[{i}]", point) for i, point in enumerate(campaign.exclude)]  # type: ignore[misc]
+    for where, axes in named:
+        for axis in axes:
+            if axis not in allowed:
+                mistakes.append(
+                    Mistake(f"{where}.{axis}", f"unknown axis; {suggest(axis, allowed)}")
+                )
+    for axis, values in campaign.matrix.items():
+        if len({repr(v) for v in values}) != len(values):
+            mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
+    if not campaign.matrix and not campaign.cases:
+        mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
+    if not campaign.autonomy.perception:
+        mistakes.append(Mistake("autonomy.perception", "empty; name at least one variant"))
+    count = len(campaign.cases)
+    product = 1
+    for values in campaign.matrix.values():
+        product *= len(values)
+    count += product if campaign.matrix else 0
+    if count > CASES_MAX:
+        mistakes.append(Mistake("matrix", f"{count} cases, at most {CASES_MAX} are allowed"))
+    return mistakes
+
+
+def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
+    points: list[tuple[str, dict[str, Any]]] = []
+    if campaign.matrix:
+        for values in itertools.product(*campaign.matrix.values()):
+            points.append(("matrix", dict(zip(campaign.matrix, values, strict=True))))
+    excluded = [False] * len(campaign.exclude)
+    kept = []
+    for where, point in points:
+        hits = [
+            index
+            for index, pattern in enumerate(campaign.exclude)
+            if all(axis in point and point[axis] == value for axis, value in pattern.items())
+        ]
+        for index in hits:
+            excluded[index] = True
+        if not hits:
+            kept.append((where, point))
+    mistakes = [
+        Mistake(f"exclude[{index}]", "matches no case of the matrix; correct or remove it")
+        for index, hit in enumerate(excluded)
+        if not hit
+    ]
+    kept += [(f"cases[{index}]", dict(point)) for index, point in enumerate(campaign.cases)]
+    cases: dict[str, Case] = {}
+    size = campaign.batch.size if campaign.batch else 0
+    for index, (where, point) in enumerate(kept):
+        case, found = _case(campaign, point, where, index // size + 1 if size else 0)
+        mistakes += [m for m in found if m not in mistakes]
+        if case is None:
+            continue
+        if case.id in cases:
+            mistakes.append(Mistake(where, f"case '{case.id}' appears twice"))
+        cases[case.id] = case
+    if not kept and not mistakes:
+        mistakes.append(Mistake("exclude", "every case is excluded; nothing is left to run"))
+    return list(cases.values()), mistakes
+
+
+def _case(
+    campaign: Campaign, point: dict[str, Any], where: str, batch: int
+) -> tuple[Case | None, list[Mistake]]:
+    variants = campaign.autonomy.perception
+    default_model = next(iter(variants)) if len(variants) == 1 else None
+    model = point.get("model", default_model)
+    mistakes = []
+    if model is None:
+        mistakes.append(Mistake(f"{where}.model", f"missing; choose of {', '.join(variants)}"))
+    elif model not in variants:
+        mistakes.append(
+            Mistake(f"{where}.model", f"given {model!r}; {suggest(str(model), list(variants))}")
+        )
+    time_of_day, found = _one(point, "time_of_day", TimeOfDay, "12:00", where)
+    mistakes += found
+    weather, found = _one(point, "weather", Weather, "clear", where)
+    mistakes += found
+    repeat, found = _one(point, "repeat", Annotated[int, Meta(ge=0)], 0, where)
+    mistakes += found
+    scenario, found = _section(campaign.scenario, "scenario", point, where)
+    mistakes += found
+    camera, found = _section(campaign.camera, "camera", point, where)
+    mistakes += found
+    if mistakes:
+        return None, mistakes
+    mistakes = _rates(campaign.control_hz, camera.hz)
+    if mistakes:
+        return None, mistakes
+    hours, minutes = time_of_day.split(":")
+    return (
+        Case(
+            id=_case_id(str(model), time_of_day, weather, point),
+            campaign=campaign.campaign,
+            seed=campaign.seed,
+            simulator=campaign.simulator,
+            control_hz=campaign.control_hz,
+            deadline_s=campaign.deadline_s,
+            scenario=scenario,
+            camera=camera,
+            stack=campaign.autonomy.stack,
+            placement=campaign.autonomy.placement,
+            latency_ms=campaign.autonomy.latency_ms,
+            parameters=campaign.autonomy.parameters,
+            model=str(model),
+            perception=variants[str(model)],
+            time_of_day_min=60 * int(hours) + int(minutes),
+            weather=weather,
+            repeat=repeat,
+            batch=batch,
+        ),
+        [],
+    )
+
+
+def _rates(control_hz: int, camera_hz: int) -> list[Mistake]:
+    """Periods are whole physics steps of 2 ms, and the camera's rate divides the control rate."""
+    mistakes = []
+    if 500 % control_hz:
+        mistakes.append(
+            Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
+        )
+    if camera_hz > control_hz or control_hz % camera_hz:
+        mistakes.append(
+            Mistake("camera.hz", f"given {camera_hz}, allowed: a divisor of control_hz {control_hz}")
+        )
+    return mistakes
+
+
+def _one(
+    point: dict[str, Any], axis: str, type_: Any, default: Any, where: str
+) -> tuple[Any, list[Mistake]]:
+    value, found = convert_all({axis: point.get(axis, default)}, dict[str, type_])
+    if value is None:
+        return None, [Mistake(f"{where}.{axis}", m.message) for m in found]
+    return value[axis], []
+
+
+def _section(
+    section: Any, name: str, point: dict[str, Any], where: str
+) -> tuple[Any, list[Mistake]]:
+    changes = {k.split(".", 1)[1]: v for k, v in point.items() if k.startswith(f"{name}.")}
+    if not changes:
+        return section, []
+    data = {**msgspec.to_builtins(section), **changes}
+    value, found = convert_all(data, type(section))
+    return value, [Mistake(f"{where}.{name}.{m.path}", m.message) for m in found]
+
+
+def _case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -> str:
+    """Known axes first, in a fixed order; the rest by name: the file's order does not matter."""
+    parts = []
+    if "model" in point:
+        parts.append(model)
+    if "time_of_day" in point:
+        parts.append(time_of_day.replace(":", ""))
+    if "weather" in point:
+        parts.append(weather)
+    for axis in sorted(set(point) - {"model", "time_of_day", "weather"}):
+        label = axis.split(".", 1)[-1]
+        value = point[axis]
+        text = str(value).lower() if isinstance(value, bool) else f"{value}"
+        parts.append(f"{label}_{re.sub(r'[^A-Za-z0-9_.]+', '_', text).strip('_.') or 'x'}")
+    return "-".join(parts)

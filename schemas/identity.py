@@ -1,0 +1,64 @@
+"""Identity: what makes two cases, two rigs and two streams of random numbers the same."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Iterable
+
+import msgspec
+
+from schemas.campaign import Campaign, Case
+
+
+def digest(parts: Iterable[bytes]) -> str:
+    """SHA-256 over length-prefixed parts, hexadecimal."""
+    sha = hashlib.sha256()
+    for part in parts:
+        sha.update(struct.pack("<Q", len(part)))
+        sha.update(part)
+    return sha.hexdigest()
+
+
+def case_digest(case: Case) -> str:
+    """Digest of everything that decides a case's result (the batch label does not)."""
+    return digest([_canonical(msgspec.structs.replace(case, batch=0))])
+
+
+def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
+    """Digest of a campaign: equal for files that list the same cases in another order."""
+    pairs = sorted((case.id, case_digest(case)) for case in cases)
+    return digest([campaign.campaign.encode(), *(f"{i}={d}".encode() for i, d in pairs)])
+
+
+def rig_key(case: Case) -> str:
+    """Cases with equal keys may share one rig (simulator and stack process).
+
+    Perception variants, times and weathers differ per slot; simulator, scene, vehicle, sensors,
+    rates, stack and its parameters do not.
+    """
+    shared = {
+        "simulator": case.simulator,
+        "control_hz": case.control_hz,
+        "scene": case.scenario.scene,
+        "vehicle": case.scenario.vehicle,
+        "camera": msgspec.to_builtins(case.camera),
+        "stack": case.stack,
+        "parameters": case.parameters,
+        "placement": case.placement,
+    }
+    return digest([_canonical(shared)])[:16]
+
+
+def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
+    """64-bit key of a counter-based random stream.
+
+    First 8 bytes of SHA-256 over the length-prefixed (campaign seed, case id, stream name); the
+    counter is (case tick, element). Nothing depends on slot, worker or order.
+    """
+    parts = [struct.pack("<Q", campaign_seed), case_id.encode(), stream.encode()]
+    return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
+
+
+def _canonical(value: object) -> bytes:
+    return msgspec.json.encode(value, order="sorted")

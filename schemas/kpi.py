@@ -1,0 +1,81 @@
+"""Key performance indicators: one row per control tick, and the scalars of a case.
+
+A row holds the state at the tick's time and the command computed from that tick's frames. Command
+columns are null in the last row (the case has ended, nothing was asked). Missing is null, never 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+ColumnType = Literal["bool", "int32", "int64", "float64", "detections"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One KPI column; ``detections`` is a list of (label, confidence, x, y, width, height)."""
+
+    name: str
+    type: ColumnType
+    unit: str
+    doc: str
+    nullable: bool = False
+
+
+KPI_COLUMNS: tuple[Column, ...] = (
+    Column("tick", "int32", "", "Case tick, 0 at reset"),
+    Column("sim_time_ns", "int64", "ns", "Sim time since reset"),
+    Column("x_m", "float64", "m", "Ego position, world x (along the street)"),
+    Column("y_m", "float64", "m", "Ego position, world y (left)"),
+    Column("yaw_rad", "float64", "rad", "Ego heading"),
+    Column("speed_mps", "float64", "m/s", "Ego speed, forward"),
+    Column("accel_mps2", "float64", "m/s^2", "Ego acceleration, forward"),
+    Column("dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull"),
+    Column("ttc_s", "float64", "s", "Time to collision at constant speed", nullable=True),
+    Column("collisions", "int32", "", "Collisions of the ego so far"),
+    Column("throttle", "float64", "", "Throttle command", nullable=True),
+    Column("brake", "float64", "", "Brake command", nullable=True),
+    Column("steering_rad", "float64", "rad", "Road-wheel angle command", nullable=True),
+    Column("aeb", "bool", "", "AEB trigger", nullable=True),
+    Column("headlights", "int32", "", "Headlight code 0-11 of AutoDRIVE", nullable=True),
+    Column("indicators", "int32", "", "0 off, 1 left, 2 right, 3 hazard", nullable=True),
+    Column("detections", "detections", "px", "Detections of the stack", nullable=True),
+)
+
+SCALARS: tuple[Column, ...] = (
+    Column("sim_time_s", "float64", "s", "Sim time at the end of the case"),
+    Column("ticks", "int32", "", "Control ticks"),
+    Column("dtc_min_m", "float64", "m", "Smallest distance to collision"),
+    Column("dtc_end_m", "float64", "m", "Distance to collision at the end"),
+    Column("aeb_time_s", "float64", "s", "Sim time of the first AEB trigger", nullable=True),
+    Column("aeb_dtc_m", "float64", "m", "Distance at the first AEB trigger", nullable=True),
+    Column("aeb_ttc_s", "float64", "s", "Time to collision at the first AEB trigger", nullable=True),
+    Column("impact_speed_mps", "float64", "m/s", "Speed at the first collision", nullable=True),
+    Column("decel_peak_mps2", "float64", "m/s^2", "Peak deceleration"),
+    Column("speed_max_mps", "float64", "m/s", "Highest speed"),
+    Column("collisions", "int32", "", "Collisions of the ego"),
+)
+
+DETECTION_FIELDS = ("label", "confidence", "x_px", "y_px", "width_px", "height_px")
+
+# AutoDRIVE's headlight codes: (low, high, parking, fog) -> code.
+_HEADLIGHT_CODES = {
+    (False, False, False, False): 0,
+    (True, False, False, False): 1,
+    (False, True, False, False): 2,
+    (False, False, True, False): 3,
+    (False, False, False, True): 4,
+    (True, False, True, False): 5,
+    (True, False, False, True): 6,
+    (False, True, True, False): 7,
+    (False, True, False, True): 8,
+    (False, False, True, True): 9,
+    (True, False, True, True): 10,
+    (False, True, True, True): 11,
+}
+
+
+def headlight_code(low: bool, high: bool, parking: bool, fog: bool) -> int:
+    """AutoDRIVE's code of a lamp combination; high beam wins over low beam."""
+    return _HEADLIGHT_CODES[(low and not high, high, parking, fog)]

@@ -1,0 +1,317 @@
+"""Messages of the drive plane (simulator <-> stack) and of the control plane (worker <-> conductor).
+
+All are frozen; on the wire they are MessagePack maps (see :mod:`schemas.wire`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+from schemas.campaign import Case, GroundTruthPerception
+
+# --- drive plane --------------------------------------------------------------------------------
+
+OBJECT_CLASSES = ("car", "truck", "bus", "pedestrian", "bicycle")
+"""Class ids of the box sensor are indices into this tuple."""
+
+BOX_COLUMNS = ("class_id", "x_px", "y_px", "width_px", "height_px", "visible_px", "distance_m")
+"""Columns of a box message, float32 [S, B, 7]; x and y are the box's upper left corner."""
+
+BOXES_MAX = 32
+"""Largest number of boxes per camera [B]; the ones with most visible pixels are kept."""
+
+VEHICLE_COLUMNS = (
+    "speed_mps",
+    "accel_mps2",
+    "yaw_rate_radps",
+    "steering_rad",
+    "throttle",
+    "brake",
+)
+"""Columns of the by-wire feedback, float64 [S, 6]."""
+
+ENVIRONMENT_COLUMNS = ("illuminance_lx", "extinction_per_m")
+"""Columns of the ambient light and visibility sensor, float64 [S, 2]."""
+
+
+class Frame(Struct, frozen=True):
+    """Attachment of a raw sensor array; lists are indexed by slot, inactive slots hold zeros."""
+
+    v: int
+    type: str
+    seq: int
+    """Rig tick: counts every exchange of the rig, whatever the cases do."""
+    active: list[bool]
+    case: list[str]
+    token: list[int]
+    tick: list[int]
+    """Case tick: 0 at reset."""
+    sim_time_ns: list[int]
+    dtype: str
+    shape: list[int]
+    encoding: str
+    count: list[int] = []
+    """Valid rows per slot where data is ragged; empty otherwise."""
+    offset: int = -1
+    """Position in the shared frame buffer; -1: the bytes are the payload [bytes]."""
+
+
+class Tick(Struct, frozen=True):
+    """Closes the sensor messages of one ``seq`` and names them."""
+
+    v: int
+    seq: int
+    active: list[bool]
+    token: list[int]
+    tick: list[int]
+    sim_time_ns: list[int]
+    sensors: list[str]
+    """Names of the sensor messages of this seq."""
+    episodes: int
+    """Number of episodes that start with this seq (published on the episode key before it)."""
+
+
+class Episode(Struct, frozen=True):
+    """A slot begins a case: everything the stack may know about it."""
+
+    v: int
+    seq: int
+    slot: int
+    token: int
+    case: str
+    seed: int
+    model: str
+    perception: GroundTruthPerception
+    camera: str
+    width: int
+    height: int
+    hfov_deg: float
+    control_period_ns: int
+
+
+class Detection(Struct, frozen=True):
+    """One detected object; the box in pixels, x and y its upper left corner."""
+
+    label: str
+    confidence: float
+    """0 to 1."""
+    x_px: float
+    y_px: float
+    width_px: float
+    height_px: float
+
+
+class Lights(Struct, frozen=True):
+    """Lamps that are on; ``indicators``: 0 off, 1 left, 2 right, 3 hazard."""
+
+    low: bool = False
+    high: bool = False
+    parking: bool = False
+    fog: bool = False
+    indicators: Annotated[int, Meta(ge=0, le=3)] = 0
+
+
+class Command(Struct, frozen=True):
+    """What the stack asks of one slot's vehicle for the coming control period."""
+
+    slot: int
+    token: int
+    tick: int
+    throttle: float
+    """0 to 1. Ranges are checked slot by slot (:func:`command_mistake`): a NaN in one slot must
+    not take the message of the others with it."""
+    brake: float
+    """0 to 1."""
+    steering_rad: float
+    """Road-wheel angle, left positive, -1.5 to 1.5 [rad]."""
+    aeb: bool = False
+    """Emergency braking is triggered."""
+    lights: Lights = Lights()
+    detections: list[Detection] = []
+
+
+class Commands(Struct, frozen=True):
+    """One answer of the stack: commands of all active slots for ``seq``."""
+
+    v: int
+    seq: int
+    commands: list[Command]
+    error: str = ""
+    """Not empty: the stack cannot go on; the rig ends with this reason."""
+
+
+def command_mistake(command: Command) -> str:
+    """What is wrong with a command's values, or an empty string."""
+    for name, low, high in (("throttle", 0, 1), ("brake", 0, 1), ("steering_rad", -1.5, 1.5)):
+        value = getattr(command, name)
+        if not low <= value <= high:
+            return f"command {name} is {value}, allowed: {low} to {high}"
+    for detection in command.detections:
+        for name in ("confidence", "x_px", "y_px", "width_px", "height_px"):
+            if not math.isfinite(getattr(detection, name)):
+                return f"detection {name} is {getattr(detection, name)}, allowed: finite numbers"
+    return ""
+
+
+class Ready(Struct, frozen=True):
+    """Handshake, repeated by each side every 50 ms until answered."""
+
+    v: int
+    role: Literal["simulator", "stack"]
+    rig: str
+    slots: int
+    frames: str = ""
+    """Path of the shared frame buffer (offered by the simulator), or empty."""
+    frames_bytes: int = 0
+    nonce: str = ""
+    """Stands in the buffer's first bytes; proves that both sides mapped the same memory."""
+    shared: bool = False
+    """The stack mapped the buffer; otherwise frames travel as payload."""
+    seen: bool = False
+    """The other side's ``ready`` has arrived."""
+
+
+# --- control plane ------------------------------------------------------------------------------
+
+Outcome = Literal["verdict", "failed", "unresolved", "cancelled"]
+"""Terminal outcomes of a case; exactly one each."""
+
+Release = Literal["released", "walltime", "crash", "deadline", "out_of_memory", "suspect", "lost"]
+"""Why an attempt ended without a result."""
+
+
+class Result(Struct, frozen=True):
+    """A finished attempt, ready to be committed."""
+
+    campaign: str
+    case: str
+    token: int
+    outcome: Literal["verdict", "failed"]
+    verdict: str
+    """``pass``, ``collision``, ``false_braking``; the reason for ``failed``."""
+    passed: bool
+    scalars: dict[str, float | int | None] = {}
+    reasons: list[str] = []
+    attempt_dir: str = ""
+    """Attempt folder, relative to the campaign folder."""
+    kpi_sha256: str = ""
+    manifest_sha256: str = ""
+    wall_s: float = 0.0
+
+
+class Ended(Struct, frozen=True):
+    """A lease given back without a result."""
+
+    campaign: str
+    case: str
+    token: int
+    reason: Release
+    detail: str = ""
+
+
+class Lease(Struct, frozen=True):
+    """The right to run one case, until the token is committed, released or expires."""
+
+    token: int
+    attempt: int
+    out: str
+    """Campaign folder."""
+    case: Case
+    alone: bool = False
+    """Run it alone in a fresh rig (its last rig died)."""
+
+
+class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
+    """A worker introduces itself: one incarnation, never reused."""
+
+    v: int
+    worker: str
+    host: str
+    pid: int
+    device_class: str
+    software: str
+    """Software digest."""
+    slots: int
+    walltime_end_s: float | None = None
+
+
+class Next(Struct, frozen=True, tag_field="verb", tag="next"):
+    """Commit what is finished and ask for up to ``k`` cases, in one round trip."""
+
+    v: int
+    worker: str
+    seq: int
+    k: int
+    rig: str = ""
+    """Rig key of the running rig; its cases are preferred."""
+    results: list[Result] = []
+    ended: list[Ended] = []
+    held: list[int] = []
+    """Tokens in hand; a lease of this worker that is not listed was lost on the way."""
+
+
+class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
+    """Heartbeat: tokens held and the progress counter of each."""
+
+    v: int
+    worker: str
+    held: dict[str, int]
+    """Token (decimal) -> progress (case ticks)."""
+
+
+class Bye(Struct, frozen=True, tag_field="verb", tag="bye"):
+    """The worker leaves; every lease it holds is given back."""
+
+    v: int
+    worker: str
+    detail: str = ""
+
+
+class Submit(Struct, frozen=True, tag_field="verb", tag="submit"):
+    """Submit a campaign; the same campaign again is a resume."""
+
+    v: int
+    campaign: dict[str, Any]
+    """The campaign file's content."""
+    software: str = ""
+    out: str = ""
+    """Campaign folder, absolute; empty: a folder of the campaign's name in the state folder."""
+
+
+class StatusRequest(Struct, frozen=True, tag_field="verb", tag="status"):
+    """Ask for the conductor's state."""
+
+    v: int
+
+
+class Stop(Struct, frozen=True, tag_field="verb", tag="stop"):
+    """Ask the conductor to stop serving; workers are told to drain."""
+
+    v: int
+
+
+Request = Hello | Next | Beat | Bye | Submit | StatusRequest | Stop
+
+
+class Reply(Struct, frozen=True):
+    """Answer to any request; ``error`` not empty: refused, with the reason."""
+
+    v: int
+    epoch: int
+    error: str = ""
+    ttl_s: float = 0.0
+    seq: int = 0
+    acks: list[int] = []
+    """Tokens whose result is settled (committed, already committed, or fenced)."""
+    fenced: list[int] = []
+    leases: list[Lease] = []
+    left: int = 0
+    """Cases not yet ended."""
+    drain: bool = False
+    retry_after_s: float = 0.0
+    lost: list[int] = []
+    """Tokens that are no longer valid: stop working on them."""
+    status: dict[str, Any] = {}

@@ -1,0 +1,61 @@
+"""The topic table: every key of the fabric, once. Keys are below the session's namespace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Payload = Literal["array", "msgpack", "jpeg"]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row of the table. ``key`` may hold ``{rig}``, ``{worker}``, ``{sensor}`` and so on."""
+
+    key: str
+    payload: Payload
+    type: str
+    """Name of the Struct or array layout in :mod:`schemas.messages`."""
+    block: bool
+    """BLOCK on congestion (one known peer); otherwise DROP."""
+    recorded: bool
+    """Shown and recorded by viewers."""
+
+
+CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True, True)
+BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True, True)
+VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,6] float64", True, True)
+ENVIRONMENT = Topic(
+    "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True, False
+)
+EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True, False)
+TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True, False)
+COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True, True)
+READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True, False)
+SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False, False)
+
+RPC = Topic("conductor/rpc", "msgpack", "Request -> Reply", True, False)
+EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
+WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
+WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
+
+TOPICS: tuple[Topic, ...] = (
+    CAMERA,
+    BOXES,
+    VEHICLE,
+    ENVIRONMENT,
+    EPISODE,
+    TICK,
+    COMMAND,
+    READY,
+    SIMULATOR_ALIVE,
+    RPC,
+    EVENT,
+    WORKER_COMMAND,
+    WORKER_ALIVE,
+)
+
+SENSORS: dict[str, Topic] = {
+    topic.key.rsplit("/", 1)[1]: topic for topic in TOPICS if "/sensor/" in topic.key
+}
+"""Sensor name -> topic."""

@@ -1,0 +1,88 @@
+"""YAML as people expect it: duplicate keys are errors, ``05:00`` and ``no`` stay text."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+FILE_BYTES_MAX = 4 << 20
+"""Largest YAML file that is read [bytes]."""
+
+
+class YamlError(ValueError):
+    """The file cannot be read as YAML; the message is one line and names the place."""
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML follows YAML 1.1, where ``11:00`` is 660 and ``no`` is false; YAML 1.2 has neither."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str | int | float | bool | None):
+                raise yaml.MarkedYAMLError(
+                    problem="a mapping key must be a plain value", problem_mark=key_node.start_mark
+                )
+            if key in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key '{key}' appears twice", problem_mark=key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)
+
+
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern, _first in (
+    ("tag:yaml.org,2002:bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", "~nN"),
+    ("tag:yaml.org,2002:int", r"[-+]?(0|[1-9][0-9_]*)", "-+0123456789"),
+    (
+        "tag:yaml.org,2002:float",
+        r"[-+]?([0-9][0-9_]*\.[0-9_]*|\.[0-9]+|[0-9][0-9_]*(?=[eE]))([eE][-+]?[0-9]+)?"
+        r"|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+0123456789.",
+    ),
+):
+    _Loader.add_implicit_resolver(_tag, re.compile(f"^(?:{_pattern})$"), list(_first))
+# The empty scalar ("key:") is null in YAML 1.2 as well.
+_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^$"), [""])
+
+
+def parse_yaml(text: str, name: str) -> Any:
+    """Parse one YAML document; ``name`` (a path) appears in the error."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
+        raise YamlError(f"{name}{where}: {error.problem or 'not valid YAML'}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split()) or "nested too deeply"
+        raise YamlError(f"{name}: not valid YAML: {reason}") from None
+
+
+def load_yaml(path: Path) -> Any:
+    """Read one YAML document from ``path``.
+
+    Raises:
+        YamlError: missing, unreadable, too large, not UTF-8 or not YAML.
+    """
+    try:
+        size = path.stat().st_size
+        if size > FILE_BYTES_MAX:
+            raise YamlError(f"{path}: {size} bytes, at most {FILE_BYTES_MAX} are read")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise YamlError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise YamlError(f"{path}: not UTF-8 text (byte {error.start})") from None
+    return parse_yaml(text, str(path))
+
+
+def dump_yaml(data: Any) -> str:
+    """YAML text with keys in the given order."""
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
