@@ -1,0 +1,111 @@
+"""The lockstep exchange survives loss, delay and duplication, and never steps a stack twice."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from schemas import SCHEMA_VERSION
+from schemas.campaign import GroundTruthPerception
+from schemas.messages import Command, Commands, Episode, Frame, Tick
+from twin.fabric.drive import Outgoing, SimulatorEnd, StackEnd
+from twin.fabric.frames import FrameBuffer
+from twin.fabric.memory_bus import Faults, Hub
+
+SLOTS = 3
+SHAPE = (SLOTS, 4, 6, 3)
+
+
+def image(seq):
+    return np.full(SHAPE, seq % 251, np.uint8)
+
+
+def frame(seq, offset):
+    return Frame(
+        v=SCHEMA_VERSION,
+        type="camera",
+        seq=seq,
+        active=[True] * SLOTS,
+        case=["c"] * SLOTS,
+        token=[1, 2, 3],
+        tick=[seq] * SLOTS,
+        sim_time_ns=[seq] * SLOTS,
+        dtype="|u1",
+        shape=list(SHAPE),
+        encoding="rgb8",
+        offset=offset,
+    )
+
+
+def tick(seq, episodes):
+    return Tick(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        active=[True] * SLOTS,
+        token=[1, 2, 3],
+        tick=[seq] * SLOTS,
+        sim_time_ns=[seq] * SLOTS,
+        sensors=["camera"],
+        episodes=episodes,
+    )
+
+
+def episode(seq):
+    return Episode(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        slot=seq % SLOTS,
+        token=1,
+        case="c",
+        seed=1,
+        model="m",
+        perception=GroundTruthPerception(),
+        camera="front_right",
+        width=6,
+        height=4,
+        hfov_deg=70.0,
+        control_period_ns=50_000_000,
+    )
+
+
+def run_stack(link, count, stepped):
+    while len(stepped) < count:
+        incoming = link.receive(lambda: None)
+        seq = incoming.tick.seq
+        stepped.append((seq, len(incoming.episodes), int(incoming.sensors["camera"][1, 2, 3, 0])))
+        commands = [Command(slot, slot + 1, seq, 0.5, 0.0, 0.0) for slot in range(SLOTS)]
+        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands))
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("seed", range(8))
+def test_every_seq_is_stepped_once_and_in_order(seed, shared):
+    count = 25
+    hub = Hub(seed=seed, faults=Faults(loss=0.1, duplicate=0.2, delay=0.2))
+    hub.run()
+    frames = FrameBuffer(int(np.prod(SHAPE))) if shared else None
+    buffer = frames.array(SHAPE) if frames else None
+    stepped = []
+    stack = StackEnd(hub.open(), "r", SLOTS)
+    simulator = SimulatorEnd(hub.open(), "r", SLOTS, frames, resend_s=0.02)
+    # A daemon that may still wait for repeats when the test is over.
+    threading.Thread(target=run_stack, args=(stack, count + 10**9, stepped), daemon=True).start()
+    simulator.handshake(lambda: None)
+    assert simulator.shared is shared
+    for seq in range(count):
+        if buffer is not None:
+            buffer[:] = image(seq)
+        payload = b"" if shared else image(seq).tobytes()
+        starts = [episode(seq)] if seq % 5 == 0 else []
+        outgoing = [Outgoing("camera", frame(seq, 0 if shared else -1), payload)]
+        commands = simulator.exchange(seq, tick(seq, len(starts)), outgoing, starts, lambda: None)
+        assert commands.seq == seq
+        assert [c.tick for c in commands.commands] == [seq] * SLOTS
+    hub.stop()
+    assert stepped == [(seq, int(seq % 5 == 0), seq % 251) for seq in range(count)]
+    counters = hub.counters
+    assert counters.lost > 0, f"seed {seed} drove no loss"
+    assert counters.duplicated > 0, f"seed {seed} drove no duplicate"
+    assert counters.delayed > 0, f"seed {seed} drove no delay"
+    if frames:
+        frames.close()

@@ -1,0 +1,38 @@
+"""Shared frame buffers: same memory or nothing, and no trace in the file system."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
+
+
+def test_both_sides_see_the_same_memory():
+    buffer = FrameBuffer(24)
+    array = buffer.array((2, 12))
+    mapped = open_frames(buffer.path, 24, buffer.nonce)
+    assert mapped is not None
+    array[1, 3] = 7
+    assert mapped[HEADER_BYTES + 15] == 7
+    mapped.close()
+    buffer.close()
+
+
+def test_refused_when_it_is_not_the_same_memory(tmp_path: Path):
+    buffer = FrameBuffer(24)
+    assert open_frames(buffer.path, 24, "another nonce") is None
+    assert open_frames(buffer.path, 25, buffer.nonce) is None
+    assert open_frames("/proc/1/fd/does-not-exist", 24, buffer.nonce) is None
+    plain = tmp_path / "file"
+    plain.write_bytes(bytes(HEADER_BYTES + 24))
+    assert open_frames(str(plain), 24, buffer.nonce) is None
+    buffer.close()
+
+
+def test_nothing_appears_in_shared_memory():
+    before = set(os.listdir("/dev/shm"))
+    buffer = FrameBuffer(1 << 20)
+    np.testing.assert_array_equal(buffer.array((4,)), 0)
+    assert set(os.listdir("/dev/shm")) == before
+    buffer.close()

@@ -1,0 +1,88 @@
+"""The Zenoh bus on loopback: real sessions, real ports."""
+
+import socket
+import threading
+
+import psutil
+import pytest
+
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.zenoh_bus import open_bus
+
+LOOPBACK = ["tcp/127.0.0.1:0"]
+
+
+def test_request_reply_and_real_port():
+    router = open_bus("router", listen=LOOPBACK)
+    try:
+        router.serve("conductor/rpc", lambda payload, respond: respond(payload + b"!"))
+        client = open_bus("client", connect=router.endpoints)
+        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+        assert client.request("nobody/home", b"hi", 0.2) is None
+        client.close()
+        assert client.request("conductor/rpc", b"hi", 0.2) is None
+    finally:
+        router.close()
+
+
+def test_nothing_listens_beyond_loopback():
+    router = open_bus("router", listen=LOOPBACK)
+    try:
+        listening = [
+            c.laddr.ip
+            for c in psutil.Process().net_connections("inet")
+            if c.status == psutil.CONN_LISTEN or c.type == socket.SOCK_DGRAM
+        ]
+        assert set(listening) == {"127.0.0.1"}
+    finally:
+        router.close()
+
+
+def test_namespaces_do_not_hear_each_other():
+    router = open_bus("router", listen=LOOPBACK, namespace="one")
+    try:
+        router.serve("conductor/rpc", lambda payload, respond: respond(b"one"))
+        stranger = open_bus("client", connect=router.endpoints, namespace="two")
+        friend = open_bus("client", connect=router.endpoints, namespace="one")
+        assert friend.request("conductor/rpc", b"", 5) == b"one"
+        assert stranger.request("conductor/rpc", b"", 0.3) is None
+        stranger.close()
+        friend.close()
+    finally:
+        router.close()
+
+
+def test_liveliness_tells_of_the_end_of_a_session():
+    router = open_bus("router", listen=LOOPBACK)
+    try:
+        came, went = threading.Event(), threading.Event()
+        router.watch("worker/*", lambda key, alive: (came if alive else went).set())
+        client = open_bus("client", connect=router.endpoints)
+        client.announce("worker/w1")
+        assert came.wait(5)
+        client.close()
+        assert went.wait(5)
+    finally:
+        router.close()
+
+
+def test_port_in_use_is_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(UsageError, match=f"{port}: address already in use") as error:
+            open_bus("router", listen=[f"tcp/127.0.0.1:{port}"])
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_nobody_answers_is_one_line():
+    with pytest.raises(InfrastructureError, match="nobody answers after 0.2 s") as error:
+        open_bus("client", connect=["tcp/127.0.0.1:1"], connect_timeout_s=0.2)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("endpoint", ["", "localhost:7447", "tcp/host", "tcp/host:x", "http/h:1", "tcp/h:65536"])
+def test_bad_endpoints_are_named(endpoint):
+    with pytest.raises(UsageError, match="endpoint"):
+        open_bus("router", listen=[endpoint])

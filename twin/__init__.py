@@ -1,0 +1,1 @@
+"""The simulator: world, vehicle, sensors, renderer, KPIs and the worker that runs rigs of them."""

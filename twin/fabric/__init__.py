@@ -1,0 +1,1 @@
+"""The fabric: bus, sessions, clock, errors, processes and shared frames."""

@@ -1,0 +1,87 @@
+"""What the five commands have in common: one-line errors, exit codes, ``--version``."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+import typer
+
+from schemas.wire import WireError
+from twin.fabric.errors import (
+    EXIT_INFRASTRUCTURE,
+    EXIT_INTERRUPTED,
+    EXIT_USAGE,
+    TwinError,
+    storage_error,
+)
+from twin.fabric.software import check_packages
+
+EXIT_CODES = (
+    "Exit codes: 0 all passed, 1 a verdict is not a pass, 2 usage or bad input, "
+    "3 infrastructure lost, 75 unfinished (run again to resume), 130 interrupted."
+)
+"""Stands below every command's help."""
+
+
+def make_app(name: str, help_text: str) -> typer.Typer:
+    """A typer app in the house style."""
+    app = typer.Typer(
+        name=name,
+        help=help_text,
+        epilog=EXIT_CODES,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+    @app.callback(invoke_without_command=False)
+    def _root(
+        version: bool = typer.Option(False, "--version", is_eager=True, callback=_version),
+    ) -> None:
+        """Options of every command."""
+
+    # typer takes the group's help from the callback's docstring otherwise.
+    assert app.registered_callback is not None
+    app.registered_callback.help = help_text
+    app.registered_callback.epilog = EXIT_CODES
+    return app
+
+
+def _version(value: bool) -> None:
+    if value:
+        print(f"drivetwin {importlib.metadata.version('drivetwin')}")
+        raise typer.Exit
+
+
+def run(app: Callable[[], object], name: str) -> None:
+    """Run an app; user errors become one line on stderr and their exit code."""
+    try:
+        check_packages()
+        app()
+    except TwinError as error:
+        _fail(name, str(error), error.exit_code)
+    except WireError as error:
+        _fail(name, str(error), EXIT_USAGE)
+    except KeyboardInterrupt:
+        _fail(name, "interrupted; run the same command again to go on", EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output left (``| head``); Python would complain once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(128 + signal.SIGPIPE)
+    except OSError as error:
+        failure = storage_error(error, error.filename or name)
+        _fail(name, str(failure), failure.exit_code)
+    except MemoryError:
+        _fail(name, "out of memory; use fewer slots or workers", EXIT_INFRASTRUCTURE)
+
+
+def _fail(name: str, line: str, code: int) -> None:
+    for part in line.splitlines():
+        print(f"{name}: {part}", file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,296 @@
+"""The drive plane in lockstep: the two ends of a rig.
+
+The simulator publishes the sensors of one ``seq`` and a tick that names them; the stack answers
+with one message of commands. A seq without an answer is published again; the stack answers a
+repeated seq from its cache. So the exchange survives loss, delay and duplication, and neither end
+ever guesses.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Commands, Episode, Frame, Ready, Tick
+from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode, encode
+from twin.fabric.bus import Bus, Sample
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
+
+READY_PERIOD_S = 0.05
+"""Each side repeats ``ready`` this often until answered [s]."""
+
+RESEND_S = 1.0
+"""A seq without commands is published again after this long [s]."""
+
+FRAME_BYTES_MAX = 1 << 30
+"""Largest array in one message [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """One sensor message: attachment, and the array unless it lies in the shared buffer."""
+
+    name: str
+    frame: Frame
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """Everything the stack gets for one seq."""
+
+    tick: Tick
+    episodes: list[Episode]
+    sensors: dict[str, NDArray[Any]]
+    counts: dict[str, NDArray[np.int32]]
+
+
+class SimulatorEnd:
+    """The simulator's end: offers frames, publishes a seq, waits for its commands."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        rig: str,
+        slots: int,
+        frames: FrameBuffer | None,
+        *,
+        resend_s: float = RESEND_S,
+    ) -> None:
+        self._bus = bus
+        self._resend_s = resend_s
+        self._rig = rig
+        self._slots = slots
+        self._frames = frames
+        self._inbox: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+        self.shared = False
+        """The stack mapped the frame buffer."""
+        self.resent = 0
+        """Seqs published again."""
+        bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._inbox.put)
+        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._inbox.put)
+        bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
+
+    def handshake(self, on_wait: Callable[[], None]) -> None:
+        """Repeat ``ready`` until the stack answers; ``on_wait`` may raise to give up."""
+        key = topics.READY.key.format(rig=self._rig, side="simulator")
+        offer = Ready(
+            v=SCHEMA_VERSION,
+            role="simulator",
+            rig=self._rig,
+            slots=self._slots,
+            frames=self._frames.path if self._frames else "",
+            frames_bytes=self._frames.size if self._frames else 0,
+            nonce=self._frames.nonce if self._frames else "",
+        )
+        while True:
+            self._bus.publish(key, encode(offer))
+            sample = self._receive(READY_PERIOD_S)
+            on_wait()
+            if sample is None or not sample.key.endswith("/control/stack"):
+                continue
+            answer: Ready = decode(sample.payload, Ready)
+            if answer.seen:
+                self.shared = answer.shared
+                self._bus.publish(key, encode(msgspec.structs.replace(offer, seen=True)))
+                return
+
+    def exchange(
+        self,
+        seq: int,
+        tick: Tick,
+        sensors: list[Outgoing],
+        episodes: list[Episode],
+        on_wait: Callable[[], None],
+    ) -> Commands:
+        """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise."""
+        self._publish(tick, sensors, episodes)
+        sent = time.monotonic()
+        while True:
+            sample = self._receive(min(0.1, self._resend_s))
+            if sample is None:
+                on_wait()
+                if time.monotonic() - sent >= self._resend_s:
+                    self.resent += 1
+                    self._publish(tick, sensors, episodes)
+                    sent = time.monotonic()
+                continue
+            if not sample.key.endswith("/command"):
+                continue  # a late ready
+            commands: Commands = decode(sample.payload, Commands)
+            if commands.error:
+                raise InfrastructureError(f"stack: {commands.error}")
+            if commands.seq == seq:
+                return commands
+
+    def _publish(self, tick: Tick, sensors: list[Outgoing], episodes: list[Episode]) -> None:
+        for episode in episodes:
+            self._put(topics.EPISODE, encode(episode))
+        for sensor in sensors:
+            key = topics.SENSORS[sensor.name].key.format(rig=self._rig)
+            self._bus.publish(key, sensor.payload, encode(sensor.frame), block=True)
+        self._put(topics.TICK, encode(tick))
+
+    def _put(self, topic: topics.Topic, payload: bytes) -> None:
+        self._bus.publish(topic.key.format(rig=self._rig), payload, block=topic.block)
+
+    def _receive(self, timeout_s: float) -> Sample | None:
+        try:
+            return self._inbox.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+
+@dataclass(slots=True)
+class _Partial:
+    """A seq whose messages are still arriving."""
+
+    tick: Tick | None = None
+    episodes: dict[int, Episode] = field(default_factory=dict)
+    sensors: dict[str, tuple[Frame, bytes]] = field(default_factory=dict)
+
+    def complete(self) -> bool:
+        return (
+            self.tick is not None
+            and set(self.tick.sensors) <= set(self.sensors)
+            and self.tick.episodes == len(self.episodes)
+        )
+
+
+class StackEnd:
+    """The stack's end: gathers a seq, hands it out once, answers repeats from the cache."""
+
+    def __init__(self, bus: Bus, rig: str, slots: int) -> None:
+        self._bus = bus
+        self._rig = rig
+        self._slots = slots
+        self._inbox: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+        self._partial: dict[int, _Partial] = {}
+        self._handed = -1
+        self._answer: tuple[int, bytes] = (-1, b"")
+        self._map: Any = None
+        self._gone = False
+        self.repeated = 0
+        """Seqs answered from the cache."""
+        bus.subscribe(topics.READY.key.format(rig=rig, side="simulator"), self._inbox.put)
+        bus.subscribe(topics.EPISODE.key.format(rig=rig), self._inbox.put)
+        bus.subscribe(topics.TICK.key.format(rig=rig), self._inbox.put)
+        for topic in topics.SENSORS.values():
+            bus.subscribe(topic.key.format(rig=rig), self._inbox.put)
+        bus.watch(topics.SIMULATOR_ALIVE.key.format(rig=rig), self._on_alive)
+
+    def _on_alive(self, _key: str, alive: bool) -> None:
+        self._gone = not alive
+
+    def receive(self, on_wait: Callable[[], None]) -> Incoming:
+        """The next seq, complete; ``on_wait`` runs while waiting and may raise."""
+        while True:
+            try:
+                sample = self._inbox.get(timeout=READY_PERIOD_S)
+            except queue.Empty:
+                on_wait()
+                if self._gone:
+                    raise InfrastructureError("the simulator went away") from None
+                if self._handed < 0:
+                    self._say_ready(seen=False)
+                continue
+            seq = self._take(sample)
+            if seq is None:
+                continue
+            partial = self._partial[seq]
+            if partial.complete():
+                self._handed = seq
+                # Older seqs are settled: the simulator never goes back.
+                self._partial = {s: p for s, p in self._partial.items() if s > seq}
+                return self._incoming(partial)
+
+    def answer(self, commands: Commands) -> None:
+        """Answer the seq handed out last."""
+        data = encode(commands)
+        self._answer = (commands.seq, data)
+        self._bus.publish(topics.COMMAND.key.format(rig=self._rig), data, block=True)
+
+    def _take(self, sample: Sample) -> int | None:
+        """File one message; the seq it belongs to, or None if there is nothing to hand out."""
+        if sample.key.endswith("/control/simulator"):
+            offer: Ready = decode(sample.payload, Ready)
+            if offer.slots != self._slots or offer.rig != self._rig:
+                raise InfrastructureError(
+                    f"simulator offers rig {offer.rig} with {offer.slots} slots, "
+                    f"this stack was started for {self._rig} with {self._slots}"
+                )
+            if offer.frames and self._map is None:
+                self._map = open_frames(offer.frames, offer.frames_bytes, offer.nonce)
+            if not offer.seen:
+                self._say_ready(seen=True)
+            return None
+        name = sample.key.rsplit("/", 1)[1]
+        if name == "tick":
+            tick: Tick = decode(sample.payload, Tick)
+            seq = tick.seq
+            if seq <= self._handed:
+                if seq == self._answer[0]:
+                    self.repeated += 1
+                    key = topics.COMMAND.key.format(rig=self._rig)
+                    self._bus.publish(key, self._answer[1], block=True)
+                return None
+            self._partial.setdefault(seq, _Partial()).tick = tick
+            return seq
+        if name == "episode":
+            episode: Episode = decode(sample.payload, Episode)
+            if episode.seq <= self._handed:
+                return None
+            self._partial.setdefault(episode.seq, _Partial()).episodes[episode.slot] = episode
+            return episode.seq
+        frame: Frame = decode(sample.attachment, Frame, ATTACHMENT_BYTES_MAX)
+        if frame.seq <= self._handed:
+            return None
+        self._partial.setdefault(frame.seq, _Partial()).sensors[name] = (frame, sample.payload)
+        return frame.seq
+
+    def _incoming(self, partial: _Partial) -> Incoming:
+        assert partial.tick is not None
+        sensors = {}
+        counts = {}
+        for name in partial.tick.sensors:
+            frame, payload = partial.sensors[name]
+            sensors[name] = self._array(frame, payload)
+            if frame.count:
+                counts[name] = np.array(frame.count, np.int32)
+        episodes = [partial.episodes[slot] for slot in sorted(partial.episodes)]
+        return Incoming(partial.tick, episodes, sensors, counts)
+
+    def _array(self, frame: Frame, payload: bytes) -> NDArray[Any]:
+        dtype = np.dtype(frame.dtype)
+        count = int(np.prod(frame.shape, dtype=np.int64))
+        size = count * dtype.itemsize
+        if not 0 < size <= FRAME_BYTES_MAX:
+            raise WireError(f"array of {size} bytes, at most {FRAME_BYTES_MAX} are accepted")
+        if frame.offset >= 0:
+            if self._map is None or HEADER_BYTES + frame.offset + size > len(self._map):
+                raise WireError("frame lies outside the shared buffer")
+            start = HEADER_BYTES + frame.offset
+            return np.frombuffer(self._map, dtype, count, start).reshape(frame.shape)
+        if len(payload) != size:
+            raise WireError(f"array of {len(payload)} bytes, its shape says {size}")
+        return np.frombuffer(payload, dtype, count).reshape(frame.shape)
+
+    def _say_ready(self, *, seen: bool) -> None:
+        ready = Ready(
+            v=SCHEMA_VERSION,
+            role="stack",
+            rig=self._rig,
+            slots=self._slots,
+            shared=self._map is not None,
+            seen=seen,
+        )
+        self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))

@@ -1,0 +1,58 @@
+"""Errors that users see: one line and a documented exit code."""
+
+from __future__ import annotations
+
+import errno
+
+EXIT_PASS = 0
+"""Done, every case passed."""
+EXIT_FAILED = 1
+"""Done, at least one verdict is not a pass."""
+EXIT_USAGE = 2
+"""Usage or bad input."""
+EXIT_INFRASTRUCTURE = 3
+"""Infrastructure lost: storage, network, processes."""
+EXIT_UNFINISHED = 75
+"""Unfinished; run the same command again to go on."""
+EXIT_INTERRUPTED = 130
+"""Stopped by Ctrl-C; run the same command again to go on."""
+
+
+class TwinError(Exception):
+    """Base of the errors a user sees; ``str()`` is one line: given, allowed, what to do."""
+
+    exit_code = EXIT_INFRASTRUCTURE
+
+
+class UsageError(TwinError):
+    """What was given cannot be used."""
+
+    exit_code = EXIT_USAGE
+
+
+class InfrastructureError(TwinError):
+    """A disk, a network or a process let us down; nothing that was committed is lost."""
+
+    exit_code = EXIT_INFRASTRUCTURE
+
+
+class UnfinishedError(TwinError):
+    """Work is left; the same command resumes it."""
+
+    exit_code = EXIT_UNFINISHED
+
+
+def storage_error(error: OSError, what: str) -> TwinError:
+    """An ``OSError`` about the path ``what`` as one line with what to do."""
+    hints = {
+        errno.ENOSPC: "free some space and run the same command again",
+        errno.EDQUOT: "the quota is used up; free some space and run the same command again",
+        errno.EROFS: "choose a folder that can be written, with --out",
+        errno.EACCES: "choose a folder that can be written, with --out",
+        errno.EPERM: "choose a folder that can be written, with --out",
+    }
+    reason = error.strerror or str(error)
+    hint = hints.get(error.errno or 0, "")
+    kind = UsageError if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) else None
+    line = f"{what}: {reason}" + (f"; {hint}" if hint else "")
+    return (kind or InfrastructureError)(line)

@@ -1,0 +1,131 @@
+"""KPI Parquet files and their canonical byte stream.
+
+Fingerprints are over values, not over Parquet bytes: those differ with writer version and chunking.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
+from twin.fabric.errors import InfrastructureError, storage_error
+
+_DETECTION = pa.struct([(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS])
+_TYPES = {
+    "bool": pa.bool_(),
+    "int32": pa.int32(),
+    "int64": pa.int64(),
+    "float64": pa.float64(),
+    "detections": pa.list_(_DETECTION),
+}
+KPI_SCHEMA = pa.schema(
+    [
+        pa.field(c.name, _TYPES[c.type], c.nullable, {"unit": c.unit, "doc": c.doc})
+        for c in KPI_COLUMNS
+    ]
+)
+"""Arrow schema of ``kpi.parquet``."""
+
+
+def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
+    """Columns of Python values (None: missing) -> Arrow table in :data:`KPI_SCHEMA`."""
+    return pa.table(
+        [pa.array(columns[c.name], _TYPES[c.type]) for c in KPI_COLUMNS], schema=KPI_SCHEMA
+    )
+
+
+def write_kpi(table: pa.Table, path: Path) -> None:
+    """Write atomically: the file is complete or absent."""
+    temporary = path.with_suffix(".tmp")
+    try:
+        pq.write_table(table, temporary, compression="zstd")
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise storage_error(error, str(path)) from None
+
+
+def read_kpi(path: Path) -> pa.Table:
+    """Read ``kpi.parquet``.
+
+    Raises:
+        InfrastructureError: missing, damaged, or with other columns.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
+    if not table.schema.equals(KPI_SCHEMA):
+        raise InfrastructureError(f"{path}: not the KPI columns of this version")
+    return table
+
+
+def canonical(table: pa.Table) -> Iterator[bytes]:
+    """Byte stream of the values: per column in schema order its name, type, validity, offsets and
+    little-endian values, missing values and NaN in one pattern each."""
+    for column in KPI_COLUMNS:
+        data = table.column(column.name).combine_chunks()
+        if isinstance(data, pa.ChunkedArray):  # no rows
+            data = pa.array([], _TYPES[column.type])
+        yield _prefixed(column.name.encode())
+        yield _prefixed(column.type.encode())
+        yield _prefixed(_validity(data))
+        yield from _values(data, column)
+
+
+def kpi_sha256(table: pa.Table) -> str:
+    """SHA-256 of :func:`canonical`, hexadecimal."""
+    sha = hashlib.sha256()
+    for part in canonical(table):
+        sha.update(part)
+    return sha.hexdigest()
+
+
+def _values(data: pa.Array, column: Column) -> Iterator[bytes]:
+    if column.type == "detections":
+        lengths = data.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+        yield _prefixed(lengths.astype("<i4").tobytes())
+        rows = data.flatten()
+        for name in DETECTION_FIELDS:
+            child = rows.field(name)
+            if name == "label":
+                for text in child.to_pylist():
+                    yield _prefixed(text.encode())
+            else:
+                yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
+        return
+    if column.type == "float64":
+        values = data.fill_null(0.0).to_numpy(zero_copy_only=False)
+        yield _prefixed(_floats(values))
+    elif column.type == "bool":
+        yield _prefixed(data.fill_null(False).to_numpy(zero_copy_only=False).astype("u1").tobytes())
+    else:
+        width = "<i4" if column.type == "int32" else "<i8"
+        yield _prefixed(data.fill_null(0).to_numpy(zero_copy_only=False).astype(width).tobytes())
+
+
+def _floats(values: NDArray[np.float64]) -> bytes:
+    values = np.array(values, dtype="<f8")
+    values[np.isnan(values)] = np.nan
+    return values.tobytes()
+
+
+def _validity(data: pa.Array) -> bytes:
+    valid: NDArray[np.bool_] = data.is_valid().to_numpy(zero_copy_only=False)
+    return valid.astype("u1").tobytes()
+
+
+def _prefixed(data: bytes) -> bytes:
+    return struct.pack("<Q", len(data)) + data

@@ -1,0 +1,113 @@
+"""Child processes that never outlive their parent.
+
+A child asks the kernel for SIGKILL at its parent's death (PR_SET_PDEATHSIG) and, because that is
+lost if the parent dies before the call, checks who its parent is; its standard input is a lifeline
+pipe that reads end-of-file when the parent is gone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+_PR_SET_PDEATHSIG = 1
+PARENT_VARIABLE = "TWIN_PARENT_PID"
+"""Environment variable that tells a child who started it."""
+
+
+def spawn(
+    arguments: Sequence[str],
+    *,
+    environment: Mapping[str, str] | None = None,
+    log: IO[bytes] | None = None,
+    pipe_output: bool = False,
+    folder: Path | None = None,
+) -> subprocess.Popen[bytes]:
+    """Start a child in a process group of its own, bound to this process.
+
+    Call it from the main thread: the kernel sends the death signal when the *thread* that forked
+    ends. Standard input is the lifeline; keep the ``Popen`` object.
+
+    Args:
+        arguments: command line.
+        environment: added to this process's environment.
+        log: receives standard error (and standard output unless ``pipe_output``).
+        pipe_output: standard output is a pipe to the caller.
+        folder: working folder.
+    """
+    variables = {**os.environ, **(environment or {}), PARENT_VARIABLE: str(os.getpid())}
+    return subprocess.Popen(
+        list(arguments),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE if pipe_output else (log or subprocess.DEVNULL),
+        stderr=log or subprocess.DEVNULL,
+        env=variables,
+        cwd=folder,
+        # Its own session: Ctrl-C reaches only the parent, which decides what its children do.
+        start_new_session=True,
+        bufsize=0,
+    )
+
+
+def bind_to_parent() -> None:
+    """In a child: die with the parent. Does nothing when not started by :func:`spawn`."""
+    parent = os.environ.pop(PARENT_VARIABLE, "")
+    if not parent:
+        return
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    # In another pid namespace the parent's number reads 0: the lifeline has to do.
+    if os.getppid() not in (int(parent), 0):
+        sys.exit(0)
+
+
+def watch_lifeline() -> None:
+    """In a child that does not read its standard input: leave when the lifeline is cut."""
+
+    def wait() -> None:
+        while os.read(0, 65536):
+            pass
+        os._exit(0)
+
+    threading.Thread(target=wait, name="lifeline", daemon=True).start()
+
+
+def end(child: subprocess.Popen[bytes], grace_s: float = 2.0) -> None:
+    """Cut the lifeline, ask, then kill; returns when the child is reaped."""
+    if child.stdin is not None:
+        try:
+            child.stdin.close()
+        except OSError:
+            pass
+    if child.poll() is None:
+        child.terminate()
+        try:
+            child.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            child.kill()
+    child.wait()
+    if child.stdout is not None:
+        child.stdout.close()
+
+
+def how_it_ended(code: int) -> str:
+    """``killed by SIGKILL`` or ``exit code 3``."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"killed by signal {-code}"
+
+
+def last_lines(log: IO[bytes], count: int = 3) -> str:
+    """The last lines of a child's log, on one line; its write position stays where it is."""
+    size = os.fstat(log.fileno()).st_size
+    text = os.pread(log.fileno(), 4096, max(0, size - 4096)).decode("utf-8", "replace")
+    return " | ".join(line.strip() for line in text.strip().splitlines()[-count:])

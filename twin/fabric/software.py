@@ -1,0 +1,84 @@
+"""What software and which device produced a result."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.util
+from pathlib import Path
+
+from schemas.identity import digest
+from twin.fabric.errors import UsageError
+
+_PACKAGES = ("schemas", "twin", "devkit")
+_LIBRARIES = ("numpy", "warp-lang", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
+_SUFFIXES = {".py", ".yaml"}
+
+
+def software_digest() -> str:
+    """SHA-256 over the sorted (path, SHA-256) of the installed ``schemas``, ``twin`` and ``devkit``
+    files and the exact versions of the libraries that reach a KPI."""
+    parts: list[bytes] = []
+    for package in _PACKAGES:
+        root = _folder(package)
+        for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
+            name = f"{package}/{path.relative_to(root).as_posix()}"
+            parts.append(f"{name}={hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
+    for library in _LIBRARIES:
+        try:
+            version = importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        parts.append(f"{library}=={version}".encode())
+    return digest(parts)
+
+
+def check_packages() -> None:
+    """Refuse a foreign ``schemas`` or ``devkit`` package that hides ours (both exist on PyPI).
+
+    Raises:
+        UsageError: names the foreign package's folder.
+    """
+    home = Path(__file__).resolve().parents[2]
+    for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc"):
+        found = _folder(package)
+        if found != home / package:
+            raise UsageError(
+                f"package '{package}' is loaded from {found}, expected {home / package}; "
+                "uninstall the other one or take it off PYTHONPATH"
+            )
+
+
+def _folder(package: str) -> Path:
+    spec = importlib.util.find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise UsageError(f"package '{package}' is not installed; install drivetwin again")
+    return Path(next(iter(spec.submodule_search_locations))).resolve()
+
+
+def device_class(device: str) -> str:
+    """``cpu:avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class."""
+    if device == "cpu":
+        return f"cpu:{_instruction_set()}"
+    import pynvml
+
+    pynvml.nvmlInit()
+    try:
+        index = int(device.partition(":")[2] or 0)
+        name = pynvml.nvmlDeviceGetName(pynvml.nvmlDeviceGetHandleByIndex(index))
+    finally:
+        pynvml.nvmlShutdown()
+    return f"cuda:{name}"
+
+
+def _instruction_set() -> str:
+    """cv2.dnn is bit-equal on AVX2 and AVX-512 but not without FMA; other CPUs are their own."""
+    import platform
+
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return platform.machine()
+    flags = next((line for line in text.splitlines() if line.startswith("flags")), "").split()
+    features = [name for name in ("avx2", "fma") if name in flags]
+    return "+".join([platform.machine(), *features])

@@ -1,0 +1,219 @@
+"""The bus over Zenoh: the only module that imports zenoh, and the one place for its options."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import psutil
+import zenoh
+
+from twin.fabric.bus import Bus, Respond, Sample
+from twin.fabric.errors import InfrastructureError, UsageError
+
+Mode = Literal["router", "client", "peer"]
+
+
+def open_bus(
+    mode: Mode,
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    namespace: str = "twin",
+    shared_memory: bool = False,
+    connect_timeout_s: float = 10.0,
+) -> Bus:
+    """Open a session. Scouting is off: it hears only the endpoints it is given.
+
+    Args:
+        mode: ``router`` for the conductor, ``client`` for those who connect to it, ``peer`` for
+            the two ends of a rig.
+        listen: endpoints such as ``tcp/127.0.0.1:0`` (0: a free port).
+        connect: endpoints to connect to.
+        namespace: prefix of every key; sessions of other namespaces hear nothing.
+        shared_memory: Zenoh's own shared memory; off, because a killed publisher leaks segments.
+        connect_timeout_s: how long to try to connect before giving up [s].
+
+    Raises:
+        UsageError: a bad endpoint, or an address that is in use.
+        InfrastructureError: nobody answers at ``connect``.
+    """
+    for endpoint in [*listen, *connect]:
+        check_endpoint(endpoint)
+    config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    before = set(_listening())
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise _explain(error, listen, connect, connect_timeout_s) from None
+    opened = [port for port in _listening() if port not in before]
+    return _ZenohBus(session, [_with_port(e, opened) for e in listen])
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise UsageError unless ``endpoint`` looks like ``tcp/HOST:PORT``."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
+    if protocol not in ("tcp", "tls", "quic") or not host or not port.isdigit():
+        raise UsageError(f"endpoint '{endpoint}': expected tcp/HOST:PORT, e.g. tcp/127.0.0.1:7447")
+    if int(port) > 65535:
+        raise UsageError(f"endpoint '{endpoint}': port {port}, allowed: 0-65535")
+
+
+def _config(
+    mode: Mode,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    namespace: str,
+    shared_memory: bool,
+    connect_timeout_s: float,
+) -> zenoh.Config:
+    config = zenoh.Config()
+    options: dict[str, Any] = {
+        "mode": mode,
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": int(connect_timeout_s * 1000),
+        "connect/exit_on_failure": True,
+        # Reconnect quickly: the default backs off to 4 s.
+        "connect/retry": {
+            "period_init_ms": 50,
+            "period_max_ms": 500,
+            "period_increase_factor": 2,
+        },
+        "namespace": namespace,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        # A router waits this long for scouting, which is off.
+        "scouting/delay": 0,
+        "transport/shared_memory/enabled": shared_memory,
+        # A peer that is frozen or cut off is noticed after the transport lease (default 10 s).
+        "transport/link/tx/lease": 4000,
+    }
+    for key, value in options.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _listening() -> list[int]:
+    """Ports this process listens on; Zenoh does not tell which one it took for port 0."""
+    connections = psutil.Process().net_connections("tcp")
+    return [c.laddr.port for c in connections if c.status == psutil.CONN_LISTEN]
+
+
+def _with_port(endpoint: str, opened: list[int]) -> str:
+    address, _, port = endpoint.rpartition(":")
+    if port != "0":
+        return endpoint
+    return f"{address}:{opened.pop(0)}"
+
+
+def _explain(
+    error: Exception, listen: Sequence[str], connect: Sequence[str], timeout_s: float
+) -> Exception:
+    text = str(error)
+    if "in use" in text:
+        return UsageError(
+            f"{', '.join(listen)}: address already in use; stop the program that listens there "
+            "or choose another port with --listen"
+        )
+    if "listener" in text:
+        return UsageError(f"{', '.join(listen)}: cannot listen: {_cause(text)}")
+    if connect:
+        return InfrastructureError(
+            f"{', '.join(connect)}: nobody answers after {timeout_s:g} s; "
+            "check that the conductor runs and the address is right"
+        )
+    return InfrastructureError(f"cannot open a session: {_cause(text)}")
+
+
+def _cause(text: str) -> str:
+    """Zenoh's messages end in source positions of the build machine; keep the sentence."""
+    return " ".join(text.split(" at /")[0].split())
+
+
+class _ZenohBus:
+    def __init__(self, session: zenoh.Session, endpoints: list[str]) -> None:
+        self.endpoints = endpoints
+        self._session = session
+        self._declared: list[Any] = []
+        self._lock = threading.Lock()
+        self._closed = False
+        # The interpreter hangs at exit while a session with callbacks is open, also after an
+        # uncaught exception; threading's own exit hooks run before that point.
+        threading._register_atexit(self.close)  # type: ignore[attr-defined]
+
+    def publish(
+        self, key: str, payload: bytes, attachment: bytes = b"", *, block: bool = False
+    ) -> None:
+        control = zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP
+        try:
+            self._session.put(
+                key, payload, attachment=attachment or None, congestion_control=control
+            )
+        except zenoh.ZError:
+            if not self._closed:
+                raise
+
+    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
+        def receive(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            handler(
+                Sample(
+                    str(sample.key_expr),
+                    sample.payload.to_bytes(),
+                    attachment.to_bytes() if attachment is not None else b"",
+                )
+            )
+
+        self._declared.append(
+            self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+        )
+
+    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
+        def receive(query: zenoh.Query) -> None:
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+
+            def respond(answer: bytes) -> None:
+                try:
+                    query.reply(query.key_expr, answer)
+                    query.drop()
+                except zenoh.ZError:
+                    pass  # the asker is gone; it will ask again
+
+            handler(payload, respond)
+
+        self._declared.append(
+            self._session.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
+        )
+
+    def request(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
+        try:
+            replies = list(self._session.get(key, payload=payload, timeout=timeout_s))
+        except zenoh.ZError:
+            return None
+        if len(replies) != 1 or replies[0].ok is None:
+            return None
+        return replies[0].ok.payload.to_bytes()
+
+    def announce(self, key: str) -> None:
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def watch(self, key: str, handler: Callable[[str, bool], None]) -> None:
+        def receive(sample: zenoh.Sample) -> None:
+            handler(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        self._declared.append(
+            self._session.liveliness().declare_subscriber(
+                key, zenoh.handlers.Callback(receive, indirect=False), history=True
+            )
+        )
+
+    def close(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        self._session.close()
