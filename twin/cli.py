@@ -1,0 +1,115 @@
+"""The ``twin`` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.fabric.cli import make_app, run
+from twin.fabric.errors import UsageError
+
+app = make_app(
+    "twin", "The simulator. `twin worker` runs the cases that a conductor leases to it."
+)
+
+Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
+
+
+@app.command()
+def worker(
+    connect: Annotated[
+        str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")
+    ] = "",
+    state: Annotated[
+        Path | None,
+        typer.Option(help="Or: the conductor's state folder, on a shared file system."),
+    ] = None,
+    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
+    device: Device = "cpu",
+    drive_listen: Annotated[
+        str,
+        typer.Option(help="Where simulators listen for stacks on other nodes."),
+    ] = "tcp/127.0.0.1:0",
+    join_dir: Annotated[
+        str,
+        typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
+    ] = "",
+    until_done: Annotated[
+        bool, typer.Option("--until-done", help="Leave when no case is left.")
+    ] = False,
+) -> None:
+    """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
+    from twin.fabric.discovery import find_conductor
+    from twin.worker.shell import Worker, WorkerOptions
+
+    if not connect:
+        if state is None:
+            raise UsageError(
+                "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER "
+                "(`conductor serve` prints both)"
+            )
+        found = find_conductor(state)
+        connect, namespace = found.endpoint, found.namespace
+    options = WorkerOptions(
+        connect=connect,
+        namespace=namespace,
+        slots=slots,
+        device=device,
+        drive_listen=drive_listen,
+        join_dir=join_dir,
+        until_done=until_done,
+    )
+    raise typer.Exit(Worker(options).serve())
+
+
+@app.command(hidden=True)
+def sim(
+    rig: str = typer.Option(...),
+    listen: str = typer.Option("tcp/127.0.0.1:0"),
+    namespace: str = typer.Option("twin"),
+    slots: int = typer.Option(1),
+    device: str = typer.Option("cpu"),
+) -> None:
+    """The simulator process of a rig; started by `twin worker`."""
+    from twin.worker.simulator import run_simulator
+
+    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace))
+
+
+@app.command()
+def snapshot(
+    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("snapshot.png"),
+    weather: Annotated[
+        list[str] | None, typer.Option(help="Weather, repeatable; default: all eight.")
+    ] = None,
+    time: Annotated[
+        list[str] | None, typer.Option(help="Time of day HH:MM, repeatable; default: four.")
+    ] = None,
+    distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
+    width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 480,
+    device: Device = "cpu",
+) -> None:
+    """Render the street in several weathers and hours as one contact sheet."""
+    from schemas.campaign import WEATHERS, Camera
+    from twin.snapshot import contact_sheet
+
+    try:
+        contact_sheet(
+            out,
+            weather or list(WEATHERS),
+            time or ["05:00", "09:00", "13:00", "19:00"],
+            distance_m=distance,
+            camera=Camera(width=width, height=width * 9 // 16),
+            device=device,
+        )
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    print(out)
+
+
+def main() -> None:
+    """Entry point."""
+    run(app, "twin")

@@ -1,0 +1,1 @@
+"""The worker: leases cases and runs them in rigs (a simulator and a stack process)."""

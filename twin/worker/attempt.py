@@ -1,0 +1,65 @@
+"""The attempt folder: ``cases/<case>/attempt-<n>/{kpi.parquet,log.txt}``."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from schemas.identity import digest
+from schemas.messages import Lease, Result
+from twin.engine import Finished
+from twin.fabric.errors import storage_error
+from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+
+
+def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
+    """Write KPIs and log of a finished case; the result is ready to be committed.
+
+    Raises:
+        TwinError: the folder cannot be written (disk full, no permission).
+    """
+    relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+    folder = Path(lease.out) / relative
+    table = kpi_table(finished.table.to_lists())
+    log = _log_text(lease, finished)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_kpi(table, folder / "kpi.parquet")
+        with (folder / "log.txt").open("w", encoding="utf-8") as file:
+            file.write(log)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise storage_error(error, str(folder)) from None
+    sha = kpi_sha256(table)
+    log_sha = hashlib.sha256(log.encode()).hexdigest()
+    return Result(
+        campaign=lease.case.campaign,
+        case=lease.case.id,
+        token=lease.token,
+        outcome=finished.outcome,
+        verdict=finished.verdict,
+        passed=finished.passed,
+        scalars=finished.scalars,
+        reasons=finished.reasons,
+        attempt_dir=relative,
+        kpi_sha256=sha,
+        manifest_sha256=digest([b"kpi.parquet", sha.encode(), b"log.txt", log_sha.encode()]),
+        wall_s=wall_s,
+    )
+
+
+def _log_text(lease: Lease, finished: Finished) -> str:
+    """What happened, in sim time only: the log of a case is as repeatable as its KPIs."""
+    case = lease.case
+    lines = [
+        f"case {case.id} of campaign {case.campaign}, seed {case.seed}",
+        f"perception {case.model} ({type(case.perception).__struct_config__.tag}), "
+        f"weather {case.weather}, {case.time_of_day_min // 60:02d}:{case.time_of_day_min % 60:02d}",
+    ]
+    for name, value in finished.scalars.items():
+        lines.append(f"{name}: {'-' if value is None else value}")
+    lines += finished.reasons
+    lines.append(f"{finished.outcome}: {finished.verdict}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,364 @@
+"""The worker's decisions, pure: events in, effects out. No clock, process, socket or file.
+
+The shell (:mod:`twin.worker.shell`) feeds events with the time and carries out the effects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from schemas import SCHEMA_VERSION
+from schemas.identity import rig_key
+from schemas.messages import (
+    Beat,
+    Bye,
+    Ended,
+    Hello,
+    Lease,
+    Next,
+    Release,
+    Reply,
+    Request,
+    Result,
+)
+
+SECOND_NS = 1_000_000_000
+RETRY_NS = SECOND_NS // 4
+"""Wait before an unanswered request is sent again [ns]."""
+IDLE_NS = SECOND_NS // 2
+"""Wait before asking again when there was nothing to lease [ns]."""
+BROKEN_PAUSE_MAX_NS = 10 * SECOND_NS
+"""Longest pause after rigs that died one after the other [ns]."""
+GOODBYE_TRIES = 8
+"""Requests without an answer after which a draining worker leaves without a goodbye."""
+
+
+# --- effects ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """Send a request to the conductor; the shell answers with :meth:`Core.on_reply`."""
+
+    request: Request
+
+
+@dataclass(frozen=True, slots=True)
+class StartRig:
+    """Start simulator and stack for this lease's rig key."""
+
+    lease: Lease
+
+
+@dataclass(frozen=True, slots=True)
+class StopRig:
+    """End both processes of the rig."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssignLease:
+    """Hand a lease to the simulator."""
+
+    lease: Lease
+
+
+@dataclass(frozen=True, slots=True)
+class AbandonToken:
+    """The simulator stops working on a token."""
+
+    token: int
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """One line for the log."""
+
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Leave:
+    """End the worker; ``error`` not empty: the conductor refused it."""
+
+    error: str = ""
+
+
+Effect = Ask | StartRig | StopRig | AssignLease | AbandonToken | Say | Leave
+
+
+# --- state --------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class Held:
+    """A lease in hand."""
+
+    lease: Lease
+    progress: int = -1
+    moved_ns: int = 0
+    """When progress was last seen [ns]."""
+
+
+@dataclass(slots=True)
+class Rig:
+    """The running rig."""
+
+    key: str
+    ready: bool = False
+
+
+@dataclass(slots=True)
+class Core:
+    """State of one worker incarnation."""
+
+    hello: Hello
+    until_done: bool = False
+    """Leave when the conductor has no case left."""
+    phase: Literal["joining", "working", "draining", "left"] = "joining"
+    held: dict[int, Held] = field(default_factory=dict)
+    results: list[Result] = field(default_factory=list)
+    ended: list[Ended] = field(default_factory=list)
+    rig: Rig | None = None
+    seq: int = 0
+    pending: Next | None = None
+    """The NEXT without an answer yet; it is repeated unchanged."""
+    asking: bool = False
+    """A request is on its way."""
+    ask_at_ns: int = 0
+    beat_at_ns: int = 0
+    ttl_ns: int = 15 * SECOND_NS
+    broken: int = 0
+    """Rigs that died since the last result."""
+    unanswered: int = 0
+    reachable: bool = True
+
+    # --- events -----------------------------------------------------------------------------
+
+    def on_time(self, now_ns: int) -> list[Effect]:
+        """Time has passed: stalled rigs, heartbeats, requests."""
+        effects = self._stalled(now_ns)
+        if self.phase == "left" or self.asking:
+            return effects
+        request = self._request(now_ns)
+        if request is not None:
+            self.asking = True
+            effects.append(Ask(request))
+        return effects
+
+    def on_reply(self, request: Request, reply: Reply | None, now_ns: int) -> list[Effect]:
+        """The answer to a request; None: unknown, so it will be sent again."""
+        self.asking = False
+        if reply is None:
+            return self._unanswered(now_ns)
+        effects: list[Effect] = []
+        self.unanswered = 0
+        if not self.reachable:
+            self.reachable = True
+            effects.append(Say("conductor is back"))
+        if isinstance(request, Hello):
+            return effects + self._joined(reply, now_ns)
+        if isinstance(request, Bye):
+            self.phase = "left"
+            return [*effects, Leave()]
+        if reply.error:
+            return effects + self._refused(reply, now_ns)
+        if isinstance(request, Beat):
+            return effects + self._forget(reply.lost, now_ns)
+        assert isinstance(request, Next)
+        return effects + self._next_reply(request, reply, now_ns)
+
+    def on_rig_ready(self) -> list[Effect]:
+        """Simulator and stack found each other: hand over the leases in hand."""
+        if self.rig is None:
+            return []
+        self.rig.ready = True
+        return [AssignLease(held.lease) for held in self.held.values()]
+
+    def on_progress(self, tokens: list[int], ticks: list[int], now_ns: int) -> list[Effect]:
+        """Progress counters from the simulator."""
+        for token, tick in zip(tokens, ticks, strict=True):
+            held = self.held.get(token)
+            if held is not None and tick != held.progress:
+                held.progress = tick
+                held.moved_ns = now_ns
+        return []
+
+    def on_done(self, result: Result, now_ns: int) -> list[Effect]:
+        """A case ended; its result waits for the next request, which is due now."""
+        if self.held.pop(result.token, None) is None:
+            return []  # abandoned meanwhile
+        self.results.append(result)
+        self.broken = 0
+        self.ask_at_ns = now_ns
+        return []
+
+    def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
+        """The rig ended by itself: one case alone is charged, several are suspects."""
+        several = len(self.held) > 1
+        for token, held in self.held.items():
+            why: Release = "suspect" if several else reason
+            self.ended.append(self._end_of(token, held, why, detail))
+        self.held.clear()
+        self.rig = None
+        self.broken += 1
+        pause_ns = min(BROKEN_PAUSE_MAX_NS, RETRY_NS * 2**self.broken)
+        self.ask_at_ns = now_ns + (pause_ns if self.broken > 1 else 0)
+        return [StopRig(), Say(f"rig ended ({reason}): {detail}")]
+
+    def on_drain(self, detail: str, now_ns: int) -> list[Effect]:
+        """Give everything back and leave."""
+        if self.phase in ("draining", "left"):
+            return []
+        joined = self.phase == "working"
+        self.phase = "draining" if joined else "left"
+        for token, held in self.held.items():
+            self.ended.append(self._end_of(token, held, "released", detail))
+        self.held.clear()
+        self.ask_at_ns = now_ns
+        effects: list[Effect] = [StopRig()] if self.rig else []
+        self.rig = None
+        return effects if joined else [*effects, Leave()]
+
+    # --- decisions --------------------------------------------------------------------------
+
+    def _request(self, now_ns: int) -> Request | None:
+        if now_ns < self.ask_at_ns:
+            return self._beat(now_ns)
+        if self.phase == "joining":
+            return self.hello
+        if self.pending is None and (self.results or self.ended or self._free() > 0):
+            self.seq += 1
+            self.pending = Next(
+                v=SCHEMA_VERSION,
+                worker=self.hello.worker,
+                seq=self.seq,
+                k=self._free(),
+                rig=self.rig.key if self.rig else "",
+                results=self.results[:],
+                ended=self.ended[:],
+                held=list(self.held),
+            )
+        if self.pending is not None:
+            return self.pending
+        if self.phase == "draining":
+            return Bye(v=SCHEMA_VERSION, worker=self.hello.worker)
+        return self._beat(now_ns)
+
+    def _beat(self, now_ns: int) -> Beat | None:
+        if self.phase != "working" or now_ns < self.beat_at_ns or not self.reachable:
+            return None
+        self.beat_at_ns = now_ns + self.ttl_ns // 4
+        progress = {str(token): held.progress for token, held in self.held.items()}
+        return Beat(v=SCHEMA_VERSION, worker=self.hello.worker, held=progress)
+
+    def _free(self) -> int:
+        if self.phase != "working":
+            return 0
+        if any(held.lease.alone for held in self.held.values()):
+            return 0
+        return self.hello.slots - len(self.held)
+
+    def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
+        if reply.error:
+            self.phase = "left"
+            return [Leave(reply.error)]
+        if self.phase == "joining":
+            self.phase = "working"
+        self.ttl_ns = max(SECOND_NS // 10, int(reply.ttl_s * SECOND_NS))
+        self.ask_at_ns = now_ns
+        self.beat_at_ns = now_ns + self.ttl_ns // 4
+        return []
+
+    def _refused(self, reply: Reply, now_ns: int) -> list[Effect]:
+        """The conductor does not know us (its journal is older) or cannot write: try again."""
+        if "hello" in reply.error and self.phase == "working":
+            self.phase = "joining"
+        self.ask_at_ns = now_ns + IDLE_NS
+        return [Say(f"conductor: {reply.error}")]
+
+    def _unanswered(self, now_ns: int) -> list[Effect]:
+        self.unanswered += 1
+        self.ask_at_ns = now_ns + RETRY_NS
+        if self.phase == "draining" and self.unanswered >= GOODBYE_TRIES:
+            self.phase = "left"
+            return [Leave()]
+        if self.reachable and self.unanswered > 1:
+            self.reachable = False
+            return [Say("conductor does not answer; cases go on, results wait")]
+        return []
+
+    def _next_reply(self, request: Next, reply: Reply, now_ns: int) -> list[Effect]:
+        if self.pending is None or request.seq != self.pending.seq:
+            return []  # an older repeat
+        self.pending = None
+        self.results = self.results[len(request.results) :]
+        self.ended = self.ended[len(request.ended) :]
+        effects = self._forget(reply.lost, now_ns)
+        if reply.drain or (self.until_done and reply.left == 0 and not reply.leases):
+            return effects + self.on_drain("conductor asked to drain", now_ns)
+        if self.phase != "working":
+            # Granted while we were about to leave: hand them back.
+            self.ended += [
+                self._end_of(lease.token, Held(lease), "released", "worker leaves")
+                for lease in reply.leases
+            ]
+            return effects
+        if self._free() and not reply.leases:
+            self.ask_at_ns = now_ns + int(max(reply.retry_after_s * SECOND_NS, IDLE_NS))
+        return effects + self._accept(reply.leases, now_ns)
+
+    def _accept(self, leases: list[Lease], now_ns: int) -> list[Effect]:
+        effects: list[Effect] = []
+        for lease in leases:
+            if lease.case.simulator == "noop":
+                self.results.append(_noop_result(lease))
+                self.ask_at_ns = now_ns
+                continue
+            key = rig_key(lease.case)
+            if self.rig is not None and (self.rig.key != key or lease.alone):
+                assert not self.held, "a lease of another rig came while cases were running"
+                effects.append(StopRig())
+                self.rig = None
+            self.held[lease.token] = Held(lease, moved_ns=now_ns)
+            if self.rig is None:
+                self.rig = Rig(key)
+                effects.append(StartRig(lease))
+            elif self.rig.ready:
+                effects.append(AssignLease(lease))
+        return effects
+
+    def _forget(self, lost: list[int], now_ns: int) -> list[Effect]:
+        effects: list[Effect] = []
+        for token in lost:
+            if self.held.pop(token, None) is not None:
+                effects.append(AbandonToken(token))
+                self.ask_at_ns = now_ns
+        return effects
+
+    def _stalled(self, now_ns: int) -> list[Effect]:
+        for held in self.held.values():
+            deadline_ns = int(held.lease.case.deadline_s * SECOND_NS)
+            if now_ns - held.moved_ns >= deadline_ns:
+                detail = (
+                    f"case {held.lease.case.id}: no progress for {held.lease.case.deadline_s:g} s "
+                    f"at tick {max(held.progress, 0)}"
+                )
+                return self.on_rig_died("deadline", detail, now_ns)
+        return []
+
+    def _end_of(self, token: int, held: Held, reason: Release, detail: str) -> Ended:
+        case = held.lease.case
+        return Ended(case.campaign, case.id, token, reason, detail[:500])
+
+
+def _noop_result(lease: Lease) -> Result:
+    """``simulator: noop``: for tests of the scheduling only; reports refuse it."""
+    return Result(
+        campaign=lease.case.campaign,
+        case=lease.case.id,
+        token=lease.token,
+        outcome="verdict",
+        verdict="pass",
+        passed=True,
+    )

@@ -1,0 +1,100 @@
+"""Messages between the worker and its simulator process, over the child's standard streams."""
+
+from __future__ import annotations
+
+import struct
+from typing import BinaryIO
+
+from msgspec import Struct
+
+from schemas.messages import Lease, Result
+from schemas.wire import decode, encode
+
+_LENGTH = struct.Struct("<I")
+
+
+class Build(Struct, frozen=True, tag_field="kind", tag="build"):
+    """Build the engine for the rig of this lease's case."""
+
+    lease: Lease
+
+
+class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
+    """Run this lease in a free slot."""
+
+    lease: Lease
+
+
+class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
+    """Stop working on a token; its result is no longer wanted."""
+
+    token: int
+
+
+class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
+    """The drive session is open."""
+
+    endpoint: str
+
+
+class Built(Struct, frozen=True, tag_field="kind", tag="built"):
+    """Engine built and stack connected."""
+
+    shared_frames: bool
+
+
+class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
+    """Case ticks of the tokens being worked on; proves that the loop moves."""
+
+    tokens: list[int]
+    ticks: list[int]
+
+
+class Done(Struct, frozen=True, tag_field="kind", tag="done"):
+    """A case ended; its attempt folder is complete."""
+
+    result: Result
+
+
+class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
+    """The rig cannot go on."""
+
+    reason: str
+    detail: str
+
+
+Downward = Build | Assign | Abandon
+Upward = Listening | Built | Progress | Done | Broken
+
+
+def pack(message: Struct) -> bytes:
+    """Length-prefixed bytes of one message."""
+    data = encode(message)
+    return _LENGTH.pack(len(data)) + data
+
+
+class Unpacker:
+    """Cuts a byte stream into messages of ``type_``."""
+
+    def __init__(self, type_: object) -> None:
+        self._type = type_
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Struct]:
+        """Messages completed by ``data``."""
+        self._buffer += data
+        messages: list[Struct] = []
+        while len(self._buffer) >= _LENGTH.size:
+            (size,) = _LENGTH.unpack_from(self._buffer)
+            if len(self._buffer) < _LENGTH.size + size:
+                break
+            body = bytes(self._buffer[_LENGTH.size : _LENGTH.size + size])
+            del self._buffer[: _LENGTH.size + size]
+            messages.append(decode(body, self._type))
+        return messages
+
+
+def send(stream: BinaryIO, message: Struct) -> None:
+    """Write one message and flush."""
+    stream.write(pack(message))
+    stream.flush()

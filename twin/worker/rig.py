@@ -1,0 +1,147 @@
+"""A rig: the simulator and the stack process, started and watched by the worker."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import secrets
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from schemas.messages import Lease, Release
+from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.worker.pipe import Abandon, Assign, Build, Unpacker, Upward, pack
+
+if TYPE_CHECKING:
+    from twin.worker.shell import WorkerOptions
+
+
+@dataclass(frozen=True, slots=True)
+class RigDied:
+    """A process of the rig ended without a word."""
+
+    reason: Release
+    detail: str
+
+
+class RigProcess:
+    """Both processes of one rig. Messages go to ``inbox`` as ``(self, message)``."""
+
+    def __init__(
+        self, options: WorkerOptions, lease: Lease, inbox: queue.SimpleQueue[Any]
+    ) -> None:
+        self._options = options
+        self._lease = lease
+        self._inbox = inbox
+        self._id = secrets.token_hex(8)
+        self._stopped = False
+        self._lock = threading.Lock()
+        self._stack: subprocess.Popen[bytes] | None = None
+        self._announced: Path | None = None
+        # Unnamed files: gone with their last user, however this process ends. What matters of
+        # them, the last lines of a process that died, goes to the conductor.
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115
+        self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
+        remote = lease.case.placement == "node"
+        listen = options.drive_listen if remote else "tcp/127.0.0.1:0"
+        self._simulator = spawn(
+            [
+                *(sys.executable, "-m", "twin", "sim"),
+                *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
+                *("--slots", str(options.slots), "--device", options.device),
+            ],
+            log=self._log,
+            pipe_output=True,
+        )
+        self._write(pack(Build(lease)))
+        threading.Thread(target=self._read, name="rig", daemon=True).start()
+
+    @property
+    def _namespace(self) -> str:
+        return f"{self._options.namespace}/{self._id}"
+
+    def assign(self, lease: Lease) -> None:
+        """Hand a lease to the simulator."""
+        self._write(pack(Assign(lease)))
+
+    def abandon(self, token: int) -> None:
+        """Stop working on a token."""
+        self._write(pack(Abandon(token)))
+
+    def stop(self) -> None:
+        """End both processes and remove what they left."""
+        with self._lock:
+            self._stopped = True
+        for child in (self._simulator, self._stack):
+            if child is not None:
+                child.kill()  # nothing of value is in there: results are on disk
+                end(child)
+        if self._announced is not None:
+            self._announced.unlink(missing_ok=True)
+        self._log.close()
+        self._stack_log.close()
+
+    def _write(self, data: bytes) -> None:
+        assert self._simulator.stdin is not None
+        try:
+            os.write(self._simulator.stdin.fileno(), data)
+        except OSError:
+            pass  # it died; the reader thread tells
+
+    def _read(self) -> None:
+        assert self._simulator.stdout is not None
+        descriptor = self._simulator.stdout.fileno()
+        unpacker = Unpacker(Upward)
+        while True:
+            try:
+                data = os.read(descriptor, 65536)
+            except OSError:
+                data = b""
+            if not data:
+                break
+            for message in unpacker.feed(data):
+                self._inbox.put((self, message))
+        self._tell_end(self._simulator, "simulator", self._log)
+
+    def start_stack(self, endpoint: str) -> None:
+        """The simulator listens: start the stack, or announce the rig to a remote one."""
+        arguments = [
+            *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
+            *("--slots", str(self._options.slots), "--stack", self._lease.case.stack),
+            *("--parameters", json.dumps(self._lease.case.parameters)),
+        ]
+        if self._lease.case.placement == "node":
+            self._announce(arguments)
+            return
+        self._stack = spawn(
+            [sys.executable, "-m", "devkit", "host", *arguments], log=self._stack_log
+        )
+        threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
+
+    def _announce(self, arguments: list[str]) -> None:
+        folder = Path(self._options.join_dir)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._announced = folder / f"{self._id}.json"
+        temporary = self._announced.with_suffix(".tmp")
+        temporary.write_text(json.dumps({"arguments": arguments}), encoding="utf-8")
+        temporary.replace(self._announced)
+
+    def _watch_stack(self) -> None:
+        assert self._stack is not None
+        self._tell_end(self._stack, "stack", self._stack_log)
+
+    def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:
+        code = child.wait()
+        with self._lock:
+            if self._stopped:
+                return
+            tail = last_lines(log)
+        # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
+        detail = f"{name} {how_it_ended(code)}"
+        self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))

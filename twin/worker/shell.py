@@ -1,0 +1,194 @@
+"""The worker process: control session, rig processes and signals around the pure core."""
+
+from __future__ import annotations
+
+import os
+import queue
+import secrets
+import signal
+import socket
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Hello, Reply, Request
+from schemas.wire import WireError, decode, encode
+from twin.fabric.bus import Bus
+from twin.fabric.errors import UsageError
+from twin.fabric.process import bind_to_parent
+from twin.fabric.software import device_class, software_digest
+from twin.fabric.zenoh_bus import open_bus
+from twin.worker import core as decisions
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress
+from twin.worker.rig import RigDied, RigProcess
+
+REQUEST_TIMEOUT_S = 3.0
+"""Longest wait for the conductor's answer before the request is repeated [s]."""
+
+TURN_S = 0.05
+"""Longest wait of the main loop, so that clocks and children are looked at [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerOptions:
+    """What the command line says."""
+
+    connect: str
+    """Endpoint of the conductor."""
+    namespace: str = "twin"
+    slots: int = 1
+    device: str = "cpu"
+    drive_listen: str = "tcp/127.0.0.1:0"
+    """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
+    join_dir: str = ""
+    """Folder in which rigs for remote stacks are announced."""
+    until_done: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Answered:
+    request: Request
+    reply: Reply | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Signalled:
+    name: str
+
+
+class Worker:
+    """serve = startup, main loop, shutdown."""
+
+    def __init__(self, options: WorkerOptions) -> None:
+        self._options = options
+        self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        self._rig: RigProcess | None = None
+        self._bus: Bus | None = None
+        self._error = ""
+        self._left = False
+        host = socket.gethostname()
+        self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
+        self._core = decisions.Core(
+            Hello(
+                v=SCHEMA_VERSION,
+                worker=self.id,
+                host=host,
+                pid=os.getpid(),
+                device_class=device_class(options.device),
+                software=software_digest(),
+                slots=options.slots,
+            ),
+            until_done=options.until_done,
+        )
+
+    def serve(self) -> int:
+        """Run until told to leave; the exit code."""
+        self._startup()
+        try:
+            while not self._left:
+                self._turn()
+        finally:
+            self._shutdown()
+        if self._error:
+            raise UsageError(f"conductor refuses this worker: {self._error}")
+        return 0
+
+    def _startup(self) -> None:
+        bind_to_parent()
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
+            signal.signal(number, self._on_signal)
+        self._bus = open_bus(
+            "client", connect=[self._options.connect], namespace=self._options.namespace
+        )
+        self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
+        threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
+        _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
+
+    def _shutdown(self) -> None:
+        if self._rig is not None:
+            self._rig.stop()
+        self._requests.put(None)
+        if self._bus is not None:
+            self._bus.close()
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        self._inbox.put(_Signalled(signal.Signals(number).name))
+
+    def _rpc_loop(self) -> None:
+        """Requests one after the other; the main loop never waits for the conductor."""
+        assert self._bus is not None
+        while (request := self._requests.get()) is not None:
+            data = self._bus.request(topics.RPC.key, encode(request), REQUEST_TIMEOUT_S)
+            reply: Reply | None = None
+            if data is not None:
+                try:
+                    reply = decode(data, Reply)
+                except WireError as error:
+                    reply = Reply(v=SCHEMA_VERSION, epoch=0, error=str(error))
+            self._inbox.put(_Answered(request, reply))
+
+    def _turn(self) -> None:
+        try:
+            event = self._inbox.get(timeout=TURN_S)
+        except queue.Empty:
+            event = None
+        now = time.monotonic_ns()
+        if event is not None:
+            self._carry_out(self._handle(event, now))
+        self._carry_out(self._core.on_time(now))
+
+    def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
+        core = self._core
+        match event:
+            case _Answered(request, reply):
+                return core.on_reply(request, reply, now)
+            case _Signalled(name):
+                _log(f"{name}: giving leases back")
+                return core.on_drain(name, now)
+            case (rig, message) if rig is not self._rig:
+                return []  # words of a rig that was stopped meanwhile
+            case (_, Listening(endpoint)):
+                assert self._rig is not None
+                self._rig.start_stack(endpoint)
+                return []
+            case (_, Built()):
+                return core.on_rig_ready()
+            case (_, Progress(tokens, ticks)):
+                return core.on_progress(tokens, ticks, now)
+            case (_, Done(result)):
+                return core.on_done(result, now)
+            case (_, Broken(reason, detail)) | (_, RigDied(reason, detail)):
+                return core.on_rig_died(reason, detail, now)
+            case _:
+                return []
+
+    def _carry_out(self, effects: list[decisions.Effect]) -> None:
+        for effect in effects:
+            match effect:
+                case decisions.Ask(request):
+                    self._requests.put(request)
+                case decisions.StartRig(lease):
+                    self._rig = RigProcess(self._options, lease, self._inbox)
+                case decisions.StopRig():
+                    if self._rig is not None:
+                        self._rig.stop()
+                        self._rig = None
+                case decisions.AssignLease(lease):
+                    if self._rig is not None:
+                        self._rig.assign(lease)
+                case decisions.AbandonToken(token):
+                    if self._rig is not None:
+                        self._rig.abandon(token)
+                case decisions.Say(line):
+                    _log(line)
+                case decisions.Leave(error):
+                    self._error = error
+                    self._left = True
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,296 @@
+"""The simulator process of a rig: steps S slots in lockstep with the stack.
+
+It reads orders from the worker on standard input, which is also its lifeline, and answers on
+standard output.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.campaign import Case
+from schemas.identity import stream_key
+from schemas.messages import Command, Episode, Frame, Lease, Tick
+from twin.fabric.bus import Bus
+from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.frames import FrameBuffer
+from twin.fabric.process import bind_to_parent
+from twin.fabric.zenoh_bus import open_bus
+from twin.worker.pipe import (
+    Abandon,
+    Assign,
+    Broken,
+    Build,
+    Built,
+    Done,
+    Downward,
+    Listening,
+    Progress,
+    Unpacker,
+    send,
+)
+
+PROGRESS_PERIOD_S = 0.25
+"""How often progress is reported to the worker [s]."""
+
+
+@dataclass(slots=True)
+class _Slot:
+    lease: Lease
+    started_s: float
+    fresh: bool = True
+    """The episode has not been published yet."""
+
+
+class Orders:
+    """Orders of the worker, read on a thread; end-of-file means the worker is gone."""
+
+    def __init__(self, stream: int) -> None:
+        self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._stream = stream
+        threading.Thread(target=self._read, name="orders", daemon=True).start()
+
+    def _read(self) -> None:
+        unpacker = Unpacker(Downward)
+        while data := os.read(self._stream, 65536):
+            for message in unpacker.feed(data):
+                self._inbox.put(message)
+        os._exit(0)
+
+    def next(self, timeout_s: float | None) -> object | None:
+        """The next order; None after ``timeout_s`` (None: wait for ever)."""
+        try:
+            if timeout_s == 0:
+                return self._inbox.get_nowait()
+            return self._inbox.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+
+class Simulator:
+    """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
+
+    def __init__(self, bus: Bus, rig: str, slots: int, device: str, out: BinaryIO) -> None:
+        self._bus = bus
+        self._rig = rig
+        self._device = device
+        self._out = out
+        self._orders = Orders(0)
+        self._slots: list[_Slot | None] = [None] * slots
+        self._waiting: list[Lease] = []
+        self._seq = 0
+        self._reported_s = 0.0
+
+    def run(self) -> None:
+        """Build when told, then exchange and step for ever."""
+        order = self._orders.next(None)
+        assert isinstance(order, Build)
+        self._build(order.lease.case)
+        while True:
+            self._take_orders(block=not self._busy() and not self._waiting)
+            self._refill()
+            if self._busy():
+                self._tick()
+
+    def _busy(self) -> bool:
+        return any(slot is not None for slot in self._slots)
+
+    def _build(self, case: Case) -> None:
+        # Warp takes its time to load: the drive session is announced before.
+        from twin.engine import Engine
+
+        slots = len(self._slots)
+        shape = (slots, case.camera.height, case.camera.width, 3)
+        shared = case.placement == "worker"
+        self._frames = FrameBuffer(int(np.prod(shape))) if shared else None
+        buffer = self._frames.array(shape) if self._frames else None
+        self._engine = Engine(case, slots, self._device, buffer)
+        self._end = SimulatorEnd(self._bus, self._rig, slots, self._frames)
+        self._end.handshake(self._on_wait)
+        send(self._out, Built(shared_frames=self._end.shared))
+
+    def _take_orders(self, *, block: bool) -> None:
+        while (order := self._orders.next(0.2 if block else 0)) is not None:
+            if isinstance(order, Assign):
+                self._waiting.append(order.lease)
+            elif isinstance(order, Abandon):
+                self._abandon(order.token)
+            block = False
+        self._report()
+
+    def _abandon(self, token: int) -> None:
+        self._waiting = [lease for lease in self._waiting if lease.token != token]
+        for index, slot in enumerate(self._slots):
+            if slot is not None and slot.lease.token == token:
+                self._engine.clear(index)
+                self._slots[index] = None
+
+    def _refill(self) -> None:
+        """Free slots take waiting leases, only when the camera is due for all."""
+        every = self._engine.camera_every
+        running = [i for i, slot in enumerate(self._slots) if slot is not None]
+        if running and self._engine.tick[running[0]] % every:
+            return
+        for index, slot in enumerate(self._slots):
+            if slot is None and self._waiting:
+                lease = self._waiting.pop(0)
+                self._engine.reset(index, lease.case)
+                self._slots[index] = _Slot(lease, time.monotonic())
+
+    def _tick(self) -> None:
+        sensors = self._sense()
+        episodes = self._episodes()
+        tick = Tick(
+            v=SCHEMA_VERSION,
+            seq=self._seq,
+            active=[slot is not None for slot in self._slots],
+            token=self._tokens(),
+            tick=self._engine.tick.tolist(),
+            sim_time_ns=self._engine.sim_time_ns.tolist(),
+            sensors=[sensor.name for sensor in sensors],
+            episodes=len(episodes),
+        )
+        answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        self._seq += 1
+        for slot in self._slots:
+            if slot is not None:
+                slot.fresh = False
+        for finished in self._engine.step(self._checked(answer.commands)):
+            slot = self._slots[finished.slot]
+            assert slot is not None
+            # Late: this module imports Parquet only after the engine is warm.
+            from twin.worker.attempt import write_attempt
+
+            result = write_attempt(slot.lease, finished, time.monotonic() - slot.started_s)
+            self._slots[finished.slot] = None
+            send(self._out, Done(result))
+
+    def _tokens(self) -> list[int]:
+        return [slot.lease.token if slot else 0 for slot in self._slots]
+
+    def _sense(self) -> list[Outgoing]:
+        cases = [slot.lease.case.id if slot else "" for slot in self._slots]
+        active = [slot is not None for slot in self._slots]
+        outgoing = []
+        for name, data in self._engine.sense().items():
+            values = np.ascontiguousarray(data.values)
+            shared = name == "camera" and self._frames is not None and self._end.shared
+            frame = Frame(
+                v=SCHEMA_VERSION,
+                type=name,
+                seq=self._seq,
+                active=active,
+                case=cases,
+                token=self._tokens(),
+                tick=self._engine.tick.tolist(),
+                sim_time_ns=self._engine.sim_time_ns.tolist(),
+                dtype=values.dtype.newbyteorder("<").str,
+                shape=list(values.shape),
+                encoding=topics.SENSORS[name].type,
+                count=[] if data.count is None else data.count.tolist(),
+                offset=0 if shared else -1,
+            )
+            outgoing.append(Outgoing(name, frame, b"" if shared else values.tobytes()))
+        return outgoing
+
+    def _episodes(self) -> list[Episode]:
+        return [
+            _episode(index, slot.lease, self._seq, self._engine.control_period_ns)
+            for index, slot in enumerate(self._slots)
+            if slot is not None and slot.fresh
+        ]
+
+    def _checked(self, commands: list[Command]) -> list[Command | None]:
+        """Commands by slot; a slot without a valid one ends the rig, naming the slot's case."""
+        by_slot: list[Command | None] = [None] * len(self._slots)
+        for command in commands:
+            if 0 <= command.slot < len(by_slot):
+                by_slot[command.slot] = command
+        for index, slot in enumerate(self._slots):
+            if slot is None:
+                by_slot[index] = None
+                continue
+            command = by_slot[index]
+            if command is None:
+                raise InfrastructureError(f"stack: no command for case {slot.lease.case.id}")
+            if command.token != slot.lease.token or command.tick != self._engine.tick[index]:
+                raise InfrastructureError(
+                    f"stack: command of case {slot.lease.case.id} is for tick {command.tick}, "
+                    f"expected {self._engine.tick[index]}"
+                )
+        return by_slot
+
+    def _on_wait(self) -> None:
+        """While waiting for the stack: orders are still taken, abandoned slots excepted."""
+        self._report()
+
+    def _report(self) -> None:
+        now = time.monotonic()
+        if now - self._reported_s < PROGRESS_PERIOD_S or not self._busy():
+            return
+        self._reported_s = now
+        running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
+        send(
+            self._out,
+            Progress(
+                tokens=[slot.lease.token for _, slot in running],
+                ticks=[int(self._engine.tick[i]) for i, _ in running],
+            ),
+        )
+
+
+def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Episode:
+    case = lease.case
+    return Episode(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        slot=index,
+        token=lease.token,
+        case=case.id,
+        # The stack gets a stream of its own; it cannot draw the simulator's numbers again.
+        seed=stream_key(case.seed, case.id, "stack") >> 1,
+        model=case.model,
+        perception=case.perception,
+        camera=case.camera.name,
+        width=case.camera.width,
+        height=case.camera.height,
+        hfov_deg=case.camera.hfov_deg,
+        control_period_ns=control_period_ns,
+    )
+
+
+def run_simulator(rig: str, listen: str, slots: int, device: str, namespace: str) -> int:
+    """Entry of ``twin sim``; the exit code."""
+    bind_to_parent()
+    # Whatever prints by mistake must not end up between the messages.
+    out = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)
+    bus = None
+    try:
+        bus = open_bus("peer", listen=[listen], namespace=namespace)
+        send(out, Listening(bus.endpoints[0]))
+        Simulator(bus, rig, slots, device, out).run()
+    except TwinError as error:
+        send(out, Broken("crash", str(error)))
+        return error.exit_code
+    except MemoryError as error:
+        send(out, Broken("out_of_memory", f"out of memory {error}".strip()))
+        return 3
+    except Exception as error:
+        sys.excepthook(*sys.exc_info())
+        send(out, Broken("crash", f"{type(error).__name__}: {error}"))
+        return 3
+    finally:
+        if bus is not None:
+            bus.close()
+    return 0
