@@ -1,0 +1,48 @@
+"""The ``devkit`` command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.fabric.cli import make_app, run
+from twin.fabric.errors import UsageError
+
+app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
+
+
+@app.command()
+def host(
+    connect: Annotated[str, typer.Option(help="Endpoint of the simulator.")] = "",
+    rig: Annotated[str, typer.Option(help="Rig to join.")] = "",
+    namespace: Annotated[str, typer.Option(help="Namespace of the rig.")] = "twin",
+    slots: Annotated[int, typer.Option(min=1, help="Slots of the rig.")] = 1,
+    stack: Annotated[str, typer.Option(help="Stack under test, module:Class.")] = "",
+    parameters: Annotated[str, typer.Option(help="Stack parameters as JSON.")] = "{}",
+    join: Annotated[
+        Path | None,
+        typer.Option(help="Serve every rig announced in this shared folder, one by one."),
+    ] = None,
+) -> None:
+    """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
+    from devkit.host import HostOptions, run_host, run_join
+
+    if join is not None:
+        raise typer.Exit(run_join(join))
+    if not (connect and rig and stack):
+        raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
+    try:
+        values = json.loads(parameters)
+    except ValueError as error:
+        raise UsageError(f"--parameters: not JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise UsageError("--parameters: expected a JSON object, e.g. '{\"cruise_speed_mps\": 8}'")
+    raise typer.Exit(run_host(HostOptions(connect, rig, namespace, slots, stack, values)))
+
+
+def main() -> None:
+    """Entry point."""
+    run(app, "devkit")

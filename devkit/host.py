@@ -1,0 +1,142 @@
+"""Runs a stack on the bus: the stack's end of the lockstep."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from devkit.stack import Observation, Stack, StackError, load_stack
+from schemas import SCHEMA_VERSION
+from schemas.messages import Commands
+from twin.fabric.drive import Incoming, StackEnd
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, end, spawn, watch_lifeline
+from twin.fabric.zenoh_bus import open_bus
+
+CONNECT_TIMEOUT_S = 20.0
+"""How long the simulator may take to answer [s]."""
+
+JOIN_PERIOD_S = 0.2
+"""How often a shared folder is looked at for new rigs [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostOptions:
+    """One rig and the stack to run on it."""
+
+    connect: str
+    rig: str
+    namespace: str
+    slots: int
+    stack: str
+    parameters: dict[str, Any]
+
+
+def run_host(options: HostOptions) -> int:
+    """Serve one rig until the process is ended or the simulator goes away."""
+    supervised = bool(os.environ.get(PARENT_VARIABLE))
+    bind_to_parent()
+    if supervised:
+        watch_lifeline()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    bus = open_bus(
+        "peer",
+        connect=[options.connect],
+        namespace=options.namespace,
+        connect_timeout_s=CONNECT_TIMEOUT_S,
+    )
+    try:
+        link = StackEnd(bus, options.rig, options.slots)
+        try:
+            stack = load_stack(options.stack, options.slots, options.parameters)
+        except StackError as error:
+            raise InfrastructureError(str(error)) from None
+        try:
+            serve(link, stack)
+        finally:
+            stack.close()
+    finally:
+        bus.close()
+    return 0
+
+
+def serve(link: StackEnd, stack: Stack) -> None:
+    """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
+    while True:
+        incoming = link.receive(lambda: None)
+        seq = incoming.tick.seq
+        try:
+            commands = step(stack, incoming)
+        except Exception as error:
+            where = _origin(error)
+            reason = f"{type(error).__name__}: {error} ({where})"
+            link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason))
+            raise
+        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands))
+
+
+def step(stack: Stack, incoming: Incoming) -> list[Any]:
+    """New episodes, then one step of the stack."""
+    for episode in incoming.episodes:
+        stack.reset(episode.slot, episode)
+    tick = incoming.tick
+    return stack.step(
+        Observation(
+            seq=tick.seq,
+            active=np.array(tick.active, np.bool_),
+            token=np.array(tick.token, np.int64),
+            tick=np.array(tick.tick, np.int32),
+            sim_time_ns=np.array(tick.sim_time_ns, np.int64),
+            sensors=incoming.sensors,
+            counts=incoming.counts,
+        )
+    )
+
+
+def run_join(folder: Path) -> int:
+    """Serve rigs announced in ``folder`` one after the other, each in a process of its own."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    child = None
+    try:
+        while True:
+            claimed = _claim(folder)
+            if claimed is None:
+                time.sleep(JOIN_PERIOD_S)
+                continue
+            print(f"joining {claimed.stem}", file=sys.stderr, flush=True)
+            arguments = json.loads(claimed.read_text(encoding="utf-8"))["arguments"]
+            claimed.unlink(missing_ok=True)
+            child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=sys.stderr.buffer)
+            child.wait()
+            child = None
+    finally:
+        if child is not None:
+            end(child)
+
+
+def _claim(folder: Path) -> Path | None:
+    """Take the oldest announcement; the rename decides between several hosts."""
+    for path in sorted(folder.glob("*.json")):
+        mine = path.with_suffix(f".claimed-{os.uname().nodename}-{os.getpid()}")
+        try:
+            return path.rename(mine)
+        except FileNotFoundError:
+            continue
+    return None
+
+
+def _origin(error: BaseException) -> str:
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if trace is None:
+        return "unknown place"
+    return f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}"

@@ -1,0 +1,242 @@
+"""Perception: what the stack sees in one camera frame, and how good it is at seeing.
+
+A campaign names perception variants; each is a file type of :mod:`schemas.campaign`, and the
+implementation is chosen by that type, so every slot may run another one.
+
+Contrast comes from exact integer sums: the same in any order and on any machine. The few
+floating-point steps after them are +, -, x, / and square roots, which IEEE 754 rounds correctly
+everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from schemas import campaign
+from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Detection
+
+CONFIDENCE_MIN = 0.25
+"""Least confidence that is reported [-]; the planner's own threshold lies above."""
+
+LUMA_WEIGHTS = (77, 150, 29)
+"""Rec. 601 luma of R, G, B in 1/256; they sum to 256, so luma stays an integer below 2^16."""
+
+LUMA_SCALE = 256.0
+"""Luma units per image level."""
+
+DARK_LEVEL = 16.0
+"""Added to the brightness that contrast is relative to [image levels of 255].
+
+Without it two nearly black pixels (1 and 3 of 255) would count as 50 % contrast.
+"""
+
+NOISE_WEIGHT = 2.0
+"""Noise deviations that a signal must match to lose 30 % of its contrast [-]."""
+
+RING_FRACTION = 4
+"""The surrounding ring is this fraction of the box's shorter side wide, and at least 2 px."""
+
+PIXELS_MAX = 1 << 14
+"""Of a larger neighbourhood every k-th row is looked at: enough for its moments, and the cost of a
+car that fills the image stays bounded [px]."""
+
+MEDIAN_OF_DIFFERENCE = 0.6744897501960817 * math.sqrt(2.0)
+"""Median |a - b| of two independent normal values of deviation 1."""
+
+_CLASS, _X, _Y, _WIDTH, _HEIGHT, _VISIBLE = (
+    BOX_COLUMNS.index(name)
+    for name in ("class_id", "x_px", "y_px", "width_px", "height_px", "visible_px")
+)
+
+
+class Perception(Protocol):
+    """One perception variant; stateless, so that it may serve every slot of a rig."""
+
+    def detect(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
+        """Objects seen in one frame, most confident first.
+
+        Args:
+            image: uint8 [H, W, 3], RGB.
+            boxes: float32 [n, 7], rows of the box sensor (``schemas.messages.BOX_COLUMNS``);
+                a real detector ignores them.
+        """
+        ...
+
+
+_BUILDERS: dict[type[Any], Callable[[Any], Perception]] = {}
+
+
+def register(
+    spec_type: type[Any],
+) -> Callable[[Callable[[Any], Perception]], Callable[[Any], Perception]]:
+    """Class decorator: the decorated class perceives for variants of ``spec_type``."""
+
+    def add(builder: Callable[[Any], Perception]) -> Callable[[Any], Perception]:
+        _BUILDERS[spec_type] = builder
+        return builder
+
+    return add
+
+
+def build_perception(spec: Any) -> Perception:
+    """The perception of one variant, ``Episode.perception``.
+
+    Raises:
+        ValueError: nothing is registered for the type of ``spec``.
+    """
+    builder = _BUILDERS.get(type(spec))
+    if builder is None:
+        known = ", ".join(sorted(t.__name__ for t in _BUILDERS))
+        raise ValueError(f"perception {type(spec).__name__}: not known to devkit; allowed: {known}")
+    return builder(spec)
+
+
+def confidence(contrast: float, contrast_min: float) -> float:
+    """Confidence of an object of ``contrast`` [0..1]: 0 at 0, exactly 0.5 at ``contrast_min``."""
+    return contrast / (contrast + contrast_min)
+
+
+@register(campaign.GroundTruthPerception)
+class GroundTruthPerception:
+    """The box sensor seen through a contrast threshold.
+
+    Where an object is comes from the simulator, whether it is seen from the pixels alone: fog,
+    darkness and sensor noise lower the contrast in the image, and the object fades from the
+    detections as it would for a person.
+    """
+
+    def __init__(self, spec: campaign.GroundTruthPerception) -> None:
+        self.contrast_min = spec.contrast_min
+        self.pixels_min = spec.pixels_min
+
+    def detect(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
+        """See :class:`Perception`; reported from :data:`CONFIDENCE_MIN` up."""
+        found = [self._detect_one(image, row) for row in boxes.tolist()]
+        # The box sensor's row order is none of the planner's business: sort by content.
+        return sorted(
+            (detection for detection in found if detection is not None),
+            key=lambda d: (-d.confidence, d.x_px, d.y_px, d.width_px, d.height_px, d.label),
+        )
+
+    def _detect_one(self, image: np.ndarray, row: list[float]) -> Detection | None:
+        if not all(math.isfinite(value) for value in row):
+            # The simulator ends a slot whose state is NaN; raising here would end its neighbours.
+            return None
+        class_id = int(row[_CLASS])
+        if not 0 <= class_id < len(OBJECT_CLASSES):
+            raise ValueError(f"box with class id {class_id}, allowed: 0-{len(OBJECT_CLASSES) - 1}")
+        if row[_VISIBLE] < self.pixels_min:
+            return None
+        region = pixels_of(row, image.shape[1], image.shape[0])
+        if region is None:
+            return None
+        certainty = confidence(visible_contrast(image, region), self.contrast_min)
+        if certainty < CONFIDENCE_MIN:
+            return None
+        return Detection(
+            label=OBJECT_CLASSES[class_id],
+            confidence=certainty,
+            x_px=row[_X],
+            y_px=row[_Y],
+            width_px=row[_WIDTH],
+            height_px=row[_HEIGHT],
+        )
+
+
+def pixels_of(row: list[float], width_px: int, height_px: int) -> Region | None:
+    """Whole pixels touched by a box row, at least one; None when it lies outside the image."""
+    left, top = math.floor(row[_X]), math.floor(row[_Y])
+    right = max(math.ceil(row[_X] + row[_WIDTH]), left + 1)
+    bottom = max(math.ceil(row[_Y] + row[_HEIGHT]), top + 1)
+    region = Region(max(left, 0), max(top, 0), min(right, width_px), min(bottom, height_px))
+    return region if region.left < region.right and region.top < region.bottom else None
+
+
+class Region(NamedTuple):
+    """Pixels ``left <= column < right``, ``top <= row < bottom``."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+class Moments(NamedTuple):
+    """Exact sums over some pixels: how many, sum and sum of squares of their luma."""
+
+    pixels: int
+    total: int
+    squares: int
+
+    def mean(self) -> float:
+        """Mean luma."""
+        return self.total / self.pixels
+
+    def variance(self) -> float:
+        """Variance of luma; the numerator is exact, so it is never negative."""
+        return (self.pixels * self.squares - self.total**2) / self.pixels**2
+
+
+def visible_contrast(image: np.ndarray, box: Region) -> float:
+    """Contrast of ``box`` against its surroundings, 0 (invisible) to 1.
+
+    With the means m of box and ring, the deviation t of the box and the noise n of the image:
+    signal s = sqrt((m_box - m_ring)^2 + t^2 - n^2), contrast = s / (m_box + m_ring + dark level)
+    x s / sqrt(s^2 + (2 n)^2). The first factor is Michelson's contrast, joined by the object's own
+    texture so that a grey car on grey asphalt still shows; a veil of fog shrinks s and raises the
+    means. The second compares the signal with the noise.
+
+    Args:
+        image: uint8 [H, W, 3], RGB.
+        box: the object's pixels, inside the image and not empty.
+    """
+    margin = max(2, min(box.right - box.left, box.bottom - box.top) // RING_FRACTION)
+    top, left = max(box.top - margin, 0), max(box.left - margin, 0)
+    neighbourhood = image[top : box.bottom + margin, left : box.right + margin]
+    stride = -(-neighbourhood.shape[0] * neighbourhood.shape[1] // PIXELS_MAX)
+    # The first row of the box is always among the rows, so the box is never empty.
+    first, above = (box.top - top) % stride, (box.top - top) // stride
+    around = _luma(neighbourhood[first::stride])
+    rows = -(-(box.bottom - box.top) // stride)
+    inside = around[above : above + rows, box.left - left : box.right - left]
+    whole, object_ = _moments(around), _moments(inside)
+    ring = Moments(*(w - o for w, o in zip(whole, object_, strict=True)))
+    noise = _noise(around)
+
+    # A box that fills the image has no surroundings; only its texture can be seen.
+    ring_mean = ring.mean() if ring.pixels else object_.mean()
+    difference = object_.mean() - ring_mean
+    texture_squared = max(object_.variance() - noise * noise, 0.0)
+    signal = math.sqrt(difference * difference + texture_squared)
+    if signal == 0.0:
+        return 0.0
+    brightness = object_.mean() + ring_mean + DARK_LEVEL * LUMA_SCALE
+    weighted_noise = NOISE_WEIGHT * noise
+    against_noise = signal / math.sqrt(signal * signal + weighted_noise * weighted_noise)
+    return min(signal / brightness * against_noise, 1.0)
+
+
+def _luma(image: np.ndarray) -> np.ndarray:
+    """uint8 [h, w, 3] -> int64 [h, w], 256 units per image level."""
+    red, green, blue = (image[..., channel].astype(np.int64) for channel in range(3))
+    return LUMA_WEIGHTS[0] * red + LUMA_WEIGHTS[1] * green + LUMA_WEIGHTS[2] * blue
+
+
+def _moments(luma: np.ndarray) -> Moments:
+    # The largest image (3840x2160) at full luma sums its squares to 3.6e16: int64 holds 9.2e18.
+    return Moments(luma.size, int(luma.sum()), int((luma * luma).sum()))
+
+
+def _noise(luma: np.ndarray) -> float:
+    """Deviation of the image noise, from the median step between horizontal neighbours.
+
+    Edges and shading make few large or many small steps and hardly move the median.
+    """
+    if luma.shape[1] < 2:
+        return 0.0
+    steps = np.abs(np.diff(luma, axis=1)).ravel()
+    return float(np.partition(steps, steps.size // 2)[steps.size // 2]) / MEDIAN_OF_DIFFERENCE

@@ -1,0 +1,213 @@
+"""The public interface of an autonomy stack, and how one is found by its entry point.
+
+A stack drives S cars at once, one per slot. The host hands it every sensor of one instant as arrays
+with the slot index first; the stack answers with one command per active slot. A stack that brakes
+for anything nearer than ``gap_m``, complete::
+
+    from devkit.stack import Observation, Stack
+    from schemas.messages import BOX_COLUMNS, Command, Episode
+
+    DISTANCE = BOX_COLUMNS.index("distance_m")
+
+    class GapStack(Stack):
+        def __init__(self, slots: int, *, gap_m: float = 15.0) -> None:
+            self.gap_m = gap_m
+            self.braking = [False] * slots
+
+        def reset(self, slot: int, episode: Episode) -> None:
+            self.braking[slot] = False
+
+        def step(self, observation: Observation) -> list[Command]:
+            return [self.drive(slot, observation) for slot in observation.active_slots()]
+
+        def drive(self, slot: int, observation: Observation) -> Command:
+            boxes = observation.boxes(slot)
+            if boxes is not None:
+                self.braking[slot] |= bool((boxes[:, DISTANCE] < self.gap_m).any())
+            return Command(
+                slot=slot,
+                token=int(observation.token[slot]),
+                tick=int(observation.tick[slot]),
+                throttle=0.0 if self.braking[slot] else 0.3,
+                brake=1.0 if self.braking[slot] else 0.0,
+                steering_rad=0.0,
+                aeb=self.braking[slot],
+            )
+
+Name it ``autonomy.stack: my_module:GapStack`` in the campaign file, its keyword arguments under
+``autonomy.parameters``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from schemas.messages import Command, Episode
+from schemas.validation import suggest
+
+ParameterValue = bool | int | float | str
+"""What a campaign file may hand to a stack's constructor."""
+
+_METHODS = ("reset", "step", "close")
+
+
+class StackError(ValueError):
+    """The stack cannot be loaded or used; the message is one line for the user."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """Everything the sensors of all slots saw at one instant. Read it, never write to it.
+
+    The arrays may be views of memory that the simulator reuses after the answer to this ``seq``:
+    copy what is to be kept.
+    """
+
+    seq: int
+    """Rig tick: counts every exchange, whatever the cases do."""
+    active: np.ndarray
+    """bool [S]: the slots that run a case; the others hold zeros in every array."""
+    token: np.ndarray
+    """int64 [S]: identifies the attempt; echo it in the command."""
+    tick: np.ndarray
+    """int32 [S]: case tick, 0 at reset; echo it in the command."""
+    sim_time_ns: np.ndarray
+    """int64 [S]: sim time since reset [ns]."""
+    sensors: Mapping[str, np.ndarray]
+    """Sensor name -> array [S, ...]; a sensor that is not due at this seq is absent.
+
+    ``camera``: uint8 [S, H, W, 3], RGB. ``boxes``: float32 [S, B, 7], columns
+    ``schemas.messages.BOX_COLUMNS``, with every camera frame. ``vehicle``: float64 [S, 6], columns
+    ``VEHICLE_COLUMNS``. ``environment``: float64 [S, 2], columns ``ENVIRONMENT_COLUMNS``.
+    """
+    counts: Mapping[str, np.ndarray]
+    """Sensor name -> int [S]: valid rows per slot of ragged sensors (``boxes``)."""
+
+    def active_slots(self) -> list[int]:
+        """Indices of the active slots, ascending."""
+        return [int(slot) for slot in np.flatnonzero(self.active)]
+
+    def boxes(self, slot: int) -> np.ndarray | None:
+        """Valid box rows of ``slot``, float32 [n, 7]; None when no camera frame is due."""
+        if "boxes" not in self.sensors:
+            return None
+        return self.sensors["boxes"][slot, : int(self.counts["boxes"][slot])]
+
+
+class Stack(ABC):
+    """An autonomy stack for ``slots`` cars.
+
+    Two rules make its verdicts reproducible. *Deterministic*: no wall clock, no unseeded random
+    numbers, no state that outlives :meth:`reset`. *Slot independent*: what it asks of a car is the
+    same to the last bit whatever the slot, the number of slots and the neighbours; so a network
+    runs at a fixed batch size, never at S.
+    """
+
+    @abstractmethod
+    def __init__(self, slots: int, **parameters: ParameterValue) -> None:
+        """Build the stack once per rig.
+
+        Subclasses list their parameters as keyword-only arguments with defaults; those are the
+        keys allowed in ``autonomy.parameters``. Raise ValueError with one sentence for a bad value.
+
+        Args:
+            slots: number of slots S, at least 1.
+            **parameters: the campaign's ``autonomy.parameters``.
+        """
+
+    @abstractmethod
+    def reset(self, slot: int, episode: Episode) -> None:
+        """A new case begins in ``slot``: forget the old one. Called before its first ``step``."""
+
+    @abstractmethod
+    def step(self, observation: Observation) -> list[Command]:
+        """Answer one instant.
+
+        Returns:
+            One command per active slot, in any order, echoing slot, token and tick. An exception
+            ends the rig.
+        """
+
+    def close(self) -> None:  # noqa: B027 - optional: most stacks hold nothing to release
+        """Release what the stack holds; nothing is called afterwards."""
+
+
+def load_stack(entry_point: str, slots: int, parameters: Mapping[str, ParameterValue]) -> Stack:
+    """Import and construct the stack named ``module:Class``.
+
+    Raises:
+        StackError: one line that says what was given, what is allowed and whose mistake it is.
+    """
+    stack_class = _find(entry_point)
+    if slots < 1:
+        raise StackError(f"{entry_point}: given {slots} slots, at least 1 needed")
+    _check_names(entry_point, stack_class, parameters)
+    try:
+        return stack_class(slots, **parameters)
+    except Exception as error:
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        raise StackError(f"{entry_point}: {kind}{_first_line(error)}") from error
+
+
+def _find(entry_point: str) -> type[Stack]:
+    module_name, colon, class_name = entry_point.partition(":")
+    if not (module_name and colon and class_name):
+        raise StackError(f"stack {entry_point!r}: expected module:Class")
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise StackError(f"{module_name}: import failed: {_first_line(error)}") from error
+        raise StackError(
+            f"stack {entry_point!r}: no module named {error.name!r}; "
+            "install it, or add its folder to PYTHONPATH"
+        ) from None
+    except Exception as error:
+        kind = type(error).__name__
+        raise StackError(f"{module_name}: import failed: {kind}: {_first_line(error)}") from error
+    found = getattr(module, class_name, None)
+    if not inspect.isclass(found):
+        classes = sorted(
+            name
+            for name, value in vars(module).items()
+            if inspect.isclass(value) and value.__module__ == module.__name__
+        )
+        hint = suggest(class_name, classes) if classes else "it defines none"
+        raise StackError(f"stack {entry_point!r}: no class {class_name!r} in the module; {hint}")
+    missing = [name for name in _METHODS if not callable(getattr(found, name, None))]
+    if missing:
+        raise StackError(
+            f"stack {entry_point!r}: not a stack, without {', '.join(missing)}; "
+            "derive it from devkit.stack:Stack"
+        )
+    return cast(type[Stack], found)
+
+
+def _check_names(
+    entry_point: str, stack_class: type[Stack], parameters: Mapping[str, ParameterValue]
+) -> None:
+    """Unknown and missing keyword arguments, found before Python's TypeError would say less."""
+    signature = list(inspect.signature(stack_class).parameters.values())
+    keywords = [p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    allowed = [p.name for p in keywords if p.name != "slots"]
+    if not any(p.kind == p.VAR_KEYWORD for p in signature):
+        for name in parameters:
+            if name not in allowed:
+                hint = suggest(name, allowed) if allowed else "it takes none"
+                raise StackError(f"{entry_point}: unknown parameter '{name}'; {hint}")
+    for parameter in keywords:
+        needed = parameter.name in allowed and parameter.default is parameter.empty
+        if needed and parameter.name not in parameters:
+            raise StackError(f"{entry_point}: parameter '{parameter.name}' is missing")
+
+
+def _first_line(error: BaseException) -> str:
+    """A message that stays one line whatever a foreign stack raised."""
+    return next(iter(str(error).splitlines()), "") or type(error).__name__
