@@ -26,6 +26,9 @@ def worker(
         Path | None,
         typer.Option(help="Or: the conductor's state folder, on a shared file system."),
     ] = None,
+    wait: Annotated[
+        float, typer.Option(min=0, help="With --state: wait this long for a conductor [s].")
+    ] = 0.0,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
     device: Device = "cpu",
@@ -51,7 +54,7 @@ def worker(
                 "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER "
                 "(`conductor serve` prints both)"
             )
-        found = find_conductor(state)
+        found = find_conductor(state, wait)
         connect, namespace = found.endpoint, found.namespace
     options = WorkerOptions(
         connect=connect,

@@ -1,0 +1,177 @@
+"""Campaign files: every mistake in one line with file, path and what is allowed."""
+
+import copy
+
+import msgspec
+import pytest
+
+from conductor.source import check, load, shipped
+from schemas.campaign import WEATHERS, expand, parse_campaign
+from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
+from schemas.yaml_file import YamlError, load_yaml, parse_yaml
+from twin.fabric.errors import UsageError
+
+GOOD = {
+    "campaign": "c",
+    "matrix": {"weather": ["clear", "heavy_fog"], "time_of_day": ["05:00", "13:00"]},
+}
+
+# (change to a good file, path of the mistake, words that the line must hold)
+BAD = [
+    ({"campaign": "A b"}, "campaign", ["'A b'", "text matching"]),
+    ({"campaign": None}, "campaign", ["nothing"]),
+    ({"schema": 2}, "schema", ["given 2", "allowed: 1"]),
+    ({"simulator": "wrap"}, "simulator", ["'wrap'", "noop, warp", "did you mean 'warp'?"]),
+    ({"seed": -1}, "seed", ["given -1", ">= 0"]),
+    ({"seed": 1.5}, "seed", ["given 1.5", "a whole number"]),
+    ({"attempts_max": 0}, "attempts_max", ["given 0", ">= 1"]),
+    ({"deadline_s": float("nan")}, "deadline_s", ["nan", "finite"]),
+    ({"control_hz": 40}, "control_hz", ["given 40", "divisor of 500"]),
+    ({"camera": {"hz": 15}}, "camera.hz", ["given 15", "divisor of control_hz 20"]),
+    ({"camera": {"width": "wide"}}, "camera.width", ["'wide'", ">= 16 and <= 3840"]),
+    ({"camera": 3}, "camera", ["given 3", "mapping", "width"]),
+    ({"scenario": {"durations_s": 3}}, "scenario.durations_s", ["did you mean 'duration_s'?"]),
+    ({"scenario": {"scene": "downtwn"}}, "scenario.scene", ["did you mean 'downtown'?"]),
+    ({"scenario": {"vehicle": "no/car.yaml"}}, "scenario.vehicle", ["no/car.yaml", "opencav"]),
+    ({"autonomy": {"stack": "devkit.aeb"}}, "autonomy.stack", ["'devkit.aeb'", "text matching"]),
+    ({"autonomy": {"stack": "nowhere:X"}}, "autonomy.stack", ["no module 'nowhere'"]),
+    ({"autonomy": {"perception": {}}}, "autonomy.perception", ["name at least one"]),
+    (
+        {"autonomy": {"perception": {"a": {"type": "yolo"}}}},
+        "autonomy.perception.a.type",
+        ["'yolo'", "ground_truth"],
+    ),
+    (
+        {"autonomy": {"perception": {"a": {"type": "ground_truth", "contrast_min": 2}}}},
+        "autonomy.perception.a.contrast_min",
+        ["given 2", "<= 1"],
+    ),
+    ({"matrix": {}}, "matrix", ["no cases"]),
+    ({"matrix": {"wether": ["clear"]}}, "matrix.wether", ["did you mean 'weather'?"]),
+    ({"matrix": {"weather": ["hevy_fog"]}}, "matrix.weather", ["did you mean 'heavy_fog'?"]),
+    ({"matrix": {"weather": "clear"}}, "matrix.weather", ["expected a list"]),
+    ({"matrix": {"weather": []}}, "matrix.weather", ["at least 1"]),
+    ({"matrix": {"weather": ["clear", "clear"]}}, "matrix.weather", ["twice"]),
+    ({"matrix": {"time_of_day": ["5am"]}}, "matrix.time_of_day", ["'5am'"]),
+    ({"matrix": {"model": ["yolov9"]}}, "matrix.model", ["'yolov9'", "default"]),
+    ({"matrix": {"scenario.duration_s": [0]}}, "matrix.scenario.duration_s", ["given 0"]),
+    ({"cases": [{"weather": "clear", "time_of_day": "05:00"}]}, "cases[0]", ["twice"]),
+    ({"exclude": [{"weather": "light_snow"}]}, "exclude[0]", ["matches no case"]),
+    ({"exclude": [{}]}, "exclude", ["every case is excluded"]),
+    ({"batch": {"size": 0}}, "batch.size", ["given 0"]),
+    ({"surprise": 1}, "surprise", ["unknown key", "simulator"]),
+]
+
+
+@pytest.mark.parametrize(("change", "path", "words"), BAD, ids=[str(b[0])[:60] for b in BAD])
+def test_bad_files(change, path, words):
+    campaign, mistakes = check({**copy.deepcopy(GOOD), **change})
+    assert campaign is None
+    assert len(mistakes) == 1, mistakes
+    line = mistakes[0].line("c.yaml")
+    assert line.startswith(f"c.yaml: {path}: ")
+    assert len(line.splitlines()) == 1
+    for word in words:
+        assert word in line
+
+
+def test_all_mistakes_at_once():
+    data = {**GOOD, "seed": -1, "camera": {"width": 1, "hight": 2}}
+    _, mistakes = check(data)
+    assert {m.path for m in mistakes} == {"seed", "camera.width", "camera.hight"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [1, 2", ["c.yaml:"]),
+        ("a: 1\na: 2", ["key 'a' appears twice", "c.yaml:2"]),
+        ("? [a]\n: 1", ["plain value"]),
+        ("a: !!python/object:os.system {}", ["c.yaml"]),
+        ("a: \x00", ["c.yaml"]),
+    ],
+)
+def test_not_yaml(text, words):
+    with pytest.raises(YamlError) as error:
+        parse_yaml(text, "c.yaml")
+    assert len(str(error.value).splitlines()) == 1
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_times_and_words_stay_text():
+    assert parse_yaml("{a: 11:00, b: no, c: on, d: 1e3, e: 010}", "x") == {
+        "a": "11:00",
+        "b": "no",
+        "c": "on",
+        "d": 1000.0,
+        "e": "010",
+    }
+
+
+def test_unreadable_files(tmp_path):
+    for path in (tmp_path / "none.yaml", tmp_path):
+        with pytest.raises(UsageError):
+            load(str(path))
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes(b"campaign: caf\xe9")
+    with pytest.raises(YamlError, match="not UTF-8"):
+        load_yaml(latin)
+
+
+def test_shipped_campaigns_are_the_papers():
+    assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16"}
+    campaign = load("aeb-256")
+    cases = expand(campaign)
+    assert len(cases) == len({c.id for c in cases}) == 256
+    assert {c.model for c in cases} == {"yolov2", "yolov2-tiny", "yolov3", "yolov3-tiny"}
+    assert {c.weather for c in cases} == set(WEATHERS)
+    assert sorted({c.time_of_day_min for c in cases}) == [60 * h for h in range(5, 20, 2)]
+    assert sorted({c.batch for c in cases}) == list(range(1, 9))
+    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2"}
+    assert campaign.scenario.ego_start_m == 148
+    assert campaign.control_hz == campaign.camera.hz == 20
+    demo = expand(load("aeb-demo"))
+    assert len(demo) == 8
+    assert {c.id for c in demo} <= {c.id for c in cases}
+    assert demo[0].scenario.ego_start_m >= 60
+    assert demo[0].camera.noise
+    assert len(expand(load("chaos-16"))) == 16
+
+
+def test_ids_do_not_depend_on_the_file():
+    one = {"campaign": "c", "matrix": {"weather": ["clear", "cloudy"], "repeat": [0, 1]}}
+    other = {"campaign": "c", "matrix": {"repeat": [1, 0], "weather": ["cloudy", "clear"]}}
+    first, _ = parse_campaign(one)
+    second, _ = parse_campaign(other)
+    by_id = {c.id: c for c in expand(first)}
+    assert by_id == {c.id: c for c in expand(second)}
+    assert set(by_id) == {f"{w}-repeat_{r}" for w in ("clear", "cloudy") for r in (0, 1)}
+    assert campaign_digest(first, expand(first)) == campaign_digest(second, expand(second))
+
+
+def test_batches_are_labels_only():
+    plain, _ = parse_campaign(GOOD)
+    labelled, _ = parse_campaign({**GOOD, "batch": {"size": 3}})
+    assert [c.batch for c in expand(labelled)] == [1, 1, 1, 2]
+    for a, b in zip(expand(plain), expand(labelled), strict=True):
+        assert case_digest(a) == case_digest(b)
+
+
+def test_exclude_and_cases():
+    data = {**GOOD, "exclude": [{"weather": "clear"}], "cases": [{"weather": "light_snow"}]}
+    campaign, mistakes = parse_campaign(data)
+    assert not mistakes
+    ids = [c.id for c in expand(campaign)]
+    assert ids == ["0500-heavy_fog", "1300-heavy_fog", "light_snow"]
+
+
+def test_streams_and_rigs():
+    campaign, _ = parse_campaign(GOOD)
+    a, b, *_ = expand(campaign)
+    assert rig_key(a) == rig_key(b)
+    wide = msgspec.structs.replace(a, camera=msgspec.structs.replace(a.camera, width=320))
+    assert rig_key(a) != rig_key(wide)
+    keys = {stream_key(seed, case, s) for seed in (1, 2) for case in "ab" for s in "xy"}
+    assert len(keys) == 8
+    assert stream_key(1, "ab", "c") != stream_key(1, "a", "bc")

@@ -1,0 +1,81 @@
+"""The wire codec: one validation path, bounded, versioned."""
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas import SCHEMA_VERSION
+from schemas.kpi import headlight_code
+from schemas.messages import Beat, Command, Commands, Reply, Request, Tick, command_mistake
+from schemas.wire import WireError, decode, encode
+
+
+def test_round_trip():
+    beat = Beat(v=SCHEMA_VERSION, worker="w", held={"5": 3})
+    assert decode(encode(beat), Request) == beat
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "not MessagePack"),
+        (b"\xc1", "not MessagePack"),
+        (b"\x81", "not MessagePack"),
+        (msgpack.packb([1, 2]), "not a valid message"),
+        (msgpack.packb({"v": SCHEMA_VERSION, "verb": "dance"}), "dance"),
+        (msgpack.packb({"v": 99, "verb": "beat"}), "99"),
+        (msgpack.packb({"v": SCHEMA_VERSION, "verb": "beat", "worker": 5}), "worker"),
+    ],
+)
+def test_refused_in_one_line(data, words):
+    with pytest.raises(WireError, match=words) as error:
+        decode(data, Request)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_size_limit_is_exact():
+    data = encode(Reply(v=SCHEMA_VERSION, epoch=1))
+    assert decode(data, Reply, len(data)).epoch == 1
+    with pytest.raises(WireError, match="at most"):
+        decode(data, Reply, len(data) - 1)
+
+
+@given(st.binary(max_size=200))
+def test_garbage_never_escapes(data):
+    for type_ in (Request, Tick, Commands):
+        try:
+            decode(data, type_)
+        except WireError:
+            pass
+
+
+@pytest.mark.parametrize(
+    ("values", "mistake"),
+    [
+        ((0.0, 0.0, 0.0), ""),
+        ((1.0, 1.0, 1.5), ""),
+        ((float("nan"), 0.0, 0.0), "throttle is nan"),
+        ((0.0, 1.0000001, 0.0), "brake is 1.0000001"),
+        ((0.0, 0.0, -1.6), "steering_rad is -1.6"),
+        ((float("inf"), 0.0, 0.0), "throttle is inf"),
+    ],
+)
+def test_command_ranges(values, mistake):
+    assert mistake in command_mistake(Command(0, 0, 0, *values))
+    assert bool(mistake) == bool(command_mistake(Command(0, 0, 0, *values)))
+
+
+def test_headlight_codes_are_the_originals():
+    codes = {
+        (low, high, parking, fog): headlight_code(low, high, parking, fog)
+        for low in (False, True)
+        for high in (False, True)
+        for parking in (False, True)
+        for fog in (False, True)
+    }
+    assert codes[(False, True, True, False)] == 7  # night: high beam + parking
+    assert codes[(True, False, True, True)] == 10  # night in fog
+    assert codes[(False, False, True, False)] == 3  # day
+    assert codes[(False, False, True, True)] == 9  # day in fog
+    assert set(codes.values()) == set(range(12))

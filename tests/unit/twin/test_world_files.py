@@ -1,0 +1,85 @@
+"""Scene and vehicle files: shipped ones load, mistakes are one clear line."""
+
+import pytest
+
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.scene import load_scene
+from twin.world.street import build_world
+
+
+def one_line(error):
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+def test_shipped_files_load():
+    assert load_scene("downtown").scene == "downtown"
+    vehicle = load_vehicle("opencav")
+    assert (vehicle.wheelbase_m, vehicle.track_m) == (3.09, 1.734)
+    assert vehicle.front_offset_m == pytest.approx(vehicle.length_m - vehicle.rear_overhang_m)
+
+
+@pytest.mark.parametrize("load", [load_scene, load_vehicle])
+def test_unknown_names_list_what_is_shipped(load):
+    with pytest.raises(ValueError, match="not shipped; give one of") as error:
+        load("nowhere")
+    one_line(error)
+    with pytest.raises(ValueError, match="No such file"):
+        load("no/such.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("schema: 1\nscene: a\n", "obstacle: missing"),
+        ("schema: 1\nscene: a\nobstacle: {x_m: 250}\nroads: {}\n", "roads: unknown key"),
+        ("schema: 1\nscene: a\nobstacle: {x_m: far}\n", "obstacle.x_m"),
+        ("schema: 1\nscene: a\nobstacle: {x_m: 10}\n", "200 m of street"),
+        ("schema: 2\nscene: a\nobstacle: {x_m: 250}\n", "schema"),
+        ("schema: [1\n", "scene.yaml:2:1"),
+        (
+            "schema: 1\nscene: a\nobstacle: {x_m: 250}\nbuildings: {height_m: [9, 5]}\n",
+            "smallest 9 above largest 5",
+        ),
+    ],
+)
+def test_mistakes_in_a_scene_file(tmp_path, text, expected):
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError) as error:
+        load_scene(str(path))
+    assert expected in one_line(error)
+    assert "scene.yaml" in str(error.value)
+
+
+def test_mistakes_in_a_vehicle_file(tmp_path):
+    path = tmp_path / "car.yaml"
+    shipped = load_vehicle.__globals__["_MODELS"] / "opencav.yaml"
+    text = shipped.read_text()
+    path.write_text(text.replace("mass_kg: 1850.0", "mass_kg: -1"))
+    with pytest.raises(ValueError, match=r"mass_kg: given -1, allowed: a number > 0"):
+        load_vehicle(str(path))
+    path.write_text(text.replace("length_m: 4.98", "length_m: 3.0"))
+    with pytest.raises(ValueError, match="longer than length_m"):
+        load_vehicle(str(path))
+
+
+def test_the_street_is_what_the_scene_says():
+    scene = load_scene("downtown")
+    world = build_world(scene)
+    mesh = world.mesh
+    assert world.obstacle_rear_m == scene.obstacle.x_m
+    assert world.obstacle_rear_m - 180.0 - 5.0 > scene.road.start_m
+    assert set(mesh.instance.tolist()) == set(range(-1, world.instances))
+    obstacle = mesh.points_m[mesh.faces[mesh.instance == 0]].reshape(-1, 3)
+    body = obstacle[obstacle[:, 2] > 0.1]  # without the shade below the car
+    assert body[:, 0].min() == pytest.approx(scene.obstacle.x_m, abs=0.02)
+    again = build_world(scene)
+    assert again.mesh.points_m.tobytes() == mesh.points_m.tobytes()
+    assert again.colliders.tobytes() == world.colliders.tobytes()
+    # Nothing but the obstacle stands in the ego's lane.
+    lane = 1.0
+    in_lane = abs(world.colliders[:, 1]) - world.colliders[:, 4] < lane
+    before_end = world.colliders[:, 0] < scene.road.end_m
+    assert (in_lane & before_end).sum() == 1

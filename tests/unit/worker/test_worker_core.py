@@ -1,0 +1,269 @@
+"""The worker's decisions: events in, effects out."""
+
+import msgspec
+import pytest
+
+from schemas import SCHEMA_VERSION
+from schemas.campaign import expand, parse_campaign
+from schemas.identity import rig_key
+from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result
+from twin.worker.core import (
+    GOODBYE_TRIES,
+    IDLE_NS,
+    RETRY_NS,
+    SECOND_NS,
+    AbandonToken,
+    Ask,
+    AssignLease,
+    Core,
+    Leave,
+    Say,
+    StartRig,
+    StopRig,
+)
+
+CAMPAIGN, _ = parse_campaign(
+    {"campaign": "c", "deadline_s": 5, "matrix": {"weather": ["clear", "cloudy", "heavy_fog"]}}
+)
+CASES = expand(CAMPAIGN)
+
+
+def hello(slots=2):
+    return Hello(
+        v=SCHEMA_VERSION,
+        worker="w",
+        host="h",
+        pid=1,
+        device_class="cpu",
+        software="s",
+        slots=slots,
+    )
+
+
+def lease(token, case=CASES[0], **changes):
+    return Lease(token=token, attempt=1, out="/out", case=case, **changes)
+
+
+def reply(**changes):
+    return Reply(v=SCHEMA_VERSION, epoch=1, **{"ttl_s": 15.0, "left": 3, **changes})
+
+
+def result(token):
+    return Result("c", CASES[0].id, token, "verdict", "pass", True)
+
+
+def joined(slots=2):
+    """A core that has said hello, and its first NEXT."""
+    core = Core(hello(slots))
+    (ask,) = core.on_time(0)
+    assert isinstance(ask.request, Hello)
+    assert core.on_reply(ask.request, reply(), 0) == []
+    (ask,) = core.on_time(0)
+    assert isinstance(ask.request, Next)
+    return core, ask.request
+
+
+def working(slots=2, tokens=(1, 2)):
+    """A core with a ready rig and leases."""
+    core, request = joined(slots)
+    leases = [lease(t, CASES[i]) for i, t in enumerate(tokens)]
+    effects = core.on_reply(request, reply(seq=1, leases=leases), 0)
+    assert effects == [StartRig(leases[0])]
+    assert core.on_rig_ready() == [AssignLease(each) for each in leases]
+    return core
+
+
+def test_one_request_at_a_time():
+    core, request = joined()
+    assert request.k == 2
+    assert core.on_time(10 * SECOND_NS) == []
+
+
+def test_refused_hello_ends_the_worker():
+    core = Core(hello())
+    (ask,) = core.on_time(0)
+    assert core.on_reply(ask.request, reply(error="wrong version"), 0) == [Leave("wrong version")]
+    assert core.on_time(SECOND_NS) == []
+
+
+def test_an_unanswered_next_is_repeated_unchanged():
+    core, request = joined()
+    core.on_reply(request, None, 0)
+    assert core.on_time(RETRY_NS - 1) == []
+    core.results.append(result(7))
+    (ask,) = core.on_time(RETRY_NS)
+    assert ask.request == request, "same seq, same content"
+    core.on_reply(ask.request, reply(seq=1), RETRY_NS)
+    (ask,) = core.on_time(RETRY_NS + IDLE_NS)
+    assert ask.request.seq == 2
+    assert [r.token for r in ask.request.results] == [7]
+
+
+def test_silence_is_said_once_and_so_is_the_return():
+    core, request = joined()
+    said = []
+    for n in range(4):
+        said += core.on_reply(request, None, n)
+        core.asking = True
+    assert said == [Say("conductor does not answer; cases go on, results wait")]
+    assert Say("conductor is back") in core.on_reply(request, reply(seq=1), 9)
+
+
+def test_result_and_refill_in_one_request():
+    core = working()
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    assert (ask.request.k, ask.request.held) == (1, [2])
+    assert [r.token for r in ask.request.results] == [1]
+    effects = core.on_reply(ask.request, reply(seq=2, leases=[lease(3, CASES[2])]), 6)
+    assert effects == [AssignLease(lease(3, CASES[2]))]
+    assert core.results == []
+
+
+def test_results_finished_meanwhile_are_kept():
+    core = working()
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    core.on_done(result(2), 6)
+    core.on_reply(ask.request, reply(seq=2), 7)
+    assert [r.token for r in core.results] == [2]
+
+
+def test_another_rig_key_restarts_the_rig():
+    core = working(slots=1, tokens=(1,))
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    assert ask.request.rig == rig_key(CASES[0])
+    camera = msgspec.structs.replace(CASES[0].camera, width=320)
+    other = lease(2, msgspec.structs.replace(CASES[0], camera=camera))
+    assert core.on_reply(ask.request, reply(seq=2, leases=[other]), 6) == [
+        StopRig(),
+        StartRig(other),
+    ]
+
+
+def test_alone_means_a_fresh_rig_and_no_neighbours():
+    core = working(slots=2, tokens=(1,))
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    alone = lease(2, alone=True)
+    effects = core.on_reply(ask.request, reply(seq=2, leases=[alone]), 6)
+    assert effects == [StopRig(), StartRig(alone)]
+    assert not any(isinstance(getattr(e, "request", None), Next) for e in core.on_time(7))
+
+
+def test_a_dead_rig_charges_only_a_case_that_was_alone():
+    core = working()
+    core.on_rig_died("crash", "boom", 5)
+    assert [(e.token, e.reason) for e in core.ended] == [(1, "suspect"), (2, "suspect")]
+    core = working(slots=1, tokens=(1,))
+    core.on_rig_died("crash", "boom", 5)
+    assert [(e.token, e.reason, e.detail) for e in core.ended] == [(1, "crash", "boom")]
+
+
+def test_rigs_that_keep_dying_are_slowed_down():
+    core = working(slots=1, tokens=(1,))
+    core.on_rig_died("crash", "boom", 0)
+    assert core.ask_at_ns == 0
+    core.on_rig_died("crash", "boom", 0)
+    second = core.ask_at_ns
+    core.on_rig_died("crash", "boom", 0)
+    assert 0 < second < core.ask_at_ns <= 10 * SECOND_NS
+
+
+@pytest.mark.parametrize(("wait_ns", "stalled"), [(5 * SECOND_NS - 1, False), (5 * SECOND_NS, True)])
+def test_the_deadline_is_exact(wait_ns, stalled):
+    core = working(slots=1, tokens=(1,))
+    core.on_progress([1], [4], 7)
+    effects = core.on_time(7 + wait_ns)
+    assert (StopRig() in effects) is stalled
+    if stalled:
+        assert core.ended[0].reason == "deadline"
+        assert "tick 4" in core.ended[0].detail
+
+
+def test_progress_without_movement_does_not_move_the_deadline():
+    core = working(slots=1, tokens=(1,))
+    core.on_progress([1], [4], 0)
+    core.on_progress([1], [4], 4 * SECOND_NS)
+    assert StopRig() in core.on_time(5 * SECOND_NS)
+
+
+def test_beats_carry_progress():
+    core = working()
+    core.on_progress([1, 2], [10, 20], 5)
+    period_ns = 15 * SECOND_NS // 4
+    assert core.on_time(period_ns - 1) == []
+    (ask,) = core.on_time(period_ns)
+    assert ask.request == Beat(v=SCHEMA_VERSION, worker="w", held={"1": 10, "2": 20})
+    effects = core.on_reply(ask.request, reply(lost=[2]), period_ns)
+    assert effects == [AbandonToken(2)]
+    assert list(core.held) == [1]
+    assert core.on_done(result(2), period_ns + 1) == []
+    assert core.results == [], "a lost token's result is dropped"
+
+
+def test_drain_gives_back_and_leaves():
+    core = working()
+    assert core.on_drain("SIGTERM", 5) == [StopRig()]
+    (ask,) = core.on_time(5)
+    assert ask.request.k == 0
+    assert {e.reason for e in ask.request.ended} == {"released"}
+    core.on_reply(ask.request, reply(seq=2), 6)
+    (ask,) = core.on_time(6)
+    assert isinstance(ask.request, Bye)
+    assert core.on_reply(ask.request, reply(), 7) == [Leave()]
+
+
+def test_drain_without_a_conductor_ends_after_some_tries():
+    core = working()
+    core.on_drain("SIGTERM", 0)
+    now = 0
+    for _ in range(GOODBYE_TRIES):
+        now = max(now, core.ask_at_ns)
+        (ask,) = core.on_time(now)
+        effects = core.on_reply(ask.request, None, now)
+    assert Leave() in effects
+
+
+def test_drain_before_hello_leaves_at_once():
+    core = Core(hello())
+    core.on_time(0)
+    assert core.on_drain("SIGTERM", 1) == [Leave()]
+
+
+def test_leases_granted_while_leaving_are_handed_back():
+    core, request = joined()
+    core.on_drain("SIGTERM", 1)
+    assert core.on_reply(request, reply(seq=1, leases=[lease(9)]), 2) == []
+    assert [(e.token, e.reason) for e in core.ended] == [(9, "released")]
+
+
+def test_until_done_leaves_when_nothing_is_left():
+    core = Core(hello(), until_done=True)
+    (ask,) = core.on_time(0)
+    core.on_reply(ask.request, reply(), 0)
+    (ask,) = core.on_time(0)
+    core.on_reply(ask.request, reply(seq=1, left=0), 1)
+    assert core.phase == "draining"
+
+
+def test_a_forgotten_worker_says_hello_again():
+    core = working()
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    core.on_reply(ask.request, reply(error="unknown worker, say hello"), 6)
+    (ask,) = core.on_time(6 + IDLE_NS)
+    assert isinstance(ask.request, Hello)
+    core.on_reply(ask.request, reply(), 7 + IDLE_NS)
+    (ask,) = core.on_time(7 + IDLE_NS)
+    assert [r.token for r in ask.request.results] == [1], "nothing was lost"
+
+
+def test_noop_cases_end_at_once():
+    core, request = joined()
+    noop = lease(5, msgspec.structs.replace(CASES[0], simulator="noop"))
+    assert core.on_reply(request, reply(seq=1, leases=[noop]), 3) == []
+    (ask,) = core.on_time(3)
+    assert isinstance(ask, Ask)
+    assert [(r.token, r.verdict) for r in ask.request.results] == [(5, "pass")]

@@ -1,0 +1,1 @@
+"""Key performance indicators, row by row, and the verdict of a case."""

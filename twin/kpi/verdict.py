@@ -1,0 +1,100 @@
+"""When a case ends, its scalars, and its verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.campaign import Scenario
+from schemas.kpi import SCALARS
+from twin.kpi.recorder import Recorder
+from twin.vehicle.planar import COLUMN, PHYSICS_STEP_NS
+
+Scalars = dict[str, float | int | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a finished case comes to."""
+
+    verdict: str
+    """``pass``, ``collision`` or ``false_braking``."""
+    passed: bool
+    """No collision; false braking is told apart by ``verdict``."""
+    reasons: list[str]
+    """Short sentences."""
+
+
+def has_ended(scenario: Scenario, sim_time_ns: int, state: np.ndarray) -> bool:
+    """Whether a case ends at this control tick: collision, long enough at rest, or time up."""
+    if state[COLUMN["collisions"]] > 0 or sim_time_ns >= round(scenario.duration_s * 1e9):
+        return True
+    rest_ns = rest_time_ns(state)
+    return rest_ns is not None and sim_time_ns - rest_ns >= round(scenario.standstill_s * 1e9)
+
+
+def rest_time_ns(state: np.ndarray) -> int | None:
+    """When the ego came to the rest it is in; None while it moves or before it has moved [ns]."""
+    step = int(state[COLUMN["rest_step"]])
+    return step * PHYSICS_STEP_NS if step >= 0 else None
+
+
+def scalars(recorder: Recorder, state: np.ndarray) -> Scalars:
+    """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
+    values: Scalars = {column.name: None for column in SCALARS}
+    dtc = recorder.column("dtc_m")
+    values["sim_time_s"] = float(recorder.column("sim_time_ns")[-1] / 1e9)
+    values["ticks"] = int(recorder.column("tick")[-1])
+    values["dtc_min_m"] = float(dtc.min())
+    values["dtc_end_m"] = float(dtc[-1])
+    triggered = np.flatnonzero(recorder.column("aeb") & recorder.valid("aeb"))
+    if len(triggered):
+        first = int(triggered[0])
+        values["aeb_time_s"] = float(recorder.column("sim_time_ns")[first] / 1e9)
+        values["aeb_dtc_m"] = float(dtc[first])
+        if recorder.valid("ttc_s")[first]:
+            values["aeb_ttc_s"] = float(recorder.column("ttc_s")[first])
+    if state[COLUMN["collisions"]] > 0:
+        values["impact_speed_mps"] = float(state[COLUMN["impact_speed_mps"]])
+    values["decel_peak_mps2"] = float(max(0.0, -recorder.column("accel_mps2").min()))
+    # The last row of a collision shows the ego stopped; its impact may be the fastest moment.
+    fastest = max(recorder.column("speed_mps").max(), state[COLUMN["impact_speed_mps"]])
+    values["speed_max_mps"] = float(fastest)
+    values["collisions"] = int(state[COLUMN["collisions"]])
+    return values
+
+
+def judge(scenario: Scenario, recorder: Recorder, state: np.ndarray) -> Verdict:
+    """The verdict of an ended case.
+
+    A collision fails. Any rest (standing still after having moved, at a control tick) further than
+    ``false_braking_m`` from the obstacle is false braking, even if the ego drove on later; so is
+    never having moved when time is up. Everything else passes, with a reason that says whether the
+    ego stopped or time ran out.
+    """
+    if state[COLUMN["collisions"]] > 0:
+        speed = state[COLUMN["impact_speed_mps"]]
+        at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9
+        return Verdict("collision", False, [f"collision at {speed:.2f} m/s after {at:.3f} s"])
+    dtc = recorder.column("dtc_m")
+    speed = recorder.column("speed_mps")
+    limit = scenario.false_braking_m
+    moving = np.flatnonzero(speed > 0.0)
+    if not len(moving) and state[COLUMN["moved"]] == 0:
+        reasons = [f"the ego never moved, {dtc[-1]:.2f} m from the obstacle"]
+        return Verdict("false_braking" if dtc[-1] > limit else "pass", True, reasons)
+    first = int(moving[0]) if len(moving) else 0
+    far = first + np.flatnonzero((speed[first:] == 0.0) & (dtc[first:] > limit))
+    if len(far):
+        reasons = [
+            f"came to rest {dtc[far[0]]:.2f} m from the obstacle; further than {limit:g} m is "
+            "false braking"
+        ]
+        return Verdict("false_braking", True, reasons)
+    if speed[-1] == 0.0:
+        return Verdict("pass", True, [f"came to rest {dtc[-1]:.2f} m from the obstacle"])
+    reason = (
+        f"time is up at {speed[-1]:.2f} m/s, {dtc[-1]:.2f} m from the obstacle, without a collision"
+    )
+    return Verdict("pass", True, [reason])

@@ -1,0 +1,190 @@
+"""Procedural surfaces: reflectance, own light and shine of the point a ray has hit."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.render.light import SlotLight
+from twin.render.noise import lattice, value_noise
+from twin.world import materials
+
+_PLAIN = wp.constant(materials.PLAIN)
+_ASPHALT = wp.constant(materials.ASPHALT)
+_PAVING = wp.constant(materials.PAVING)
+_LAST_GROUND = wp.constant(materials.PAINT)
+_FACADE = wp.constant(materials.FACADE)
+_SHOPFRONT = wp.constant(materials.SHOPFRONT)
+_FOLIAGE = wp.constant(materials.FOLIAGE)
+_CAR_PAINT = wp.constant(materials.CAR_PAINT)
+_GLASS = wp.constant(materials.GLASS)
+_STREET_LAMP = wp.constant(materials.STREET_LAMP)
+_HAZARD = wp.constant(materials.HAZARD)
+_REFLECTOR = wp.constant(materials.REFLECTOR)
+
+_PANE = wp.constant(wp.vec3(0.025, 0.03, 0.035))
+_SNOW = wp.constant(wp.vec3(0.80, 0.83, 0.88))
+_LAMP = wp.constant(wp.vec3(1.0, 0.80, 0.52))
+_ROOM = wp.constant(wp.vec3(1.0, 0.72, 0.40))
+
+
+@wp.struct
+class Surface:
+    """A point of a surface."""
+
+    albedo: wp.vec3
+    """Diffuse reflectance, linear RGB [-]."""
+    emission: wp.vec3
+    """Own luminance [cd/m^2]."""
+    mirror: wp.float32
+    """Reflectance of the mirror part at normal incidence [-]; 0: none."""
+    ruffle: wp.vec3
+    """Added to the normal of leaves [-]."""
+    retro: wp.float32
+    """Gain of light returned to the ego's headlamps, relative to a matt surface [-]."""
+
+
+@wp.struct
+class Face:
+    """Constant data of one triangle."""
+
+    material: wp.int32
+    tag: wp.int32
+    instance: wp.int32
+    color: wp.vec3
+
+
+@wp.func
+def _facade(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
+    """A grid of windows; ``u`` runs along the wall and ``z`` up [m]."""
+    pitch = 2.3 + 1.5 * lattice(tag, 1, 0)
+    storey = 3.1 + 0.5 * lattice(tag, 2, 0)
+    broad = 0.42 + 0.26 * lattice(tag, 3, 0)
+    column = wp.floor(u / pitch)
+    row = wp.floor((z - 4.2) / storey)
+    a = u / pitch - column
+    b = (z - 4.2) / storey - row
+    inside_a = wp.abs(a - 0.5) - 0.5 * broad
+    inside_b = wp.abs(b - 0.52) - 0.29
+    if inside_a < 0.0 and inside_b < 0.0:
+        frame = inside_a > -0.025 or inside_b > -0.025 or wp.abs(a - 0.5) < 0.014
+        i = wp.int32(column)
+        j = wp.int32(row)
+        dice = lattice(tag + i, j, 7)
+        if frame:
+            s.albedo = wp.vec3(0.45, 0.44, 0.42)
+        else:
+            curtain = wp.where(dice > 0.6, 0.18 * lattice(tag + i, j, 9), 0.0)
+            s.albedo = _PANE + wp.vec3(curtain, curtain, 0.9 * curtain)
+            s.mirror = 0.10
+            if light.lamps_on > 0.0 and dice < 0.22:
+                s.emission = _ROOM * (4.0 + 12.0 * lattice(tag + i, j, 8)) * (0.6 + 0.5 * b)
+    elif inside_a < 0.03 and b < 0.23 and b > 0.19:
+        s.albedo = wp.vec3(0.42, 0.41, 0.39)  # window sill
+    else:
+        grain = 0.9 + 0.2 * lattice(wp.int32(wp.floor(u * 4.0)), wp.int32(wp.floor(z * 12.0)), tag)
+        s.albedo = s.albedo * grain
+    return s
+
+
+@wp.func
+def _shopfront(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
+    pitch = 3.4 + 1.6 * lattice(tag, 4, 0)
+    column = wp.floor(u / pitch)
+    a = wp.abs(u / pitch - column - 0.5)
+    i = wp.int32(column)
+    dice = lattice(tag + i, 5, 3)
+    if z > 3.15 and z < 3.85 and a < 0.47:  # sign board
+        s.albedo = wp.vec3(0.12 + 0.5 * dice, 0.14 + 0.3 * lattice(tag, i, 4), 0.30 - 0.2 * dice)
+        if light.lamps_on > 0.0 and dice > 0.5:
+            s.emission = s.albedo * 20.0
+    elif z > 0.6 and z < 2.95 and a < 0.43:
+        if a > 0.415 or z > 2.88 or wp.abs(z - 2.35) < 0.04:
+            s.albedo = wp.vec3(0.10, 0.10, 0.10)
+        else:
+            s.albedo = _PANE * 1.5
+            s.mirror = 0.10
+            if light.lamps_on > 0.0 and dice < 0.45:
+                s.emission = _ROOM * (7.0 + 10.0 * dice)
+    return s
+
+
+@wp.func
+def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, light: SlotLight):
+    """Road, paving and paint: texture, water, snow."""
+    patch = value_noise(p[0] * 0.22, p[1] * 0.9, 5)
+    if material == _PAVING:
+        joint = wp.abs(p[0] - wp.floor(p[0]) - 0.5) > 0.485
+        joint = joint or wp.abs(p[1] - wp.floor(p[1]) - 0.5) > 0.485
+        slab = lattice(wp.int32(wp.floor(p[0])), wp.int32(wp.floor(p[1])), 6)
+        s.albedo = s.albedo * (0.85 + 0.25 * slab)
+        if joint and distance < 45.0:
+            s.albedo = s.albedo * 0.65
+    elif material == _ASPHALT:
+        grain = lattice(wp.int32(wp.floor(p[0] * 14.0)), wp.int32(wp.floor(p[1] * 14.0)), 2)
+        keep = 1.0 / (1.0 + 0.004 * distance * distance)  # grain averages out far away
+        s.albedo = s.albedo * (0.78 + 0.4 * patch + (grain - 0.5) * 0.35 * keep)
+    else:
+        s.albedo = s.albedo * (0.82 + 0.18 * patch)
+    if light.wetness > 0.0:
+        # Water darkens porous ground and turns it into a mirror at grazing angles.
+        s.albedo = s.albedo * (1.0 - 0.45 * light.wetness)
+        if light.wetness > 0.5:
+            puddle = wp.clamp((patch - 0.35) * 3.0, 0.0, 1.0)
+            s.mirror = 0.02 * light.wetness * (0.35 + 0.65 * puddle)
+    if light.snow_cover > 0.0:
+        # Tyre tracks stay darker: two bands around each lane's centre.
+        track = wp.float32(1.0)
+        if material != _PAVING:
+            in_lane = p[1] - 3.5 * wp.floor((p[1] + 1.75) / 3.5)
+            band = wp.abs(wp.abs(in_lane) - 0.8)
+            track = wp.clamp(0.45 + 0.9 * band, 0.0, 1.0)
+        rough = value_noise(p[0] * 1.3, p[1] * 3.1, 8)
+        share = wp.clamp(light.snow_cover * track * 1.5 + (rough - 0.62) * 0.6, 0.0, 0.97)
+        s.albedo = s.albedo * (1.0 - share) + _SNOW * share
+        s.mirror = s.mirror * (1.0 - share)
+    return s
+
+
+@wp.func
+def surface_at(
+    face: Face, p: wp.vec3, normal: wp.vec3, distance: wp.float32, light: SlotLight
+) -> Surface:
+    """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m]."""
+    s = Surface()
+    s.albedo = face.color
+    s.retro = 1.0
+    m = face.material
+    if m <= _LAST_GROUND and m != _PLAIN:
+        return _ground(s, m, p, distance, light)
+    wall = m == _FACADE
+    wall = wall or m == _SHOPFRONT
+    if wall:
+        u = p[0]
+        if wp.abs(normal[0]) > 0.7:
+            u = p[1] + 0.7
+        if m == _FACADE:
+            s = _facade(s, face.tag, u, p[2], light)
+        else:
+            s = _shopfront(s, face.tag, u, p[2], light)
+    elif m == _FOLIAGE:
+        i = wp.int32(wp.floor(p[0] * 7.0 + p[2] * 3.0))
+        j = wp.int32(wp.floor(p[1] * 7.0 - p[2] * 5.0))
+        leaf = lattice(i, j, 3)
+        s.albedo = s.albedo * (0.5 + 1.1 * leaf)
+        s.ruffle = wp.vec3(leaf - 0.5, lattice(i, j, 4) - 0.5, lattice(i, j, 5) - 0.4) * 1.5
+    elif m == _CAR_PAINT:
+        s.mirror = 0.05
+    elif m == _GLASS:
+        s.mirror = 0.06
+    elif m == _STREET_LAMP:
+        s.emission = _LAMP * (light.lamps_on * 350.0)
+    elif m == _HAZARD:
+        s.retro = 2.0
+        s.emission = wp.vec3(260.0, 110.0, 9.0) * light.hazard
+    elif m == _REFLECTOR:
+        s.retro = 4.0
+    if light.snow_cover > 0.0 and normal[2] > 0.5 and m != _GLASS:
+        share = light.snow_cover * wp.min(1.0, (normal[2] - 0.5) * 4.0)
+        s.albedo = s.albedo * (1.0 - share) + _SNOW * share
+        s.mirror = s.mirror * (1.0 - share)
+    return s

@@ -1,0 +1,32 @@
+"""From linear signal to 8-bit sRGB, through a table: the same bytes on every device."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+TABLE_LEN = 8192
+"""Entries of the tone table."""
+_TABLE_TOP = wp.constant(float(TABLE_LEN - 1))
+
+
+def tone_table() -> np.ndarray:
+    """uint8 [TABLE_LEN]: the sRGB value of signal x stands at index x / (1 + x) (TABLE_LEN - 1).
+
+    The curve keeps darks linear and rolls highlights off (Reinhard, extended, white at 6), then the
+    sRGB transfer function of IEC 61966-2-1.
+    """
+    u = np.minimum(np.arange(TABLE_LEN) / (TABLE_LEN - 1), 1.0 - 1e-9)
+    x = u / (1.0 - u)
+    white = 6.0
+    linear = np.clip(x * (1.0 + x / white**2) / (1.0 + x), 0.0, 1.0)
+    low = 12.92 * linear
+    high = 1.055 * np.power(linear, 1.0 / 2.4) - 0.055
+    return np.round(255.0 * np.where(linear <= 0.0031308, low, high)).astype(np.uint8)
+
+
+@wp.func
+def tone(signal: wp.float32, table: wp.array(dtype=wp.uint8)) -> wp.uint8:
+    """8-bit sRGB of a linear signal."""
+    x = wp.max(signal, 0.0)
+    return table[wp.int32(x / (1.0 + x) * _TABLE_TOP + 0.5)]

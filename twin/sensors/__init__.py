@@ -1,0 +1,1 @@
+"""Sensors: what the stack gets besides images."""

@@ -1,0 +1,1 @@
+"""Vehicles: their files, hulls and dynamics."""

@@ -1,0 +1,1 @@
+"""The world: weather, sun, streets and the meshes they are made of."""

@@ -1,0 +1,171 @@
+"""Triangle meshes with a material, colour, tag and instance for every face."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+Color = tuple[float, float, float]
+"""Linear RGB reflectance [-]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """Arrays of a finished mesh: V vertices, F faces."""
+
+    points_m: np.ndarray
+    """float32 [V, 3]"""
+    faces: np.ndarray
+    """int32 [F, 3]"""
+    material: np.ndarray
+    """int32 [F], see :mod:`twin.world.materials`"""
+    color: np.ndarray
+    """float32 [F, 3], linear RGB"""
+    tag: np.ndarray
+    """int32 [F], the seed of procedural surfaces"""
+    instance: np.ndarray
+    """int32 [F], object the face belongs to; -1 for none"""
+
+
+class MeshBuilder:
+    """Collects faces; ``place`` moves everything that is added inside its block."""
+
+    def __init__(self) -> None:
+        self._points: list[np.ndarray] = []
+        self._faces: list[np.ndarray] = []
+        self._rows: list[tuple[int, int, Color, int, int]] = []
+        self._count = 0
+        self._yaw = 0.0
+        self._offset = np.zeros(3)
+        self._instance = -1
+
+    @contextmanager
+    def place(
+        self, x_m: float, y_m: float, yaw_rad: float = 0.0, instance: int = -1
+    ) -> Iterator[None]:
+        """Move and turn what is added inside the block, and give it an instance."""
+        before = (self._yaw, self._offset, self._instance)
+        self._yaw, self._offset, self._instance = yaw_rad, np.array([x_m, y_m, 0.0]), instance
+        try:
+            yield
+        finally:
+            self._yaw, self._offset, self._instance = before
+
+    def add(
+        self, points: np.ndarray, faces: np.ndarray, material: int, color: Color, tag: int = 0
+    ) -> None:
+        """Add ``faces`` [f, 3] over ``points`` [v, 3] with one material and colour."""
+        points = np.asarray(points, float)
+        cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
+        moved = points.copy()
+        moved[:, 0] = cosine * points[:, 0] - sine * points[:, 1]
+        moved[:, 1] = sine * points[:, 0] + cosine * points[:, 1]
+        self._points.append(moved + self._offset)
+        faces = np.asarray(faces, np.int32)
+        self._faces.append(faces + self._count)
+        self._count += len(points)
+        self._rows.append((len(faces), material, color, tag, self._instance))
+
+    def quad(
+        self, corners: Sequence[Sequence[float]], material: int, color: Color, tag: int = 0
+    ) -> None:
+        """A flat quadrilateral; corners counterclockwise seen from its front."""
+        self.add(np.asarray(corners, float), np.array([[0, 1, 2], [0, 2, 3]]), material, color, tag)
+
+    def floor(
+        self,
+        x_m: tuple[float, float],
+        y_m: tuple[float, float],
+        z_m: float,
+        material: int,
+        color: Color,
+        pitch_m: float = 12.0,
+    ) -> None:
+        """A level rectangle cut into pieces of at most ``pitch_m``: long faces spoil a BVH."""
+        columns = max(1, math.ceil((x_m[1] - x_m[0]) / pitch_m))
+        rows = max(1, math.ceil((y_m[1] - y_m[0]) / pitch_m))
+        xs = np.linspace(*x_m, columns + 1)
+        ys = np.linspace(*y_m, rows + 1)
+        points = np.stack(
+            [*np.meshgrid(xs, ys, indexing="ij"), np.full((len(xs), len(ys)), z_m)], -1
+        )
+        i, j = (a.ravel() for a in np.meshgrid(range(columns), range(rows), indexing="ij"))
+        a, b = i * (rows + 1) + j, (i + 1) * (rows + 1) + j
+        faces = np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)])
+        self.add(points.reshape(-1, 3), faces, material, color)
+
+    def box(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        material: int,
+        color: Color,
+        tag: int = 0,
+        top: tuple[int, Color] | None = None,
+    ) -> None:
+        """An upright box without a bottom; ``top`` may have its own material and colour."""
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        self.quad([(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)], material, color, tag)
+        self.quad([(x1, y1, z0), (x0, y1, z0), (x0, y1, z1), (x1, y1, z1)], material, color, tag)
+        self.quad([(x0, y1, z0), (x0, y0, z0), (x0, y0, z1), (x0, y1, z1)], material, color, tag)
+        self.quad([(x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1)], material, color, tag)
+        lid = top or (material, color)
+        self.quad([(x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1)], *lid, tag)
+
+    def tube(
+        self,
+        start: Sequence[float],
+        end: Sequence[float],
+        radius_m: tuple[float, float],
+        sides: int,
+        material: int,
+        color: Color,
+    ) -> None:
+        """A tapering tube from ``start`` to ``end``."""
+        a, b = np.asarray(start, float), np.asarray(end, float)
+        axis = (b - a) / np.linalg.norm(b - a)
+        side = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
+        side /= np.linalg.norm(side)
+        up = np.cross(axis, side)
+        angle = 2.0 * np.pi * np.arange(sides) / sides
+        ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
+        points = np.concatenate([a + radius_m[0] * ring, b + radius_m[1] * ring])
+        i = np.arange(sides)
+        j = (i + 1) % sides
+        faces = [np.stack([i, j, j + sides], 1), np.stack([i, j + sides, i + sides], 1)]
+        self.add(points, np.concatenate(faces), material, color)
+
+    def disc(
+        self,
+        centre: Sequence[float],
+        radius_m: float,
+        sign: float,
+        sides: int,
+        material: int,
+        color: Color,
+    ) -> None:
+        """An upright disc that faces +y (``sign`` 1) or -y (``sign`` -1)."""
+        angle = 2.0 * np.pi * np.arange(sides) / sides
+        ring = np.stack([np.sin(angle) * sign, np.zeros(sides), np.cos(angle)], 1) * radius_m
+        fan = np.array([(0, i, i + 1) for i in range(1, sides - 1)])
+        self.add(np.asarray(centre, float) + ring, fan, material, color)
+
+    def build(self) -> Mesh:
+        """The finished mesh."""
+        counts = [row[0] for row in self._rows]
+
+        def spread(column: int, dtype: type) -> np.ndarray:
+            return np.repeat(np.array([r[column] for r in self._rows], dtype), counts, axis=0)
+
+        return Mesh(
+            points_m=np.concatenate(self._points).astype(np.float32),
+            faces=np.concatenate(self._faces).astype(np.int32),
+            material=spread(1, np.int32),
+            color=spread(2, np.float32),
+            tag=spread(3, np.int32),
+            instance=spread(4, np.int32),
+        )

@@ -1,0 +1,39 @@
+"""An array that lives on the host and on the device: one buffer on the CPU, two on a GPU."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+class Mirror:
+    """A NumPy array ``host`` and its Warp twin ``device``; allocated once.
+
+    On the CPU both are the same memory and moving data costs nothing.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> None:
+        """``dtype`` is a Warp scalar type or Warp struct; the array starts as zeros."""
+        is_struct = hasattr(dtype, "numpy_dtype")
+        numpy_type = dtype.numpy_dtype() if is_struct else wp.dtype_to_numpy(dtype)
+        self.host: np.ndarray = np.zeros(shape, numpy_type)
+        self._shared = device.is_cpu
+        if self._shared:
+            self.device = wp.array(
+                ptr=self.host.ctypes.data, shape=shape, dtype=dtype, device=device, copy=False
+            )
+        else:
+            self.device = wp.zeros(shape, dtype=dtype, device=device)
+
+    def push(self) -> None:
+        """Host -> device."""
+        if not self._shared:
+            self.device.assign(self.host)
+
+    def pull(self) -> np.ndarray:
+        """Device -> host; returns the host array."""
+        if not self._shared:
+            self.host[...] = self.device.numpy()
+        return self.host

@@ -1,0 +1,133 @@
+"""Scene files: what a street is made of, as people write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from msgspec import Meta, Struct, field
+
+from schemas.validation import convert_all
+from schemas.yaml_file import load_yaml
+
+_SCENES = Path(__file__).parent / "scenes"
+
+T = TypeVar("T")
+
+Length = Annotated[float, Meta(gt=0, le=2000)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Position = Annotated[float, Meta(ge=-2000, le=2000)]
+Range = Annotated[list[Length], Meta(min_length=2, max_length=2)]
+
+
+class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of scene types: frozen, unknown keys are errors."""
+
+
+class Road(_Spec):
+    """A straight street along +x; the ego's lane is centred on y = 0, oncoming traffic is left."""
+
+    start_m: Position = -70.0
+    """Where the street begins, world x [m]."""
+    end_m: Position = 340.0
+    """Where a building closes the street, world x [m]."""
+    lane_width_m: Length = 3.5
+    parking_width_m: Length = 2.2
+    """Strip for parked cars on either side [m]."""
+    sidewalk_width_m: Length = 4.2
+    kerb_height_m: Annotated[float, Meta(ge=0, le=0.5)] = 0.14
+    cross_streets_m: list[Position] = []
+    """Centres of side streets, world x [m]; each has zebra crossings before and behind."""
+    cross_street_width_m: Length = 11.0
+
+
+class Buildings(_Spec):
+    """Rows of buildings behind the sidewalks."""
+
+    width_m: Range = field(default_factory=lambda: [11.0, 24.0])
+    """Smallest and largest width along the street [m]."""
+    height_m: Range = field(default_factory=lambda: [9.0, 30.0])
+    """Smallest and largest height [m]."""
+    depth_m: Length = 14.0
+
+
+class Furniture(_Spec):
+    """What stands on the sidewalks and at the kerbs."""
+
+    tree_spacing_m: Length = 17.0
+    lamp_spacing_m: Length = 26.0
+    lamp_height_m: Length = 7.5
+    lamp_intensity_cd: Annotated[float, Meta(ge=0, le=100_000)] = 500.0
+    """Luminous intensity of one street lamp [cd]."""
+    parked_cars: Share = 0.5
+    """Share of the parking places that are taken [-]."""
+
+
+class Obstacle(_Spec):
+    """The broken-down car in the ego's lane, standing along the street."""
+
+    x_m: Position
+    """Its rear bumper, world x [m]."""
+    y_m: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
+    """Offset from the lane's centre [m]."""
+    color: Annotated[list[Share], Meta(min_length=3, max_length=3)] = field(
+        default_factory=lambda: [0.5, 0.05, 0.04]
+    )
+    """Linear RGB reflectance [-]."""
+    hazard_lights: bool = False
+    """Its hazard lamps blink; false: its battery is dead."""
+
+
+class Scene(_Spec, kw_only=True):
+    """One scene file."""
+
+    schema: Literal[1] = 1
+    scene: str
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    """Seed of the generated street; has nothing to do with a case's seed."""
+    obstacle: Obstacle
+    road: Road = Road()
+    buildings: Buildings = Buildings()
+    furniture: Furniture = Furniture()
+
+    def __post_init__(self) -> None:
+        road = self.road
+        if not road.start_m + 200.0 <= self.obstacle.x_m <= road.end_m - 65.0:
+            raise ValueError(
+                f"obstacle.x_m {self.obstacle.x_m:g} must leave 200 m of street before it and 65 m "
+                f"behind (road.start_m {road.start_m:g}, road.end_m {road.end_m:g})"
+            )
+        for name in ("width_m", "height_m"):
+            low, high = getattr(self.buildings, name)
+            if low > high:
+                raise ValueError(f"buildings.{name}: smallest {low:g} above largest {high:g}")
+
+
+def load_scene(name_or_path: str) -> Scene:
+    """Load a shipped scene by name, or a scene file by path.
+
+    Raises:
+        ValueError: no such scene, or a mistake in its file; one line.
+    """
+    return load_named(name_or_path, Scene, _SCENES, "scene")
+
+
+def load_named(name_or_path: str, type_: type[T], folder: Path, noun: str) -> T:
+    """Load a YAML file of ``type_`` from ``folder`` by name, or from anywhere by path.
+
+    Raises:
+        ValueError: not found, not YAML or a mistake in it; one line that names the place.
+    """
+    path = folder / f"{name_or_path}.yaml"
+    if "/" in name_or_path or name_or_path.endswith((".yaml", ".yml")):
+        path = Path(name_or_path)
+    elif not path.is_file():
+        shipped = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
+        raise ValueError(
+            f"{noun} '{name_or_path}': not shipped; give one of {shipped}, or the path of a file"
+        )
+    value, mistakes = convert_all(load_yaml(path), type_)
+    if value is None:
+        more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
+        raise ValueError(mistakes[0].line(str(path)) + more)
+    return value
