@@ -1,6 +1,1 @@
-"""Fixtures of all tests."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent / "e2e"))
+"""Being here puts ``tests/`` on the import path, for the modules that tests share."""

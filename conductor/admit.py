@@ -1,0 +1,47 @@
+"""Whether a submitted campaign is accepted."""
+
+from __future__ import annotations
+
+import msgspec
+
+from conductor.facts import Submitted
+from conductor.state import State
+from schemas.campaign import expand, parse_campaign
+from schemas.identity import campaign_digest
+from schemas.messages import Submit
+
+
+def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
+    """Check a submission.
+
+    Returns:
+        The fact and no errors; or None and no errors: the campaign is known, this is a resume; or
+        None and the errors, one line each.
+    """
+    given = str(request.campaign.get("campaign", "campaign"))[:80]
+    campaign, mistakes = parse_campaign(request.campaign)
+    if campaign is None:
+        return None, [mistake.line(given) for mistake in mistakes]
+    cases = expand(campaign)
+    name = campaign.campaign
+    digest = campaign_digest(campaign, cases)
+    known = state.campaigns.get(name)
+    if known is not None and known.digest == digest:
+        return None, []
+    if known is not None:
+        return None, [
+            f"{name}: {known.out} holds a campaign of this name with other cases (digest "
+            f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
+        ]
+    out = request.out or f"{state.config.folder}/{name}"
+    if not out.startswith("/"):
+        return None, [f"{name}: out folder '{out}': give an absolute path"]
+    for other in state.campaigns.values():
+        if other.out == out:
+            return None, [
+                f"{name}: {out} holds campaign '{other.campaign.campaign}'; "
+                "give it another out folder"
+            ]
+    plain = msgspec.to_builtins(campaign)
+    fact = Submitted(campaign=plain, cases=cases, digest=digest, out=out, software=request.software)
+    return fact, []

@@ -1,0 +1,206 @@
+"""The ``conductor`` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.fabric.cli import make_app, run
+from twin.fabric.errors import EXIT_USAGE, UsageError
+
+
+class Output(StrEnum):
+    """Format of results on standard output."""
+
+    human = "human"
+    json = "json"
+
+
+app = make_app(
+    "conductor",
+    "Runs campaigns of test cases. `conductor run aeb-demo` does it all on this machine; "
+    "`conductor serve`, `conductor submit` and `twin worker` do it by hand, on many.",
+)
+
+Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
+OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
+Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
+Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")]
+State = Annotated[
+    Path | None, typer.Option(help="Or: the conductor's state folder (holds conductor.json).")
+]
+Listen = Annotated[
+    str, typer.Option(help="Where to listen; port 0 takes a free one. Loopback unless asked.")
+]
+Namespace = Annotated[str, typer.Option(help="Prefix of every key of this fabric.")]
+ByBatch = Annotated[
+    bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
+]
+
+
+@app.command("run")
+def run_command(
+    campaign: Source,
+    out: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default runs/CAMPAIGN. Run again: resume.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Local workers; default: one per core, at most 8.")
+    ] = None,
+    slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases together per worker.")] = 1,
+    device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
+    seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+    by_batch: ByBatch = False,
+    listen: Listen = "tcp/127.0.0.1:0",
+    output: OutputOption = Output.human,
+) -> None:
+    """Serve, start local workers, wait, report: a whole campaign with one command.
+
+    The same command again resumes where it stopped. With --workers 0 only workers that you start
+    yourself (`twin worker --state OUT`) do the work.
+    """
+    from conductor.run import RunOptions, run_campaign
+    from conductor.source import load
+
+    loaded = load(campaign, seed=seed)
+    options = RunOptions(
+        out=out or Path("runs") / loaded.campaign,
+        workers=workers,
+        slots=slots,
+        device=device,
+        by_batch=by_batch,
+        listen=listen,
+        json=output is Output.json,
+    )
+    raise typer.Exit(run_campaign(loaded, options))
+
+
+@app.command()
+def serve(
+    state: Annotated[Path, typer.Option(help="State folder; one conductor each.")] = Path("runs"),
+    listen: Listen = "tcp/127.0.0.1:0",
+    namespace: Namespace = "twin",
+    by_batch: ByBatch = False,
+) -> None:
+    """Serve a state folder until stopped; started again, it goes on where it was."""
+    from conductor.serve import serve_folder
+
+    raise typer.Exit(serve_folder(state, listen, namespace, by_batch=by_batch))
+
+
+@app.command()
+def submit(
+    campaign: Source,
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    out: Annotated[Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+) -> None:
+    """Submit a campaign to a conductor that serves."""
+    from conductor.client import Client
+    from conductor.source import load
+
+    loaded = load(campaign, seed=seed)
+    with Client(connect, state, namespace) as client:
+        folder = client.submit(loaded, str(out.absolute()) if out else "")
+    print(f"submitted {loaded.campaign}: results in {folder}")
+
+
+@app.command()
+def status(
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    output: OutputOption = Output.human,
+) -> None:
+    """Show campaigns and workers of a conductor that serves."""
+    from conductor.client import Client
+    from conductor.tables import status_tables
+
+    with Client(connect, state, namespace) as client:
+        found = client.status()
+    if output is Output.json:
+        print(json.dumps(found))
+    else:
+        status_tables(found)
+
+
+@app.command()
+def stop(connect: Connect = "", state: State = None, namespace: Namespace = "twin") -> None:
+    """Drain a conductor: workers give their cases back and leave, then it ends."""
+    from conductor.client import Client
+
+    with Client(connect, state, namespace) as client:
+        client.stop()
+    print("draining; run `conductor serve` again to go on")
+
+
+@app.command()
+def validate(
+    campaign: Source,
+    output: OutputOption = Output.human,
+) -> None:
+    """Check a campaign file and explain every mistake in one line; lists its cases."""
+    from conductor.source import load
+    from schemas.campaign import expand
+
+    try:
+        loaded = load(campaign)
+    except UsageError as error:
+        if output is Output.json:
+            print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))
+            raise typer.Exit(EXIT_USAGE) from None
+        raise
+    cases = expand(loaded)
+    if output is Output.json:
+        print(json.dumps({"valid": True, "mistakes": [], "cases": [case.id for case in cases]}))
+        return
+    print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
+
+
+@app.command()
+def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
+    """Print the SHA-256 over all KPI values of a finished campaign."""
+    from conductor.fingerprint import fingerprint as compute
+
+    found = compute(folder)
+    if output is Output.json:
+        print(json.dumps({"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}))
+    else:
+        print(f"{found.sha256}{' mixed' if found.mixed else ''}")
+
+
+@app.command()
+def report(folder: Folder, output: OutputOption = Output.human) -> None:
+    """Write summary.parquet and report.html of a campaign folder."""
+    from conductor.report import report_json, write_report
+
+    page = write_report(folder)
+    if output is Output.json:
+        print(json.dumps(report_json(folder)))
+    else:
+        print(page)
+
+
+@app.command("campaigns")
+def campaigns_command() -> None:
+    """List the shipped campaigns."""
+    from conductor.source import load, shipped
+    from schemas.campaign import expand
+
+    for name in shipped():
+        loaded = load(name)
+        print(f"{name:12} {len(expand(loaded)):5} cases  {loaded.description}")
+
+
+def main() -> None:
+    """Entry point."""
+    # Progress goes to stderr; results alone go to stdout, also when it is a pipe.
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    run(app, "conductor")

@@ -1,0 +1,78 @@
+"""A client of a conductor that serves: submit, status, stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.campaign import Campaign
+from schemas.messages import Reply, Request, StatusRequest, Stop, Submit
+from schemas.wire import decode, encode
+from twin.fabric.discovery import find_conductor
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.software import software_digest
+from twin.fabric.zenoh_bus import open_bus
+
+CONNECT_TIMEOUT_S = 5.0
+TRIES = 3
+"""Requests are idempotent: an unanswered one is sent again."""
+
+
+class Client:
+    """Talks to the conductor at ``connect``, or to the one that serves ``state``."""
+
+    def __init__(self, connect: str, state: Path | None, namespace: str) -> None:
+        if not connect:
+            if state is None:
+                raise UsageError(
+                    "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER"
+                )
+            found = find_conductor(state)
+            connect, namespace = found.endpoint, found.namespace
+        self._where = connect
+        self._bus = open_bus(
+            "client", connect=[connect], namespace=namespace, connect_timeout_s=CONNECT_TIMEOUT_S
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bus.close()
+
+    def submit(self, campaign: Campaign, out: str) -> str:
+        """Submit; returns the campaign folder, as the conductor sees it."""
+        data = msgspec.to_builtins(campaign)
+        request = Submit(v=SCHEMA_VERSION, campaign=data, software=software_digest(), out=out)
+        self._ask(request, timeout_s=30.0)
+        return str(self.status()["campaigns"][campaign.campaign]["out"])
+
+    def status(self) -> dict[str, Any]:
+        """The conductor's state."""
+        return self._ask(StatusRequest(v=SCHEMA_VERSION)).status
+
+    def stop(self) -> None:
+        """Drain."""
+        self._ask(Stop(v=SCHEMA_VERSION))
+
+    def _ask(self, request: Request, timeout_s: float = 5.0) -> Reply:
+        for _ in range(TRIES):
+            data = self._bus.request(topics.RPC.key, encode(request), timeout_s)
+            if data is None:
+                continue
+            reply: Reply = decode(data, Reply)
+            if reply.error:
+                raise UsageError(reply.error)
+            return reply
+        raise InfrastructureError(
+            f"{self._where}: no conductor answers; check the address and --namespace"
+        )

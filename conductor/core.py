@@ -1,0 +1,264 @@
+"""The conductor's decisions. No clock, no I/O, no threads: requests in, facts and a reply out.
+
+``decide`` applies each fact to the state it is given as soon as it is made, so that later rules of
+the same request see it; the caller commits the facts before it lets the reply out, and folds the
+journal anew if the commit fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from conductor.admit import admit
+from conductor.facts import (
+    Draining,
+    EpochRaised,
+    Fact,
+    Leased,
+    Pinned,
+    Replied,
+    Shortened,
+    WorkerJoined,
+    WorkerLeft,
+)
+from conductor.grant import choose, mismatches
+from conductor.lease import lost, own, seen, token_of
+from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, expire
+from conductor.state import CampaignState, CaseState, LiveLease, State
+from conductor.status import status
+from conductor.turn import Turn
+from schemas import SCHEMA_VERSION
+from schemas.messages import (
+    Beat,
+    Bye,
+    Hello,
+    Lease,
+    Next,
+    Reply,
+    Request,
+    StatusRequest,
+    Stop,
+    Submit,
+)
+
+UNKNOWN_WORKER = "unknown worker, say hello"
+NAME_CHARS_MAX = 200
+"""Longest worker id [characters]."""
+
+
+def start(state: State) -> list[Fact]:
+    """A conductor starts on the folder: a new epoch, to be journalled before it listens."""
+    turn = Turn(state, 0)
+    turn.emit(EpochRaised(epoch=state.epoch + 1))
+    return turn.facts
+
+
+def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Reply]:
+    """Answer one request; ``state`` is advanced by the facts returned."""
+    turn = Turn(state, now_ns)
+    expire(turn)
+    if request.v != SCHEMA_VERSION:
+        error = (
+            f"schema version {request.v} given, this conductor speaks {SCHEMA_VERSION}; "
+            "install the same version on both sides"
+        )
+        return turn.facts, turn.reply(error=error)
+    return turn.facts, _VERBS[type(request)](turn, request)
+
+
+def tick(state: State, now_ns: int) -> list[Fact]:
+    """What happens by itself: leases whose time is over are lost."""
+    turn = Turn(state, now_ns)
+    expire(turn)
+    return turn.facts
+
+
+def worker_lost(state: State, worker: str, now_ns: int) -> list[Fact]:
+    """The session of ``worker`` vanished: a hint that its leases will not be renewed."""
+    turn = Turn(state, now_ns)
+    if worker in state.workers:
+        turn.emit(Shortened(worker=worker, until_ns=now_ns + state.config.vanished_ns))
+    return turn.facts
+
+
+def _hello(turn: Turn, request: Hello) -> Reply:
+    state = turn.state
+    # The id becomes part of keys and file names.
+    if not 0 < len(request.worker) <= NAME_CHARS_MAX or set("/*$?# \n\t") & set(request.worker):
+        return turn.reply(
+            error=f"worker id {request.worker[:60]!r}: 1-{NAME_CHARS_MAX} characters, "
+            "without / * $ ? # and spaces"
+        )
+    if request.worker in state.departed:
+        return turn.reply(error=f"worker {request.worker} has left; a new start needs a new id")
+    joined = WorkerJoined(
+        worker=request.worker,
+        host=request.host,
+        pid=request.pid,
+        device_class=request.device_class,
+        software=request.software,
+        slots=request.slots,
+        walltime_end_s=request.walltime_end_s,
+    )
+    known = state.workers.get(request.worker)
+    if known is None:
+        turn.emit(joined)
+    elif known.joined != joined:
+        return turn.reply(
+            error=f"worker {request.worker} has joined with other properties; "
+            "a new start needs a new id"
+        )
+    turn.emit(seen(state, request.worker, (), turn.now_ns))
+    return turn.reply(status=_notes(mismatches(state, joined)))
+
+
+def _next(turn: Turn, request: Next) -> Reply:
+    state = turn.state
+    worker = state.workers.get(request.worker)
+    if worker is None:
+        return turn.reply(error=UNKNOWN_WORKER)
+    if worker.replied is not None and request.seq == worker.replied.seq:
+        turn.emit(seen(state, request.worker, worker.tokens, turn.now_ns))
+        return worker.replied.reply
+    if worker.replied is not None and request.seq < worker.replied.seq:
+        return turn.reply(
+            error=f"seq {request.seq} is older than {worker.replied.seq}, which has been answered"
+        )
+    acks = []
+    fenced = []
+    for result in request.results:
+        acks.append(result.token)
+        if not commit(turn, result, request.worker):
+            fenced.append(result.token)
+    for ended in request.ended:
+        for lease in own(state, request.worker, [ended.token]):
+            if lease.key == (ended.campaign, ended.case):
+                end_attempt(turn, lease, ended.reason, ended.detail)
+    # A lease that the worker does not know of was lost on its way there.
+    for lease in own(state, request.worker, [t for t in worker.tokens if t not in request.held]):
+        end_attempt(turn, lease, "released", "the reply with the lease did not arrive")
+    held = own(state, request.worker, request.held)
+    gone = lost(state, request.worker, request.held)
+    leases = _grant(turn, request, worker.joined, held)
+    turn.emit(seen(state, request.worker, worker.tokens, turn.now_ns))
+    notes = [] if leases else mismatches(state, worker.joined)
+    reply = turn.reply(
+        seq=request.seq,
+        acks=acks,
+        fenced=fenced,
+        leases=leases,
+        lost=gone,
+        retry_after_s=_retry_after_s(state, request, leases),
+        status=_notes(notes),
+    )
+    turn.emit(Replied(worker=request.worker, seq=request.seq, reply=reply))
+    return reply
+
+
+def _retry_after_s(state: State, request: Next, leases: list[Lease]) -> float:
+    if leases or request.k < 1:
+        return 0.0
+    return state.config.retry_busy_s if state.left else state.config.retry_idle_s
+
+
+def _notes(lines: list[str]) -> dict[str, Any]:
+    return {"notes": lines} if lines else {}
+
+
+def _grant(turn: Turn, request: Next, worker: WorkerJoined, held: list[LiveLease]) -> list[Lease]:
+    state = turn.state
+    leases = []
+    for case in choose(state, request, worker, held):
+        campaign = state.campaigns[case.case.campaign]
+        _pin(turn, campaign, worker)
+        leases.append(_lease(turn, campaign, case, worker.worker))
+    return leases
+
+
+def _pin(turn: Turn, campaign: CampaignState, worker: WorkerJoined) -> None:
+    if not campaign.pinned:
+        turn.emit(
+            Pinned(
+                campaign=campaign.campaign.campaign,
+                software=worker.software,
+                device_class="" if campaign.campaign.device == "any" else worker.device_class,
+            )
+        )
+
+
+def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) -> Lease:
+    state = turn.state
+    fact = Leased(
+        campaign=case.case.campaign,
+        case=case.case.id,
+        token=token_of(state.epoch, state.granted + 1),
+        attempt=len(case.issued) + 1,
+        worker=worker,
+        alone=case.alone,
+    )
+    turn.emit(fact)
+    return Lease(
+        token=fact.token, attempt=fact.attempt, out=campaign.out, case=case.case, alone=fact.alone
+    )
+
+
+def _beat(turn: Turn, request: Beat) -> Reply:
+    if request.worker not in turn.state.workers:
+        return turn.reply(error=UNKNOWN_WORKER)
+    for text in request.held:
+        if not (text.isascii() and text.isdecimal() and len(text) <= 20):
+            return turn.reply(error=f"held: {text[:40]!r} is not a token (a decimal number)")
+    held = {int(token): progress for token, progress in request.held.items()}
+    turn.emit(seen(turn.state, request.worker, held, turn.now_ns, held))
+    return turn.reply(lost=lost(turn.state, request.worker, held))
+
+
+def _bye(turn: Turn, request: Bye) -> Reply:
+    worker = turn.state.workers.get(request.worker)
+    if worker is not None:
+        for lease in own(turn.state, request.worker, list(worker.tokens)):
+            end_attempt(turn, lease, "released", "the worker left")
+        turn.emit(WorkerLeft(worker=request.worker, reason=request.detail[:DETAIL_CHARS_MAX]))
+    return turn.reply()
+
+
+def _submit(turn: Turn, request: Submit) -> Reply:
+    submitted, errors = admit(turn.state, request)
+    if errors:
+        return turn.reply(error="\n".join(errors))
+    if submitted is not None:
+        turn.emit(submitted)
+    name = str(request.campaign["campaign"])
+    campaign = turn.state.campaigns[name]
+    return turn.reply(
+        status={
+            "campaign": name,
+            "out": campaign.out,
+            "cases": len(campaign.cases),
+            "left": campaign.left,
+            "digest": campaign.digest,
+            "resumed": submitted is None,
+        }
+    )
+
+
+def _status(turn: Turn, _: StatusRequest) -> Reply:
+    return turn.reply(status=status(turn.state, turn.now_ns))
+
+
+def _stop(turn: Turn, _: Stop) -> Reply:
+    if not turn.state.draining:
+        turn.emit(Draining())
+    return turn.reply()
+
+
+_VERBS: dict[type[Any], Callable[[Turn, Any], Reply]] = {
+    Hello: _hello,
+    Next: _next,
+    Beat: _beat,
+    Bye: _bye,
+    Submit: _submit,
+    StatusRequest: _status,
+    Stop: _stop,
+}

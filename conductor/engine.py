@@ -1,0 +1,212 @@
+"""One turn of the conductor: decode, decide, commit, and only then let the replies out.
+
+No threads and no clock: the fault swarm drives this very code.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from conductor.core import decide, start, tick, worker_lost
+from conductor.facts import Fact
+from conductor.fold import fold, revive
+from conductor.journal import JournalError
+from conductor.lease import next_expiry_ns
+from conductor.state import Config
+from schemas import SCHEMA_VERSION
+from schemas.messages import Reply, Request, Submit
+from schemas.wire import WireError, decode, encode
+
+RETRY_S = 1.0
+"""A worker asks again after this while the storage refuses [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+class FactStore(Protocol):
+    """Where facts become durable; see :class:`conductor.journal.Journal`."""
+
+    def append(self, facts: Sequence[Fact]) -> None:
+        """All or nothing."""
+
+    def probe(self) -> None:
+        """Raise while nothing can be written."""
+
+    def fold(self) -> Iterable[Fact]:
+        """Everything that was appended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A request as it came in, or a liveliness hint about a worker (``payload`` empty)."""
+
+    payload: bytes
+    arrived_ns: int
+    """When it arrived, not when its turn came: a stalled disk must not expire leases whose
+    heartbeats wait in line."""
+    vanished: str = ""
+
+
+@dataclass(slots=True)
+class Counters:
+    """What the engine has done since it started."""
+
+    requests: int = 0
+    refused: int = 0
+    """Requests that were no valid message."""
+    faults: int = 0
+    """Mistakes of our own, answered with an error."""
+    storage_errors: int = 0
+    facts: int = 0
+    commits: int = 0
+
+
+@dataclass(slots=True)
+class Turn:
+    """What one turn brought: a reply per message (None: none is due), and the committed facts."""
+
+    replies: list[bytes | None] = field(default_factory=list)
+    facts: list[Fact] = field(default_factory=list)
+
+
+class Engine:
+    """The state of one conductor, the journal under it, and the order between them."""
+
+    def __init__(
+        self,
+        journal: FactStore,
+        config: Config,
+        now_ns: int,
+        check_folder: Callable[[Submit], str] = lambda _: "",
+    ) -> None:
+        """Fold the journal and raise the epoch, on disk.
+
+        Args:
+            journal: where facts become durable.
+            config: limits and options.
+            now_ns: the time [ns].
+            check_folder: what is wrong with a submission's folder, in one line, or nothing.
+
+        Raises:
+            JournalError: the journal cannot be read or written.
+        """
+        self.counters = Counters()
+        self.storage_error = ""
+        """Not empty: the storage refuses, nothing is granted or committed."""
+        self._journal = journal
+        self._check_folder = check_folder
+        self._config = config
+        self._now_ns = now_ns
+        self.state = fold(journal.fold(), config)
+        journal.append(start(self.state))
+        revive(self.state, now_ns)
+
+    def turn(self, messages: Sequence[Message]) -> Turn:
+        """Handle ``messages`` in order, in one transaction."""
+        if self.storage_error and not self._storage_works(messages[-1].arrived_ns):
+            return Turn([self._storage_reply(m) for m in messages])
+        try:
+            return self._commit([self._decided(message) for message in messages])
+        except JournalError as error:
+            self._storage_failed(error)
+            return Turn([self._storage_reply(m) for m in messages])
+        except Exception:
+            # The state may hold half a decision, and facts of the others are not yet on disk.
+            self._refold()
+            if len(messages) > 1:
+                return self._one_by_one(messages)
+            self.counters.faults += 1
+            _log.exception("a request could not be decided")
+            return Turn([self._error("internal error of the conductor; see its log")])
+
+    def tick(self, now_ns: int) -> Turn:
+        """Expire leases; call only when no message waits."""
+        if self.storage_error and not self._storage_works(now_ns):
+            return Turn()
+        try:
+            return self._commit([(tick(self.state, self._clock(now_ns)), None)])
+        except JournalError as error:
+            self._storage_failed(error)
+            return Turn()
+
+    def next_expiry_ns(self) -> int:
+        """When :meth:`tick` has something to do [ns]."""
+        return next_expiry_ns(self.state)
+
+    def _clock(self, now_ns: int) -> int:
+        """Time never runs backwards, though messages are stamped on several threads."""
+        self._now_ns = max(self._now_ns, now_ns)
+        return self._now_ns
+
+    def _decided(self, message: Message) -> tuple[list[Fact], bytes | None]:
+        now_ns = self._clock(message.arrived_ns)
+        if message.vanished:
+            return worker_lost(self.state, message.vanished, now_ns), None
+        self.counters.requests += 1
+        try:
+            request: Request = decode(message.payload, Request)
+        except WireError as error:
+            self.counters.refused += 1
+            return [], self._error(str(error))
+        if isinstance(request, Submit) and (error_line := self._check_folder(request)):
+            return [], self._error(error_line)
+        facts, reply = decide(self.state, request, now_ns)
+        return facts, encode(reply)
+
+    def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> Turn:
+        facts = [fact for made, _ in decided for fact in made]
+        self._journal.append(facts)
+        self.counters.facts += len(facts)
+        self.counters.commits += 1
+        return Turn([reply for _, reply in decided], facts)
+
+    def _one_by_one(self, messages: Sequence[Message]) -> Turn:
+        whole = Turn()
+        for message in messages:
+            part = self.turn([message])
+            whole.replies += part.replies
+            whole.facts += part.facts
+        return whole
+
+    def _refold(self) -> None:
+        """Back to what is on disk; leases live on, since nobody was told otherwise."""
+        draining = self.state.draining
+        self.state = fold(self._journal.fold(), self._config)
+        self.state.draining = draining
+        revive(self.state, self._now_ns)
+
+    def _storage_failed(self, error: JournalError) -> None:
+        self.counters.storage_errors += 1
+        self.storage_error = str(error)
+        _log.error("%s", error)
+        self._refold()
+
+    def _storage_works(self, now_ns: int) -> bool:
+        self._clock(now_ns)
+        try:
+            self._journal.probe()
+        except JournalError as error:
+            self.storage_error = str(error)
+            return False
+        _log.warning("the storage works again")
+        self.storage_error = ""
+        revive(self.state, self._now_ns)
+        return True
+
+    def _storage_reply(self, message: Message) -> bytes | None:
+        if message.vanished:
+            return None
+        return self._error(self.storage_error, RETRY_S)
+
+    def _error(self, error: str, retry_after_s: float = 0.0) -> bytes:
+        return encode(
+            Reply(
+                v=SCHEMA_VERSION,
+                epoch=self.state.epoch,
+                error=error,
+                retry_after_s=retry_after_s,
+            )
+        )

@@ -1,0 +1,144 @@
+"""What the conductor keeps on disk beside its journal: small files, each written atomically.
+
+Everything here can be rebuilt from the journal, so a write that fails is tried again later and
+never stops the conductor.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+import msgspec
+
+from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
+from conductor.outcomes import encode_outcomes, outcomes_of
+from conductor.state import CampaignState, State
+from schemas.campaign import Name
+from schemas.messages import Submit
+from schemas.yaml_file import dump_yaml
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.discovery import ConductorFile
+from twin.fabric.errors import storage_error
+
+CAMPAIGN_FILE = "campaign.yaml"
+
+_log = logging.getLogger(__name__)
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write a file that is complete or absent, also after a power cut."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+class Folders:
+    """The files of one conductor: ``conductor.json``, ``campaign.yaml`` and ``outcomes.json``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._conductor_file: ConductorFile | None = None
+        self._stale: dict[Path, bytes] = {}
+        """Files to be written, the latest content of each."""
+        self._reported: set[Path] = set()
+
+    def check(self, state: State, request: Submit) -> str:
+        """What is wrong with the folder of a submission, in one line, or nothing."""
+        name = request.campaign.get("campaign")
+        try:
+            name = msgspec.convert(name, Name)
+        except msgspec.ValidationError:
+            return ""  # a mistake of the campaign, reported with the others
+        if name in state.campaigns:
+            return ""
+        folder = Path(request.out) if request.out else self.folder / name
+        if any(campaign.out == str(folder) for campaign in state.campaigns.values()):
+            return ""  # taken by a campaign of ours, reported by the core
+        if (folder / CAMPAIGN_FILE).exists():
+            return (
+                f"{name}: {folder} holds a campaign of another conductor; give another out folder"
+            )
+        existing = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
+        if not existing.is_dir():
+            return f"{name}: {existing} is not a folder; give another out folder"
+        if not os.access(existing, os.W_OK):
+            return f"{name}: {existing} cannot be written; give another out folder"
+        return ""
+
+    def announce(self, conductor_file: ConductorFile, state: State) -> None:
+        """Tell where the conductor listens, in the state folder and every campaign folder.
+
+        Raises:
+            TwinError: the state folder cannot be written.
+        """
+        self._conductor_file = conductor_file
+        path = self.folder / CONDUCTOR_FILE
+        try:
+            write_atomic(path, msgspec.json.encode(conductor_file) + b"\n")
+        except OSError as error:
+            raise storage_error(error, str(path)) from None
+        for campaign in state.campaigns.values():
+            self.open_campaign(campaign)
+            if not campaign.left:
+                self.record(campaign)
+        self.flush()
+
+    def open_campaign(self, campaign: CampaignState) -> None:
+        """A campaign was submitted, or found in the journal, or pinned."""
+        out = Path(campaign.out)
+        self._stale[out / CAMPAIGN_FILE] = _campaign_yaml(campaign)
+        if self._conductor_file is not None:
+            self._stale[out / CONDUCTOR_FILE] = msgspec.json.encode(self._conductor_file) + b"\n"
+
+    def record(self, campaign: CampaignState) -> None:
+        """Write the outcomes as they stand."""
+        self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_outcomes(outcomes_of(campaign))
+
+    def flush(self) -> None:
+        """Write what is to be written; what fails stays for the next call."""
+        for path, data in list(self._stale.items()):
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomic(path, data)
+            except OSError as error:
+                if path not in self._reported:
+                    _log.error("%s; it will be tried again", storage_error(error, str(path)))
+                self._reported.add(path)
+                continue
+            self._reported.discard(path)
+            del self._stale[path]
+
+    def close(self, state: State) -> None:
+        """A clean shutdown: outcomes are written, and nobody is told to connect any more."""
+        for campaign in state.campaigns.values():
+            if campaign.attempts:
+                self.record(campaign)
+        self.flush()
+        for folder in (*(Path(c.out) for c in state.campaigns.values()), self.folder):
+            try:
+                (folder / CONDUCTOR_FILE).unlink(missing_ok=True)
+            except OSError as error:
+                _log.error("%s", storage_error(error, str(folder / CONDUCTOR_FILE)))
+
+
+def _campaign_yaml(campaign: CampaignState) -> bytes:
+    """The effective campaign; digests stand in comments, so that the file can be submitted."""
+    lines = [f"# campaign digest: {campaign.digest}"]
+    if campaign.pinned:
+        lines.append(f"# software digest: {campaign.software}")
+        lines.append(f"# device class: {campaign.device_class or 'any'}")
+    return ("\n".join(lines) + "\n" + dump_yaml(msgspec.to_builtins(campaign.campaign))).encode()

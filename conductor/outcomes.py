@@ -1,0 +1,160 @@
+"""``outcomes.json``: the outcome of every case of a campaign, for reports and fingerprints.
+
+The journal is locked by its conductor; this file is written when a campaign is complete and when
+the conductor shuts down, and can be read by anyone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from conductor.facts import Committed
+from conductor.fold import agrees
+from conductor.state import CampaignState, CaseState
+from schemas import SCHEMA_VERSION
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.errors import InfrastructureError, UsageError
+
+FILE_NAME = "outcomes.json"
+
+
+class Late(msgspec.Struct, frozen=True):
+    """A result that came with a dead token: evidence about determinism."""
+
+    token: int
+    worker: str
+    outcome: str
+    verdict: str
+    kpi_sha256: str
+    attempt_dir: str
+    agrees: bool | None
+    """With the committed result; None: nothing was committed."""
+
+
+class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
+    """How one case ended."""
+
+    outcome: str
+    """``verdict``, ``failed``, ``unresolved``, ``cancelled``; empty: not ended yet."""
+    verdict: str = ""
+    passed: bool = False
+    reasons: list[str] = []
+    scalars: dict[str, float | int | None] = {}
+    attempt_dir: str = ""
+    """Folder of the committed attempt, relative to the campaign folder."""
+    attempt: int = 0
+    """Number of the committed attempt."""
+    attempts: int = 0
+    charges: list[str] = []
+    """Why attempts were charged to the case."""
+    kpi_sha256: str = ""
+    manifest_sha256: str = ""
+    device_class: str = ""
+    worker: str = ""
+    wall_s: float = 0.0
+    late: list[Late] = []
+
+
+class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
+    """Content of ``outcomes.json``; cases in submission order."""
+
+    schema: int = SCHEMA_VERSION
+    campaign: str
+    digest: str
+    seed: int
+    simulator: str
+    software: str
+    """Software digest of the campaign's workers; empty: no case has been leased."""
+    device: str
+    """``same`` or ``any``, as the campaign asked."""
+    device_classes: list[str]
+    """Device classes of the committed results, sorted."""
+    complete: bool
+    """Every case has an outcome."""
+    cases: dict[str, CaseOutcome]
+
+
+def outcomes_of(campaign: CampaignState) -> Outcomes:
+    """The outcomes as they stand."""
+    cases = {name: _case(case) for name, case in campaign.cases.items()}
+    return Outcomes(
+        campaign=campaign.campaign.campaign,
+        digest=campaign.digest,
+        seed=campaign.campaign.seed,
+        simulator=campaign.campaign.simulator,
+        software=campaign.software,
+        device=campaign.campaign.device,
+        device_classes=sorted({c.device_class for c in cases.values() if c.device_class}),
+        complete=not campaign.left,
+        cases=cases,
+    )
+
+
+def encode_outcomes(outcomes: Outcomes) -> bytes:
+    """As JSON for people and programs."""
+    return msgspec.json.format(msgspec.json.encode(outcomes), indent=1) + b"\n"
+
+
+def read_outcomes(folder: Path) -> Outcomes:
+    """Read ``outcomes.json`` of the campaign ``folder``.
+
+    Raises:
+        UsageError: there is none (yet).
+        InfrastructureError: it is damaged.
+    """
+    path = folder / FILE_NAME
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Outcomes)
+    except FileNotFoundError:
+        if (folder / CONDUCTOR_FILE).exists():
+            raise UsageError(
+                f"{folder}: the campaign is still running; wait until every case has ended"
+            ) from None
+        raise UsageError(
+            f"{folder}: no {FILE_NAME}; give the folder of a campaign that a conductor has run"
+        ) from None
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}") from None
+    except msgspec.MsgspecError as error:
+        raise InfrastructureError(f"{path}: damaged: {error}") from None
+
+
+def _case(case: CaseState) -> CaseOutcome:
+    end = case.end
+    common = CaseOutcome(outcome="", attempts=len(case.issued), charges=case.charges)
+    if end is None:
+        return common
+    result = end.result if isinstance(end, Committed) else None
+    late = [
+        Late(
+            token=fact.result.token,
+            worker=fact.worker,
+            outcome=fact.result.outcome,
+            verdict=fact.result.verdict,
+            kpi_sha256=fact.result.kpi_sha256,
+            attempt_dir=fact.result.attempt_dir,
+            agrees=agrees(result, fact.result) if result else None,
+        )
+        for fact in case.late
+    ]
+    replace = msgspec.structs.replace
+    if not isinstance(end, Committed):
+        return replace(common, outcome=end.outcome, reasons=[end.reason], late=late)
+    return replace(
+        common,
+        outcome=end.result.outcome,
+        verdict=end.result.verdict,
+        passed=end.result.passed,
+        reasons=end.result.reasons,
+        scalars=end.result.scalars,
+        attempt_dir=end.result.attempt_dir,
+        attempt=end.attempt,
+        kpi_sha256=end.result.kpi_sha256,
+        manifest_sha256=end.result.manifest_sha256,
+        device_class=end.device_class,
+        worker=end.worker,
+        wall_s=end.result.wall_s,
+        late=late,
+    )

@@ -1,0 +1,360 @@
+"""``conductor run``: serve, start local workers, wait, report."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from conductor.fingerprint import fingerprint
+from conductor.outcomes import Outcomes, read_outcomes
+from conductor.shell import Conductor
+from conductor.state import Config
+from schemas import SCHEMA_VERSION
+from schemas.campaign import Campaign, expand
+from schemas.messages import Submit
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_INFRASTRUCTURE,
+    EXIT_INTERRUPTED,
+    EXIT_PASS,
+    EXIT_UNFINISHED,
+    InfrastructureError,
+    TwinError,
+    UsageError,
+)
+from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.software import software_digest
+
+WORKERS_MAX = 8
+"""Local workers started by default, at most."""
+POLL_S = 0.1
+"""How often progress is looked at [s]."""
+RESTARTS_MAX = 5
+"""Workers that died without a case ending in between, before the run gives up."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line says."""
+
+    out: Path
+    workers: int | None = None
+    slots: int = 1
+    device: str = "cpu"
+    by_batch: bool = False
+    listen: str = "tcp/127.0.0.1:0"
+    json: bool = False
+
+
+class Interrupted(Exception):  # noqa: N818 - it is no error
+    """A signal asks the run to stop; ``number`` says which."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@dataclass(slots=True)
+class LocalWorkers:
+    """Worker processes of this run; the dead are replaced while that makes sense."""
+
+    options: RunOptions
+    endpoint: str
+    folder: Path
+    count: int
+    children: list[tuple[subprocess.Popen[bytes], IO[bytes]]] = field(default_factory=list)
+    started: int = 0
+    died: int = 0
+    """Workers that died since a case ended."""
+
+    def start(self) -> None:
+        """Start as many as are missing. Only from the main thread (see ``spawn``)."""
+        while len(self.children) < self.count:
+            self.started += 1
+            log = (self.folder / "logs" / f"worker-{self.started}.log").open("w+b")
+            child = spawn(
+                [
+                    *(sys.executable, "-m", "twin", "worker", "--connect", self.endpoint),
+                    *("--slots", str(self.options.slots), "--device", self.options.device),
+                    *("--join-dir", str(self.folder / "rigs")),
+                ],
+                log=log,
+            )
+            self.children.append((child, log))
+
+    def look(self) -> list[str]:
+        """Reap the dead; one line each."""
+        lines = []
+        for child, log in list(self.children):
+            code = child.poll()
+            if code is None:
+                continue
+            self.children.remove((child, log))
+            self.died += 1
+            tail = last_lines(log)
+            end(child)
+            log.close()
+            lines.append(f"worker {child.pid} {how_it_ended(code)}{': ' if tail else ''}{tail}; replaced")
+        return lines
+
+    def stop(self) -> None:
+        """Ask all at once, then wait for each; they give their leases back."""
+        for child, _ in self.children:
+            with contextlib.suppress(ProcessLookupError):
+                child.terminate()
+        for child, log in self.children:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(5.0)
+            end(child)
+            log.close()
+        self.children.clear()
+
+
+def run_campaign(campaign: Campaign, options: RunOptions) -> int:
+    """Run ``campaign`` to its end on this machine; the exit code."""
+    started = time.monotonic()
+    console = Console(stderr=True)
+    cases = len(expand(campaign))
+    with _signals():
+        try:
+            _execute(campaign, options, cases, console)
+            result = _conclude(campaign, options)
+        except Interrupted as stop:
+            again = f"conductor run {campaign.campaign} --out {options.out}"
+            console.print(f"stopped by {stop}; go on with the same command ({again})", markup=False)
+            return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
+    outcomes, digest = result
+    return _tell(campaign, options, outcomes, digest, time.monotonic() - started)
+
+
+def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Console) -> None:
+    """Serve and work until every case has ended."""
+    conductor = Conductor(
+        options.out, listen=options.listen, config=Config(by_batch=options.by_batch)
+    )
+    with _serving(conductor):
+        request = Submit(
+            v=SCHEMA_VERSION,
+            campaign=msgspec.to_builtins(campaign),
+            software=software_digest(),
+            out=str(conductor.folder),
+        )
+        reply = conductor.request(request)
+        if reply.error:
+            raise UsageError(reply.error)
+        row = _row(conductor, campaign)
+        if not row["left"]:
+            console.print(f"{options.out}: all {cases} cases have ended already", markup=False)
+            return
+        if row["left"] < cases:
+            done = cases - row["left"]
+            console.print(f"{options.out}: going on, {done} of {cases} cases done", markup=False)
+        _check_software(row, options)
+        count = _worker_count(options, row["left"])
+        try:
+            (conductor.folder / "logs").mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{conductor.folder}: {error.strerror}") from None
+        workers = LocalWorkers(options, conductor.endpoint, conductor.folder, count)
+        try:
+            _wait(conductor, campaign, workers, console)
+        finally:
+            workers.stop()
+
+
+def _wait(
+    conductor: Conductor, campaign: Campaign, workers: LocalWorkers, console: Console
+) -> None:
+    if not workers.count:
+        console.print(f"waiting for workers: twin worker --state {conductor.folder}", markup=False)
+    storage = ""
+    with _progress(console) as progress:
+        bar = progress.add_task(campaign.campaign, total=None, note="starting")
+        ended = -1
+        while True:
+            workers.start()
+            found = conductor.snapshot()
+            row = found["campaigns"][campaign.campaign]
+            if ended != row["cases"] - row["left"]:
+                ended = row["cases"] - row["left"]
+                workers.died = 0
+                if not console.is_terminal:
+                    console.print(f"{campaign.campaign}: {ended} of {row['cases']} cases done")
+            note = f"{row['passed']} passed, {row['leased']} running"
+            progress.update(bar, total=row["cases"], completed=ended, note=note)
+            if not row["left"]:
+                return
+            if found["notes"] and not row["leased"] and len(found["notes"]) >= workers.count > 0:
+                raise UsageError(found["notes"][0])  # every worker of ours was turned away
+            for line in workers.look():
+                progress.console.print(line, markup=False)
+            if workers.died > RESTARTS_MAX:
+                raise InfrastructureError(
+                    f"{workers.died} workers died one after the other; see {workers.folder}/logs"
+                )
+            if found["storage_error"] and found["storage_error"] != storage:
+                raise InfrastructureError(f"{found['storage_error']}")
+            storage = found["storage_error"]
+            if not conductor.alive:
+                raise InfrastructureError(f"the conductor ended; see {workers.folder}/logs")
+            time.sleep(POLL_S)
+
+
+def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, str]:
+    """Report and fingerprint; a report needs a simulator that simulates."""
+    outcomes = read_outcomes(options.out)
+    if campaign.simulator != "noop":
+        from conductor.report import write_report
+
+        write_report(options.out)
+    return outcomes, fingerprint(options.out).sha256
+
+
+def _tell(
+    campaign: Campaign, options: RunOptions, outcomes: Outcomes, digest: str, wall_s: float
+) -> int:
+    counts = count_outcomes(outcomes)
+    code = EXIT_PASS if counts["passed"] == counts["cases"] else EXIT_FAILED
+    if counts["unresolved"]:
+        code = EXIT_INFRASTRUCTURE
+    if options.json:
+        found = {
+            "campaign": campaign.campaign,
+            "out": str(options.out),
+            **counts,
+            "wall_s": round(wall_s, 3),
+            "fingerprint": digest,
+        }
+        print(json.dumps(found))
+        return code
+    verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(_verdicts(outcomes).items()))
+    print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
+    print(f"fingerprint {digest}")
+    if campaign.simulator == "noop":
+        print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
+        return code
+    print(
+        f"report: {options.out / 'report.html'} - open it in a browser; next, try "
+        f"`conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
+    )
+    return code
+
+
+def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
+    """Cases, committed, passed, failed, unresolved and cancelled."""
+    rows = outcomes.cases.values()
+    return {
+        "cases": len(outcomes.cases),
+        "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
+        "passed": sum(row.passed for row in rows),
+        "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
+        "unresolved": sum(row.outcome == "unresolved" for row in rows),
+        "cancelled": sum(row.outcome == "cancelled" for row in rows),
+    }
+
+
+def _verdicts(outcomes: Outcomes) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for row in outcomes.cases.values():
+        name = row.verdict or row.outcome
+        counts[name] = counts.get(name, 0) + 1
+    return counts
+
+
+def _row(conductor: Conductor, campaign: Campaign) -> dict[str, Any]:
+    row: dict[str, Any] = conductor.snapshot()["campaigns"][campaign.campaign]
+    return row
+
+
+def _check_software(row: dict[str, Any], options: RunOptions) -> None:
+    """A campaign is finished by the software that began it: results must be comparable."""
+    ours = software_digest()
+    if row["software"] and row["software"] != ours:
+        raise UsageError(
+            f"{options.out}: begun with software {row['software'][:12]}, this is {ours[:12]}; "
+            "finish it with that version, or start anew in another folder with --out"
+        )
+
+
+def _worker_count(options: RunOptions, left: int) -> int:
+    if options.workers is not None:
+        return options.workers
+    cores = len(os.sched_getaffinity(0))
+    return max(1, min(cores, WORKERS_MAX, -(-left // options.slots)))
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        # Without a terminal a redrawn bar is noise; lines are printed by the caller.
+        disable=not console.is_terminal,
+    )
+
+
+@contextlib.contextmanager
+def _serving(conductor: Conductor) -> Iterator[None]:
+    """The conductor on a thread of its own; its failure to start is raised here."""
+    failure: list[TwinError] = []
+
+    def serve() -> None:
+        try:
+            conductor.serve()
+        except TwinError as error:
+            failure.append(error)
+
+    thread = threading.Thread(target=serve, name="conductor")
+    thread.start()
+    try:
+        while not conductor.started.wait(0.02):
+            if not thread.is_alive():
+                raise failure[0] if failure else InfrastructureError("the conductor did not start")
+        yield
+    finally:
+        conductor.stop()
+        thread.join()
+    if failure:
+        raise failure[0]
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[None]:
+    """SIGINT and SIGTERM raise :class:`Interrupted` once; a second one is not needed."""
+
+    def on_signal(number: int, _frame: object) -> None:
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.SIG_IGN)
+        raise Interrupted(number)
+
+    previous = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

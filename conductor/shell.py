@@ -1,0 +1,327 @@
+"""The conductor process: bus, journal and files around the engine. One thread decides."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import logging
+import os
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from conductor.engine import Engine, Message, Turn
+from conductor.facts import CaseEnded, Committed, Fact, Pinned, Replied, Submitted, is_durable
+from conductor.folders import Folders
+from conductor.journal import FolderLockedError, Journal
+from conductor.state import Config
+from conductor.status import status
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Reply, Request
+from schemas.wire import decode, encode
+from twin.fabric.bus import Bus, Respond
+from twin.fabric.discovery import ConductorFile, find_conductor
+from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
+
+GROUP_MAX = 64
+"""Most messages in one transaction."""
+INBOX_MAX = 10_000
+"""Most messages waiting for their turn; more are refused and asked again."""
+IDLE_S = 0.25
+"""Longest sleep of the loop [s]."""
+LINGER_S = 5.0
+"""After draining, how long workers are given to hear of it and say bye [s]."""
+
+BusFactory = Callable[[Sequence[str], str], Bus]
+"""(listen endpoints, namespace) -> open session."""
+
+_log = logging.getLogger(__name__)
+
+
+def open_router(listen: Sequence[str], namespace: str) -> Bus:
+    """The conductor's session: a Zenoh router, so that workers need no other process."""
+    from twin.fabric.zenoh_bus import open_bus
+
+    return open_bus("router", listen=listen, namespace=namespace)
+
+
+class Conductor:
+    """Serves one state folder.
+
+    Args:
+        folder: state folder; created if missing.
+        listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
+        namespace: prefix of every key.
+        config: limits and options; its ``folder`` is replaced.
+        bus_factory: opens the session; tests pass an in-memory one.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        listen: str = "tcp/127.0.0.1:0",
+        namespace: str = "twin",
+        config: Config | None = None,
+        bus_factory: BusFactory = open_router,
+    ) -> None:
+        self.folder = folder.absolute()
+        self.namespace = namespace
+        self.endpoint = ""
+        """Where it listens, once started."""
+        self.started = threading.Event()
+        self.refused = 0
+        """Requests turned away because too many were waiting."""
+        self._listen = listen
+        self._config = replace(config or Config(), folder=str(self.folder))
+        self._bus_factory = bus_factory
+        # Reentrant, so that a signal handler may call stop() in the middle of a get().
+        self._inbox: queue.SimpleQueue[tuple[Message, Respond] | None] = queue.SimpleQueue()
+        self._folders = Folders(self.folder)
+        self._lock = threading.Lock()
+        self._stopping = False
+        self._drained_ns: int | None = None
+        self._journal: Journal | None = None
+        self._bus: Bus | None = None
+        self._engine: Engine | None = None
+
+    def serve(self) -> None:
+        """Start, serve until stopped or drained, shut down.
+
+        Raises:
+            TwinError: it cannot start, or the journal cannot be read any more.
+        """
+        try:
+            self.startup()
+            self.main_loop()
+        finally:
+            self.shutdown()
+
+    def startup(self) -> None:
+        """Lock the folder, fold the journal, raise the epoch on disk, and only then listen."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise storage_error(error, str(self.folder)) from None
+        predecessor = self._predecessor()
+        try:
+            self._journal = Journal(self.folder)
+        except FolderLockedError as error:
+            owner = f" (pid {predecessor.pid} on {predecessor.host})" if predecessor else ""
+            raise UsageError(
+                f"{error}{owner}; stop it with `conductor stop` or choose another folder"
+            ) from None
+        self._engine = Engine(self._journal, self._config, time.monotonic_ns(), self._check_folder)
+        self._bus = self._open_bus(predecessor)
+        self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
+        self._bus.serve(topics.RPC.key, self._receive)
+        self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
+        self._folders.announce(
+            ConductorFile(
+                endpoint=self.endpoint,
+                pid=os.getpid(),
+                host=socket.gethostname(),
+                epoch=self._engine.state.epoch,
+                namespace=self.namespace,
+                version=_version(),
+            ),
+            self._engine.state,
+        )
+        self.started.set()
+
+    def main_loop(self) -> None:
+        """Serve until :meth:`stop`, or until a drain has come to its end."""
+        while not self._stopping:
+            group = self._group()
+            with self._lock:
+                turn = self._turn(group)
+                self._keep_files(turn.facts)
+            self._answer(group, turn)
+            self._publish(turn.facts)
+            if self._drain_is_over():
+                return
+
+    def shutdown(self) -> None:
+        """Write the outcomes, stop listening, release the folder; safe at any stage of startup."""
+        self._stopping = True
+        if self._engine is not None and self.started.is_set():
+            self._folders.close(self._engine.state)
+        if self._bus is not None:
+            self._bus.close()
+        if self._journal is not None:
+            self._journal.close()
+
+    def stop(self) -> None:
+        """Ask the loop to end now; workers keep their leases and wait for a successor.
+
+        May be called from any thread and from a signal handler.
+        """
+        self._stopping = True
+        self._inbox.put(None)
+
+    def request(self, request: Request, timeout_s: float = 60.0) -> Reply:
+        """Ask from inside the process, as a client on the bus would.
+
+        Raises:
+            InfrastructureError: no answer in time.
+        """
+        answers: queue.Queue[bytes] = queue.Queue()
+        self._receive(encode(request), answers.put)
+        try:
+            return decode(answers.get(timeout=timeout_s), Reply)
+        except queue.Empty:
+            raise InfrastructureError(f"the conductor did not answer in {timeout_s:g} s") from None
+
+    @property
+    def alive(self) -> bool:
+        """It has started and has not begun to shut down; from any thread."""
+        return self.started.is_set() and not self._stopping
+
+    def snapshot(self) -> dict[str, Any]:
+        """Status as of the last commit; from any thread."""
+        with self._lock:
+            if self._engine is None:
+                return {}
+            found = status(self._engine.state, time.monotonic_ns())
+            counters = self._engine.counters
+            found["storage_error"] = self._engine.storage_error
+            found["counters"] = {
+                name: getattr(counters, name) for name in counters.__dataclass_fields__
+            }
+            return found
+
+    # --- the loop, step by step -----------------------------------------------------------------
+
+    def _group(self) -> list[tuple[Message, Respond]]:
+        """Wait for messages; up to GROUP_MAX of those that are there."""
+        group = []
+        try:
+            item = self._inbox.get(timeout=self._patience_s())
+            while item is not None:
+                group.append(item)
+                if len(group) == GROUP_MAX:
+                    break
+                item = self._inbox.get_nowait()
+        except queue.Empty:
+            pass
+        return group
+
+    def _patience_s(self) -> float:
+        assert self._engine is not None
+        until_s = (self._engine.next_expiry_ns() - time.monotonic_ns()) / 1e9
+        return min(max(until_s, 0.001), IDLE_S)
+
+    def _turn(self, group: list[tuple[Message, Respond]]) -> Turn:
+        assert self._engine is not None
+        if group:
+            return self._engine.turn([message for message, _ in group])
+        return self._engine.tick(time.monotonic_ns())
+
+    def _keep_files(self, facts: list[Fact]) -> None:
+        assert self._engine is not None
+        campaigns = self._engine.state.campaigns
+        for fact in facts:
+            match fact:
+                case Submitted():
+                    self._folders.open_campaign(campaigns[fact.campaign["campaign"]])
+                case Pinned():
+                    self._folders.open_campaign(campaigns[fact.campaign])
+        ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
+        ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
+        for name in ended:
+            if not campaigns[name].left:
+                self._folders.record(campaigns[name])
+        self._folders.flush()
+
+    def _answer(self, group: list[tuple[Message, Respond]], turn: Turn) -> None:
+        for (_, respond), reply in zip(group, turn.replies, strict=False):
+            if reply is None:
+                continue
+            try:
+                respond(reply)
+            except Exception:  # whoever asked is gone and will ask again
+                _log.debug("a reply could not be sent", exc_info=True)
+
+    def _publish(self, facts: list[Fact]) -> None:
+        assert self._bus is not None
+        for fact in facts:
+            if not is_durable(fact) or isinstance(fact, Replied):
+                continue
+            # The cases of a large campaign do not belong into an event.
+            event = msgspec.structs.replace(fact, cases=[]) if isinstance(fact, Submitted) else fact
+            try:
+                self._bus.publish(topics.EVENT.key, encode(event))
+            except Exception:  # events are a courtesy
+                _log.debug("an event could not be published", exc_info=True)
+
+    def _drain_is_over(self) -> bool:
+        """Nothing is leased any more, and every worker has left or has had time to."""
+        assert self._engine is not None
+        state = self._engine.state
+        if not state.draining or state.leases:
+            self._drained_ns = None
+            return False
+        now_ns = time.monotonic_ns()
+        if self._drained_ns is None:
+            self._drained_ns = now_ns
+        present = any(
+            now_ns - worker.seen_ns < self._config.ttl_ns for worker in state.workers.values()
+        )
+        return not present or now_ns - self._drained_ns > LINGER_S * 1e9
+
+    # --- called on the bus's threads ------------------------------------------------------------
+
+    def _receive(self, payload: bytes, respond: Respond) -> None:
+        if self._inbox.qsize() < INBOX_MAX:
+            self._inbox.put((Message(payload, time.monotonic_ns()), respond))
+            return
+        self.refused += 1
+        error = f"busy: {INBOX_MAX} requests are waiting; retry"
+        respond(encode(Reply(v=SCHEMA_VERSION, epoch=0, error=error, retry_after_s=1.0)))
+
+    def _hint(self, key: str, alive: bool) -> None:
+        if not alive:
+            message = Message(b"", time.monotonic_ns(), vanished=key.rpartition("/")[2])
+            self._inbox.put((message, lambda _: None))
+
+    # --- startup --------------------------------------------------------------------------------
+
+    def _check_folder(self, request: Any) -> str:
+        assert self._engine is not None
+        return self._folders.check(self._engine.state, request)
+
+    def _predecessor(self) -> ConductorFile | None:
+        try:
+            return find_conductor(self.folder)
+        except UsageError:
+            return None
+
+    def _open_bus(self, predecessor: ConductorFile | None) -> Bus:
+        address, _, port = self._listen.rpartition(":")
+        if port == "0" and predecessor is not None and predecessor.host == socket.gethostname():
+            # Workers of the predecessor look for us there.
+            with contextlib.suppress(TwinError):
+                old_port = predecessor.endpoint.rpartition(":")[2]
+                return self._bus_factory([f"{address}:{old_port}"], self.namespace)
+        return self._bus_factory([self._listen], self.namespace)
+
+
+def _reachable(endpoint: str) -> str:
+    """An address that other hosts can connect to, where it listens on all interfaces."""
+    for everywhere in ("/0.0.0.0:", "/[::]:"):
+        endpoint = endpoint.replace(everywhere, f"/{socket.gethostname()}:")
+    return endpoint
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("drivetwin")
+    except importlib.metadata.PackageNotFoundError:
+        return "0"

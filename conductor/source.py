@@ -1,0 +1,111 @@
+"""Campaign files: shipped by name or given by path, loaded with every mistake explained."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from schemas.campaign import Campaign, expand, parse_campaign
+from schemas.validation import Mistake, suggest
+from schemas.yaml_file import YamlError, load_yaml
+from twin.fabric.errors import UsageError
+
+_SHIPPED = Path(__file__).parent / "campaigns"
+
+
+def shipped() -> list[str]:
+    """Names of the campaigns that come with the package."""
+    return sorted(path.stem for path in _SHIPPED.glob("*.yaml"))
+
+
+def find(name: str) -> Path:
+    """The file of a shipped campaign's name, or of a path.
+
+    Raises:
+        UsageError: neither exists.
+    """
+    if name in shipped():
+        return _SHIPPED / f"{name}.yaml"
+    path = Path(name)
+    if path.is_dir():
+        raise UsageError(f"{name}: a folder; give a campaign file or one of {', '.join(shipped())}")
+    if path.exists():
+        return path
+    if path.suffix or "/" in name:
+        raise UsageError(
+            f"{name}: no such file; shipped campaigns: {', '.join(shipped())} "
+            "(or give the path of a YAML file)"
+        )
+    raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
+
+
+def load(name: str, *, seed: int | None = None) -> Campaign:
+    """Load and check a campaign.
+
+    Args:
+        name: shipped name or path.
+        seed: replaces the file's seed.
+
+    Raises:
+        UsageError: one line per mistake.
+    """
+    path = find(name)
+    try:
+        data = load_yaml(path)
+    except YamlError as error:
+        raise UsageError(str(error)) from None
+    shown = name if path.parent != _SHIPPED else path.name
+    campaign, mistakes = check(data)
+    if campaign is None:
+        raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+    if seed is not None:
+        campaign = msgspec.structs.replace(campaign, seed=seed)
+    return campaign
+
+
+def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
+    """Every mistake of a campaign's content, also about things outside the file."""
+    campaign, mistakes = parse_campaign(data)
+    if campaign is None:
+        return None, mistakes
+    mistakes = _missing_files(campaign)
+    module = campaign.autonomy.stack.split(":")[0]
+    if not _importable(module):
+        mistakes.append(
+            Mistake("autonomy.stack", f"given '{campaign.autonomy.stack}', no module '{module}'")
+        )
+    return (None, mistakes) if mistakes else (campaign, [])
+
+
+def _missing_files(campaign: Campaign) -> list[Mistake]:
+    mistakes = []
+    for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
+        names = _simulator_files(folder)
+        for given in sorted({getattr(case.scenario, field) for case in expand(campaign)}):
+            if given not in names and not Path(given).is_file():
+                mistakes.append(
+                    Mistake(
+                        f"scenario.{field}",
+                        f"given '{given}', neither shipped nor a file; {suggest(given, names)}",
+                    )
+                )
+    return mistakes
+
+
+def _simulator_files(folder: str) -> list[str]:
+    """Names of files that the simulator ships; found without importing it."""
+    spec = importlib.util.find_spec("twin")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    root = Path(next(iter(spec.submodule_search_locations)))
+    return sorted(path.stem for path in (root / folder).glob("*.yaml"))
+
+
+def _importable(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False

@@ -1,0 +1,68 @@
+"""The state as a plain dictionary, for ``conductor status`` and the progress bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from conductor.grant import mismatches
+from conductor.state import CampaignState, State, WorkerState
+
+
+def status(state: State, now_ns: int) -> dict[str, Any]:
+    """Counts per campaign, workers, and why a worker gets nothing; MessagePack-able."""
+    return {
+        "epoch": state.epoch,
+        "draining": state.draining,
+        "left": state.left,
+        "campaigns": {name: _campaign(c) for name, c in state.campaigns.items()},
+        "workers": [_worker(state, worker, now_ns) for worker in state.workers.values()],
+        "notes": [
+            line
+            for worker in state.workers.values()
+            if _present(state, worker, now_ns)
+            for line in mismatches(state, worker.joined)
+        ],
+    }
+
+
+def _campaign(campaign: CampaignState) -> dict[str, Any]:
+    passed = campaign.ended.get("passed", 0)
+    not_passed = campaign.ended.get("not_passed", 0)
+    failed = campaign.ended.get("failed", 0)
+    return {
+        "out": campaign.out,
+        "digest": campaign.digest,
+        "simulator": campaign.campaign.simulator,
+        "cases": len(campaign.cases),
+        "waiting": len(campaign.backlog),
+        "leased": campaign.leased,
+        "committed": passed + not_passed + failed,
+        "passed": passed,
+        "not_passed": not_passed,
+        "failed": failed,
+        "unresolved": campaign.ended.get("unresolved", 0),
+        "cancelled": campaign.ended.get("cancelled", 0),
+        "attempts": campaign.attempts,
+        "disagreements": campaign.disagreements,
+        "left": campaign.left,
+        "software": campaign.software,
+        "device_class": campaign.device_class,
+    }
+
+
+def _present(state: State, worker: WorkerState, now_ns: int) -> bool:
+    """Spoke within a time to live; a silent worker is still welcome when it comes back."""
+    return now_ns - worker.seen_ns < state.config.ttl_ns
+
+
+def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
+    return {
+        "id": worker.joined.worker,
+        "host": worker.joined.host,
+        "device_class": worker.joined.device_class,
+        "slots": worker.joined.slots,
+        "held": len(worker.tokens),
+        "progress": sum(state.leases[token].progress for token in worker.tokens),
+        "age_s": max(0, now_ns - worker.seen_ns) / 1e9,
+        "present": _present(state, worker, now_ns),
+    }

@@ -1,0 +1,229 @@
+"""The core against a small model: who holds which token until when, and which case has ended.
+
+The bench folds the journal and checks the invariants after every request.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from conductor_bench import Bench, S, ended, hello, result, submit
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+import conductor.core
+import conductor.settle
+from conductor.core import worker_lost
+from conductor.facts import CaseEnded, Committed
+from schemas import SCHEMA_VERSION as V
+from schemas.messages import Lease, Next, Reply
+
+CASES = 5
+ATTEMPTS_MAX = 2
+WORKERS = ("w1", "w2", "w3")
+
+
+@dataclass(slots=True)
+class Model:
+    """The rules in their shortest form."""
+
+    live: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Token -> (worker, case)."""
+    expiry_ns: dict[int, int] = field(default_factory=dict)
+    committed: dict[str, int] = field(default_factory=dict)
+    """Case -> token."""
+    charges: dict[str, int] = field(default_factory=dict)
+    unresolved: set[str] = field(default_factory=set)
+    granted: set[int] = field(default_factory=set)
+
+    def kill(self, token: int, charged: bool = False) -> None:
+        _, case = self.live.pop(token)
+        if charged:
+            self.charges[case] = self.charges.get(case, 0) + 1
+            if self.charges[case] == ATTEMPTS_MAX:
+                self.unresolved.add(case)
+
+    def expire(self, now_ns: int) -> None:
+        for token in [t for t in self.live if self.expiry_ns[t] <= now_ns]:
+            self.kill(token)
+
+    def held_by(self, worker: str) -> list[int]:
+        return [token for token, (owner, _) in self.live.items() if owner == worker]
+
+
+class ConductorMachine(RuleBasedStateMachine):
+    """Workers that remember every lease they ever got and use old ones too."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.bench = Bench()
+        self.bench.ask(submit(cases=CASES, attempts_max=ATTEMPTS_MAX))
+        self.model = Model()
+        self.leases: list[Lease] = []
+        self.last: dict[str, tuple[Next, Reply]] = {}
+        for worker in WORKERS:
+            self.bench.ask(hello(worker))
+
+    @rule(
+        worker=st.sampled_from(WORKERS),
+        k=st.integers(0, 3),
+        forget=st.booleans(),
+        data=st.data(),
+    )
+    def ask_next(self, worker: str, k: int, forget: bool, data: st.DataObject) -> None:
+        model = self.model
+        model.expire(self.bench.now_ns)
+        some = st.lists(st.sampled_from(self.leases), max_size=2) if self.leases else st.just([])
+        finished = data.draw(some, label="finished")
+        given_up = data.draw(some, label="given up")
+        reason = data.draw(st.sampled_from(["crash", "suspect", "walltime"]), label="reason")
+        fenced = [lease.token for lease in finished if not self._commit(lease)]
+        for lease in given_up:
+            if model.live.get(lease.token, ("", ""))[0] == worker:
+                model.kill(lease.token, charged=reason == "crash")
+        held = [] if forget else model.held_by(worker)
+        for token in model.held_by(worker):
+            if token not in held:
+                model.kill(token)
+        reply = self.bench.next(
+            worker,
+            k,
+            results=[result(lease) for lease in finished],
+            ended=[ended(lease, reason) for lease in given_up],
+            held=held,
+        )
+        assert reply.fenced == fenced
+        assert reply.acks == [lease.token for lease in finished]
+        self._granted(worker, k, held, reply)
+
+    def _commit(self, lease: Lease) -> bool:
+        model = self.model
+        if lease.token in model.live:
+            del model.live[lease.token]
+            model.committed[lease.case.id] = lease.token
+            return True
+        return model.committed.get(lease.case.id) == lease.token
+
+    def _granted(self, worker: str, k: int, held: list[int], reply: Reply) -> None:
+        model = self.model
+        assert len(reply.leases) <= k
+        for lease in reply.leases:
+            case = lease.case.id
+            assert lease.token not in model.granted
+            assert case not in model.committed
+            assert case not in model.unresolved
+            assert case not in {c for _, c in model.live.values()}
+            assert not lease.alone or (len(reply.leases) == 1 and not held)
+            model.granted.add(lease.token)
+            model.live[lease.token] = (worker, case)
+            self.leases.append(lease)
+        for token in model.held_by(worker):
+            model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
+        waiting = CASES - len(model.committed) - len(model.unresolved) - len(model.live)
+        assert reply.left == CASES - len(model.committed) - len(model.unresolved)
+        if k and not held:
+            assert reply.leases or not waiting, "a case waits and an empty worker got none"
+        request = Next(v=V, worker=worker, seq=self.bench.seqs[worker], k=k)
+        self.last[worker] = (request, reply)
+
+    @rule(worker=st.sampled_from(WORKERS))
+    def repeat_next(self, worker: str) -> None:
+        self.model.expire(self.bench.now_ns)
+        if worker not in self.last:
+            return
+        request, reply = self.last[worker]
+        assert self.bench.ask(request) == reply
+        for token in self.model.held_by(worker):
+            self.model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
+
+    @precondition(lambda self: self.leases)
+    @rule(worker=st.sampled_from(WORKERS), data=st.data())
+    def beat(self, worker: str, data: st.DataObject) -> None:
+        model = self.model
+        model.expire(self.bench.now_ns)
+        named = data.draw(
+            st.lists(st.sampled_from([x.token for x in self.leases]), max_size=3, unique=True)
+        )
+        own = [token for token in named if token in model.held_by(worker)]
+        reply = self.bench.beat(worker, *named)
+        assert sorted(reply.lost) == sorted(set(named) - set(own))
+        for token in own:
+            model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
+
+    @rule(seconds=st.sampled_from([0.001, 1, 3, 7, 15]))
+    def wait(self, seconds: float) -> None:
+        self.bench.now_ns += int(seconds * S)
+
+    @rule()
+    def tick(self) -> None:
+        self.model.expire(self.bench.now_ns)
+        self.bench.tick()
+
+    @rule(worker=st.sampled_from(WORKERS))
+    def vanish(self, worker: str) -> None:
+        worker_lost(self.bench.state, worker, self.bench.now_ns)
+        until_ns = self.bench.now_ns + self.bench.config.vanished_ns
+        for token in self.model.held_by(worker):
+            self.model.expiry_ns[token] = min(self.model.expiry_ns[token], until_ns)
+
+    @rule()
+    def restart(self) -> None:
+        self.bench.restart()
+        for token in self.model.live:
+            self.model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
+
+    @invariant()
+    def one_end_per_case(self) -> None:
+        if not hasattr(self, "model"):
+            return
+        results = [fact.result for fact in self.bench.facts(Committed)]
+        assert {r.case: r.token for r in results} == self.model.committed
+        assert len(results) == len(self.model.committed)
+        assert sorted(f.case for f in self.bench.facts(CaseEnded)) == sorted(self.model.unresolved)
+
+
+_SETTINGS = settings(
+    max_examples=200,
+    stateful_step_count=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=list(HealthCheck),
+)
+TestConductorMachine = ConductorMachine.TestCase
+TestConductorMachine.settings = _SETTINGS
+
+
+def test_planted_tokens_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    commit = conductor.settle.commit
+    monkeypatch.setattr(
+        conductor.core, "commit", lambda turn, result, worker: commit(turn, result, worker) or True
+    )
+    _must_fail()
+
+
+def test_planted_leases_never_expire(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conductor.core, "expire", lambda turn: None)
+    _must_fail()
+
+
+def _must_fail() -> None:
+    with pytest.raises(AssertionError):
+        run_state_machine_as_test(
+            ConductorMachine,
+            settings=settings(
+                _SETTINGS,
+                database=None,
+                report_multiple_bugs=False,
+                print_blob=False,
+                phases=[Phase.generate],  # nobody reads the smallest example
+            ),
+        )

@@ -1,0 +1,139 @@
+"""The fingerprint: equal values, equal fingerprint; any change is seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from conductor.fingerprint import fingerprint
+from conductor.folders import write_atomic
+from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from schemas.kpi import KPI_COLUMNS
+from twin.fabric.errors import InfrastructureError, UnfinishedError, UsageError
+from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+
+_VALUES = {"bool": True, "int32": 3, "int64": 4, "float64": 0.5, "detections": []}
+
+
+def _kpi(folder: Path, case: str, speed_mps: float) -> CaseOutcome:
+    columns: dict[str, list[Any]] = {c.name: [_VALUES[c.type]] * 2 for c in KPI_COLUMNS}
+    columns["speed_mps"] = [speed_mps, float("nan")]
+    table = kpi_table(columns)
+    attempt_dir = f"cases/{case}/attempt-1"
+    (folder / attempt_dir).mkdir(parents=True)
+    write_kpi(table, folder / attempt_dir / "kpi.parquet")
+    return CaseOutcome(
+        outcome="verdict",
+        verdict="pass",
+        passed=True,
+        attempt_dir=attempt_dir,
+        attempt=1,
+        attempts=1,
+        kpi_sha256=kpi_sha256(table),
+        device_class="cpu:avx2",
+    )
+
+
+def _write(folder: Path, cases: dict[str, CaseOutcome], **changes: Any) -> None:
+    values: dict[str, Any] = {
+        "campaign": "alpha",
+        "digest": "d",
+        "seed": 0,
+        "simulator": "warp",
+        "software": "f00d",
+        "device": "same",
+        "device_classes": ["cpu:avx2"],
+        "complete": all(case.outcome for case in cases.values()),
+    }
+    write_atomic(
+        folder / "outcomes.json", encode_outcomes(Outcomes(cases=cases, **(values | changes)))
+    )
+
+
+def _campaign(folder: Path, speed_mps: float = 1.0) -> dict[str, CaseOutcome]:
+    folder.mkdir()
+    cases = {
+        "a": _kpi(folder, "a", speed_mps),
+        "b": CaseOutcome(outcome="unresolved", reasons=["3 charged attempts"]),
+    }
+    _write(folder, cases)
+    return cases
+
+
+def test_equal_values_give_equal_fingerprints(tmp_path: Path) -> None:
+    _campaign(tmp_path / "one")
+    cases = _campaign(tmp_path / "two")
+    _write(tmp_path / "two", dict(reversed(cases.items())), seed=5)
+    one, two = (fingerprint(tmp_path / name) for name in ("one", "two"))
+    assert one == two
+    assert (one.cases, one.mixed) == (2, False)
+    assert one.outcomes == {"unresolved": 1, "verdict/pass": 1}
+
+
+def test_the_last_bit_of_one_value_is_seen(tmp_path: Path) -> None:
+    _campaign(tmp_path / "one", 1.0)
+    _campaign(tmp_path / "two", 1.0000000000000002)
+    assert fingerprint(tmp_path / "one").sha256 != fingerprint(tmp_path / "two").sha256
+
+
+@pytest.mark.parametrize("changes", [{"verdict": "collision"}, {"outcome": "failed"}])
+def test_an_outcome_is_seen(tmp_path: Path, changes: dict[str, str]) -> None:
+    cases = _campaign(tmp_path / "one")
+    before = fingerprint(tmp_path / "one").sha256
+    cases["a"] = msgspec.structs.replace(cases["a"], **changes)
+    _write(tmp_path / "one", cases)
+    assert fingerprint(tmp_path / "one").sha256 != before
+
+
+def test_mixed_device_classes_are_told(tmp_path: Path) -> None:
+    cases = _campaign(tmp_path / "one")
+    _write(tmp_path / "one", cases, device_classes=["cpu:avx2", "cuda:H200"])
+    assert fingerprint(tmp_path / "one").mixed
+
+
+def test_a_kpi_file_that_was_not_committed_is_named(tmp_path: Path) -> None:
+    cases = _campaign(tmp_path / "one")
+    cases["a"] = msgspec.structs.replace(cases["a"], kpi_sha256="0" * 64)
+    _write(tmp_path / "one", cases)
+    with pytest.raises(InfrastructureError, match=r"case a: .* not the file that was committed"):
+        fingerprint(tmp_path / "one")
+    (tmp_path / "one/cases/a/attempt-1/kpi.parquet").unlink()
+    with pytest.raises(InfrastructureError, match=r"kpi\.parquet"):
+        fingerprint(tmp_path / "one")
+
+
+def test_a_case_without_kpis_counts_by_its_outcome(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    _write(tmp_path / "one", {"a": CaseOutcome(outcome="verdict", verdict="pass")})
+    assert fingerprint(tmp_path / "one").outcomes == {"verdict/pass": 1}
+
+
+@pytest.mark.parametrize("attempt_dir", ["/etc", "../other", "cases/../../x"])
+def test_an_attempt_outside_the_campaign_is_refused(tmp_path: Path, attempt_dir: str) -> None:
+    cases = _campaign(tmp_path / "one")
+    cases["a"] = msgspec.structs.replace(cases["a"], attempt_dir=attempt_dir)
+    _write(tmp_path / "one", cases)
+    with pytest.raises(InfrastructureError, match="outside"):
+        fingerprint(tmp_path / "one")
+
+
+def test_an_unfinished_campaign_has_no_fingerprint(tmp_path: Path) -> None:
+    cases = _campaign(tmp_path / "one")
+    cases["c"] = CaseOutcome(outcome="")
+    _write(tmp_path / "one", cases)
+    with pytest.raises(UnfinishedError, match="1 of 3 cases have not ended"):
+        fingerprint(tmp_path / "one")
+
+
+def test_no_outcomes(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no outcomes\.json"):
+        fingerprint(tmp_path)
+    (tmp_path / "conductor.json").write_text("{}")
+    with pytest.raises(UsageError, match="still running"):
+        fingerprint(tmp_path)
+    (tmp_path / "outcomes.json").write_text("{")
+    with pytest.raises(InfrastructureError, match="damaged"):
+        fingerprint(tmp_path)

@@ -1,0 +1,270 @@
+"""The process around the engine: start, serve, stop, start again; over the in-memory bus."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import pytest
+from conductor_bench import hello, result, submit
+
+import conductor.shell
+from conductor.outcomes import read_outcomes
+from conductor.shell import Conductor
+from conductor.state import Config
+from schemas import SCHEMA_VERSION as V
+from schemas import topics
+from schemas.campaign import Campaign
+from schemas.messages import Next, Reply, StatusRequest, Stop
+from schemas.wire import decode, encode
+from schemas.yaml_file import load_yaml
+from twin.fabric.bus import Bus, Sample
+from twin.fabric.discovery import find_conductor
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.memory_bus import Hub
+
+WAIT_S = 20.0
+
+
+@pytest.fixture
+def hub() -> Iterator[Hub]:
+    hub = Hub()
+    thread = hub.run()
+    yield hub
+    hub.stop()
+    thread.join()
+
+
+@contextlib.contextmanager
+def serving(folder: Path, hub: Hub, **options: object) -> Iterator[Conductor]:
+    conductor = Conductor(folder, bus_factory=lambda _listen, _namespace: hub.open(), **options)  # type: ignore[arg-type]
+    thread = threading.Thread(target=conductor.serve)
+    thread.start()
+    assert conductor.started.wait(WAIT_S)
+    try:
+        yield conductor
+    finally:
+        conductor.stop()
+        thread.join(WAIT_S)
+        assert not thread.is_alive()
+
+
+def _run_all(conductor: Conductor, worker: str = "w1") -> None:
+    conductor.request(hello(worker))
+    leases = conductor.request(Next(v=V, worker=worker, seq=1, k=99)).leases
+    done = [result(lease, kpi="0") for lease in leases]
+    assert not conductor.request(Next(v=V, worker=worker, seq=2, k=0, results=done)).error
+
+
+def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> None:
+    with serving(tmp_path / "state", hub) as conductor:
+        assert conductor.snapshot()["left"] == 0
+        assert find_conductor(tmp_path / "state").endpoint == "memory"
+        out = tmp_path / "results"
+        reply = conductor.request(submit(out=str(out)))
+        assert (reply.error, reply.status["out"]) == ("", str(out))
+        assert find_conductor(out).epoch == 1
+        text = (out / "campaign.yaml").read_text()
+        assert "# campaign digest: " in text
+        again = msgspec.convert(load_yaml(out / "campaign.yaml"), Campaign)
+        assert again.campaign == "alpha"
+        with pytest.raises(UsageError, match="still running"):
+            read_outcomes(out)
+        _run_all(conductor)
+        outcomes = read_outcomes(out)
+        assert (outcomes.complete, len(outcomes.cases)) == (True, 4)
+        assert outcomes.cases["repeat_0"].attempt_dir == "cases/repeat_0/attempt-1"
+        assert "# software digest: f00d" in (out / "campaign.yaml").read_text()
+        assert conductor.snapshot()["campaigns"]["alpha"]["passed"] == 4
+    assert not (tmp_path / "state/conductor.json").exists()
+    assert not (out / "conductor.json").exists()
+
+
+def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
+    heard: list[str] = []
+    done = threading.Event()
+
+    def hear(sample: Sample) -> None:
+        fact = decode(sample.payload, dict)
+        heard.append(fact["fact"])
+        assert not fact.get("cases")
+        if heard[-1] == "worker_joined":
+            done.set()
+
+    with serving(tmp_path, hub):
+        client = hub.open()
+        client.subscribe(topics.EVENT.key, hear)
+
+        def ask(message: msgspec.Struct) -> Reply:
+            return decode(client.request(topics.RPC.key, encode(message), WAIT_S) or b"", Reply)
+
+        assert not ask(submit()).error
+        assert not ask(hello()).error
+        assert done.wait(WAIT_S)
+        assert heard == ["submitted", "worker_joined"]
+        rubbish = client.request(topics.RPC.key, b"\xc1", WAIT_S)
+        assert "not MessagePack" in decode(rubbish or b"", Reply).error
+        assert ask(StatusRequest(v=V)).status["left"] == 4
+
+
+def test_a_second_conductor_names_the_first(tmp_path: Path, hub: Hub) -> None:
+    with (
+        serving(tmp_path, hub),
+        pytest.raises(UsageError, match=r"conductor \(pid \d+ on ") as caught,
+    ):
+        Conductor(tmp_path, bus_factory=lambda *_: hub.open()).serve()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_restart_resumes_and_keeps_leases(tmp_path: Path, hub: Hub) -> None:
+    with serving(tmp_path, hub) as conductor:
+        conductor.request(submit())
+        conductor.request(hello())
+        leases = conductor.request(Next(v=V, worker="w1", seq=1, k=2)).leases
+    assert not read_outcomes(tmp_path / "alpha").complete
+    with serving(tmp_path, hub) as conductor:
+        assert conductor.request(submit()).status["resumed"]
+        done = Next(v=V, worker="w1", seq=2, k=2, results=[result(x, kpi="0") for x in leases])
+        reply = conductor.request(done)
+        assert (reply.fenced, len(reply.leases), reply.epoch) == ([], 2, 2)
+
+
+def test_outcomes_that_a_crash_lost_are_written_at_the_next_start(tmp_path: Path, hub: Hub) -> None:
+    with serving(tmp_path, hub) as conductor:
+        conductor.request(submit())
+        _run_all(conductor)
+    (tmp_path / "alpha/outcomes.json").unlink()
+    with serving(tmp_path, hub):
+        assert read_outcomes(tmp_path / "alpha").complete
+
+
+def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conductor.shell, "LINGER_S", 0.0)
+    served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
+    thread = threading.Thread(target=served.serve)
+    thread.start()
+    assert served.started.wait(WAIT_S)
+    served.request(submit())
+    served.request(hello())
+    (lease,) = served.request(Next(v=V, worker="w1", seq=1, k=1)).leases
+    assert served.request(Stop(v=V)).drain
+    assert thread.is_alive()
+    served.request(Next(v=V, worker="w1", seq=2, k=1, results=[result(lease)]))
+    thread.join(WAIT_S)
+    assert not thread.is_alive()
+
+
+def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: Hub) -> None:
+    config = Config(ttl_ns=3_600_000_000_000, vanished_ns=1_000_000)
+    lost = threading.Event()
+
+    def hear(sample: Sample) -> None:
+        if decode(sample.payload, dict)["fact"] == "attempt_ended":
+            lost.set()
+
+    with serving(tmp_path, hub, config=config) as conductor:
+        hub.open().subscribe(topics.EVENT.key, hear)
+        worker = hub.open()
+        worker.announce(topics.WORKER_ALIVE.key.format(worker="w1"))
+        conductor.request(submit())
+        conductor.request(hello())
+        conductor.request(Next(v=V, worker="w1", seq=1, k=1))
+        worker.close()
+        assert lost.wait(WAIT_S)
+
+
+@pytest.mark.parametrize("port_is_free", [True, False])
+def test_the_port_of_a_crashed_predecessor_is_taken_if_free(
+    tmp_path: Path, hub: Hub, port_is_free: bool
+) -> None:
+    asked: list[str] = []
+
+    def factory(listen: Sequence[str], _: str) -> Bus:
+        asked.extend(listen)
+        if listen == ["tcp/127.0.0.1:4711"] and not port_is_free:
+            raise UsageError("address already in use")
+        bus = hub.open()
+        bus.endpoints = [listen[0].replace(":0", ":4711" if len(asked) == 1 else ":4712")]
+        return bus
+
+    first = Conductor(tmp_path, bus_factory=factory)
+    first.startup()
+    left_behind = (tmp_path / "conductor.json").read_bytes()
+    first.shutdown()
+    (tmp_path / "conductor.json").write_bytes(left_behind)
+    second = Conductor(tmp_path, bus_factory=factory)
+    second.startup()
+    second.shutdown()
+    assert second.endpoint == f"tcp/127.0.0.1:{4711 if port_is_free else 4712}"
+
+
+def test_an_address_for_all_interfaces_is_told_by_host_name(tmp_path: Path, hub: Hub) -> None:
+    def factory(listen: Sequence[str], _: str) -> Bus:
+        bus = hub.open()
+        bus.endpoints = ["tcp/0.0.0.0:4711"]
+        return bus
+
+    served = Conductor(tmp_path, listen="tcp/0.0.0.0:0", bus_factory=factory)
+    served.startup()
+    found = json.loads((tmp_path / "conductor.json").read_text())
+    served.shutdown()
+    assert found["endpoint"] == f"tcp/{found['host']}:4711"
+
+
+def _fail(*_: object) -> Bus:
+    raise UsageError("tcp/127.0.0.1:1: address already in use")
+
+
+def test_a_failing_start_releases_the_folder(tmp_path: Path, hub: Hub) -> None:
+    with pytest.raises(UsageError, match="already in use"):
+        Conductor(tmp_path, bus_factory=_fail).serve()
+    assert not (tmp_path / "conductor.json").exists()
+    with serving(tmp_path, hub):
+        pass
+
+
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, hub: Hub) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises((UsageError, InfrastructureError), match="file"):
+        Conductor(tmp_path / "file", bus_factory=lambda *_: hub.open()).serve()
+
+
+def test_folders_of_others_are_refused(tmp_path: Path, hub: Hub) -> None:
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken/campaign.yaml").write_text("campaign: other\n")
+    (tmp_path / "file").write_text("")
+    with serving(tmp_path / "state", hub) as conductor:
+        for out, text in (
+            (tmp_path / "taken", "holds a campaign of another conductor"),
+            (tmp_path / "file/deep", "is not a folder"),
+        ):
+            error = conductor.request(submit(out=str(out))).error
+            assert text in error
+            assert "give another out folder" in error
+        assert conductor.snapshot()["campaigns"] == {}
+        assert not conductor.request(submit(out=str(tmp_path / "own"))).error
+        error = conductor.request(submit("beta", out=str(tmp_path / "own"))).error
+        assert "own holds campaign 'alpha'" in error
+
+
+def test_a_request_to_a_dead_conductor_times_out(tmp_path: Path, hub: Hub) -> None:
+    served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
+    assert served.snapshot() == {}
+    with pytest.raises(InfrastructureError, match="did not answer"):
+        served.request(StatusRequest(v=V), timeout_s=0.01)
+
+
+def test_too_many_requests_are_refused_at_once(
+    tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
+    replies: list[bytes] = []
+    for _ in range(conductor.shell.INBOX_MAX + 1):
+        served._receive(b"", replies.append)
+    assert len(replies) == 1
+    assert "busy" in decode(replies[0], Reply).error
+    assert served.refused == 1
