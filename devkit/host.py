@@ -114,7 +114,9 @@ def run_join(folder: Path) -> int:
             print(f"joining {claimed.stem}", file=sys.stderr, flush=True)
             arguments = json.loads(claimed.read_text(encoding="utf-8"))["arguments"]
             claimed.unlink(missing_ok=True)
-            child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=sys.stderr.buffer)
+            child = spawn(
+                [sys.executable, "-m", "devkit", "host", *arguments], log=sys.stderr.buffer
+            )
             child.wait()
             child = None
     finally:

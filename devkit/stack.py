@@ -110,8 +110,7 @@ class Stack(ABC):
     runs at a fixed batch size, never at S.
     """
 
-    @abstractmethod
-    def __init__(self, slots: int, **parameters: ParameterValue) -> None:
+    def __init__(self, slots: int) -> None:
         """Build the stack once per rig.
 
         Subclasses list their parameters as keyword-only arguments with defaults; those are the
@@ -119,8 +118,8 @@ class Stack(ABC):
 
         Args:
             slots: number of slots S, at least 1.
-            **parameters: the campaign's ``autonomy.parameters``.
         """
+        self.slots = slots
 
     @abstractmethod
     def reset(self, slot: int, episode: Episode) -> None:

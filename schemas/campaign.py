@@ -41,7 +41,7 @@ class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all file types: frozen, unknown keys are errors."""
 
 
-class Camera(_Spec):
+class Camera(_Spec, frozen=True):
     """A pinhole camera on the ego, looking forward."""
 
     name: Name = "front_right"
@@ -57,7 +57,7 @@ class Camera(_Spec):
     """Shot and read noise, drawn from the case's own stream."""
 
 
-class Scenario(_Spec):
+class Scenario(_Spec, frozen=True):
     """The AEB jump scare: the ego drives down its lane towards a broken-down car."""
 
     type: Literal["jump_scare"] = "jump_scare"
@@ -77,7 +77,7 @@ class Scenario(_Spec):
     """Coming to rest further than this from the obstacle is false braking [m]."""
 
 
-class GroundTruthPerception(_Spec, tag_field="type", tag="ground_truth"):
+class GroundTruthPerception(_Spec, frozen=True, tag_field="type", tag="ground_truth"):
     """The box sensor seen through a contrast threshold: fog, night and rain make it miss."""
 
     contrast_min: Annotated[float, Meta(gt=0, le=1)] = 0.05
@@ -86,7 +86,7 @@ class GroundTruthPerception(_Spec, tag_field="type", tag="ground_truth"):
     """Fewest visible pixels of an object that can be detected [px]."""
 
 
-class Autonomy(_Spec):
+class Autonomy(_Spec, frozen=True):
     """The stack under test and its perception variants."""
 
     stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
@@ -103,13 +103,13 @@ class Autonomy(_Spec):
     """Perception variants by name; the matrix axis ``model`` chooses one."""
 
 
-class Batch(_Spec):
+class Batch(_Spec, frozen=True):
     """Cases labelled in file order, ``size`` to a batch, as the paper ran them."""
 
     size: Annotated[int, Meta(ge=1, le=CASES_MAX)] = 32
 
 
-class Campaign(_Spec, kw_only=True):
+class Campaign(_Spec, frozen=True, kw_only=True):
     """One campaign file."""
 
     schema: Literal[1] = 1
@@ -138,7 +138,7 @@ class Campaign(_Spec, kw_only=True):
     batch: Batch | None = None
 
 
-class Case(_Spec, kw_only=True):
+class Case(_Spec, frozen=True, kw_only=True):
     """One test case, complete in itself; this is what a lease carries."""
 
     id: str
@@ -329,7 +329,9 @@ def _rates(control_hz: int, camera_hz: int) -> list[Mistake]:
         )
     if camera_hz > control_hz or control_hz % camera_hz:
         mistakes.append(
-            Mistake("camera.hz", f"given {camera_hz}, allowed: a divisor of control_hz {control_hz}")
+            Mistake(
+                "camera.hz", f"given {camera_hz}, allowed: a divisor of control_hz {control_hz}"
+            )
         )
     return mistakes
 

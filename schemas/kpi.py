@@ -50,7 +50,9 @@ SCALARS: tuple[Column, ...] = (
     Column("dtc_end_m", "float64", "m", "Distance to collision at the end"),
     Column("aeb_time_s", "float64", "s", "Sim time of the first AEB trigger", nullable=True),
     Column("aeb_dtc_m", "float64", "m", "Distance at the first AEB trigger", nullable=True),
-    Column("aeb_ttc_s", "float64", "s", "Time to collision at the first AEB trigger", nullable=True),
+    Column(
+        "aeb_ttc_s", "float64", "s", "Time to collision at the first AEB trigger", nullable=True
+    ),
     Column("impact_speed_mps", "float64", "m/s", "Speed at the first collision", nullable=True),
     Column("decel_peak_mps2", "float64", "m/s^2", "Peak deceleration"),
     Column("speed_max_mps", "float64", "m/s", "Highest speed"),

@@ -1,4 +1,4 @@
-"""Messages of the drive plane (simulator <-> stack) and of the control plane (worker <-> conductor).
+"""Messages of the drive plane (simulator - stack) and of the control plane (worker - conductor).
 
 All are frozen; on the wire they are MessagePack maps (see :mod:`schemas.wire`).
 """

@@ -67,7 +67,9 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
             for mistake in _check(item, info.item_type, f"{path}[{index}]")
         ]
         if not mistakes and info.min_length is not None and len(data) < info.min_length:
-            mistakes.append(Mistake(path, f"given an empty list, at least {info.min_length} needed"))
+            mistakes.append(
+                Mistake(path, f"given an empty list, at least {info.min_length} needed")
+            )
         return mistakes
     return _check_scalar(data, info, path)
 
@@ -137,7 +139,9 @@ def _rebuild(info: inspect.Type) -> Any:
         return Literal[tuple(info.values)]
     if isinstance(info, inspect.IntType | inspect.FloatType):
         kind: Any = int if isinstance(info, inspect.IntType) else float
-        meta = {k: getattr(info, k) for k in ("gt", "ge", "lt", "le") if getattr(info, k) is not None}
+        meta = {
+            k: getattr(info, k) for k in ("gt", "ge", "lt", "le") if getattr(info, k) is not None
+        }
         return Annotated[kind, msgspec.Meta(**meta)] if meta else kind
     if isinstance(info, inspect.StrType):
         text = {
@@ -162,7 +166,9 @@ def _allowed(info: inspect.Type) -> str:
     if isinstance(info, inspect.IntType | inspect.FloatType):
         noun = "a whole number" if isinstance(info, inspect.IntType) else "a number"
         signs = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
-        limits = [f"{sign} {getattr(info, k):g}" for k, sign in signs if getattr(info, k) is not None]
+        limits = [
+            f"{sign} {getattr(info, k):g}" for k, sign in signs if getattr(info, k) is not None
+        ]
         return f"{noun} {' and '.join(limits)}".strip()
     if isinstance(info, inspect.StrType):
         return f"text matching {info.pattern}" if info.pattern else "text"

@@ -49,6 +49,6 @@ def decode(data: bytes, type_: type[T] | Any, size_max: int = MESSAGE_BYTES_MAX)
             "install the same version on both sides"
         )
     try:
-        return msgspec.convert(plain, type_)  # type: ignore[no-any-return]
+        return msgspec.convert(plain, type_)
     except (msgspec.ValidationError, RecursionError) as error:
         raise WireError(f"not a valid message: {error}") from None

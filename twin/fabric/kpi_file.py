@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
 from twin.fabric.errors import InfrastructureError, storage_error
 
-_DETECTION = pa.struct([(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS])
+_DETECTION = pa.struct(
+    [(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS]
+)
 _TYPES = {
     "bool": pa.bool_(),
     "int32": pa.int32(),

@@ -153,7 +153,12 @@ class MemoryBus:
         self._watchers: list[tuple[str, Callable[[str, bool], None]]] = []
 
     def publish(
-        self, key: str, payload: bytes, attachment: bytes = b"", *, block: bool = False
+        self,
+        key: str,
+        payload: bytes,
+        attachment: bytes = b"",
+        *,
+        block: bool = False,  # noqa: ARG002 - the hub decides what is lost
     ) -> None:
         """See :class:`twin.fabric.bus.Bus`."""
         if self.closed:
@@ -239,5 +244,7 @@ def _match(pattern: list[str], key: list[str]) -> bool:
     return _match(pattern[1:], key[1:])
 
 
-def _guarded(bus: MemoryBus, handler: Callable[[Sample], None], sample: Sample) -> Callable[[], None]:
+def _guarded(
+    bus: MemoryBus, handler: Callable[[Sample], None], sample: Sample
+) -> Callable[[], None]:
     return lambda: None if bus.closed else handler(sample)

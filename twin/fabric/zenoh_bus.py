@@ -179,7 +179,7 @@ class _ZenohBus:
             def respond(answer: bytes) -> None:
                 try:
                     query.reply(query.key_expr, answer)
-                    query.drop()
+                    query.drop()  # type: ignore[no-untyped-call]
                 except zenoh.ZError:
                     pass  # the asker is gone; it will ask again
 
@@ -216,4 +216,4 @@ class _ZenohBus:
             if self._closed:
                 return
             self._closed = True
-        self._session.close()
+        self._session.close()  # type: ignore[no-untyped-call]

@@ -77,12 +77,14 @@ def test_port_in_use_is_one_line():
 
 
 def test_nobody_answers_is_one_line():
-    with pytest.raises(InfrastructureError, match="nobody answers after 0.2 s") as error:
+    with pytest.raises(InfrastructureError, match="nobody answers") as error:
         open_bus("client", connect=["tcp/127.0.0.1:1"], connect_timeout_s=0.2)
     assert len(str(error.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("endpoint", ["", "localhost:7447", "tcp/host", "tcp/host:x", "http/h:1", "tcp/h:65536"])
+@pytest.mark.parametrize(
+    "endpoint", ["", "localhost:7447", "tcp/host", "tcp/host:x", "http/h:1", "tcp/h:65536"]
+)
 def test_bad_endpoints_are_named(endpoint):
     with pytest.raises(UsageError, match="endpoint"):
         open_bus("router", listen=[endpoint])

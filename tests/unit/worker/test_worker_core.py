@@ -171,7 +171,9 @@ def test_rigs_that_keep_dying_are_slowed_down():
     assert 0 < second < core.ask_at_ns <= 10 * SECOND_NS
 
 
-@pytest.mark.parametrize(("wait_ns", "stalled"), [(5 * SECOND_NS - 1, False), (5 * SECOND_NS, True)])
+@pytest.mark.parametrize(
+    ("wait_ns", "stalled"), [(5 * SECOND_NS - 1, False), (5 * SECOND_NS, True)]
+)
 def test_the_deadline_is_exact(wait_ns, stalled):
     core = working(slots=1, tokens=(1,))
     core.on_progress([1], [4], 7)
