@@ -1,0 +1,33 @@
+"""Fixtures of the end-to-end tests."""
+
+import json
+
+import pytest
+from processes import Marked, nothing_left
+
+
+@pytest.fixture
+def marked():
+    """Starts processes; fails if anything is left behind, and kills it."""
+    starter = Marked()
+    try:
+        with nothing_left(starter):
+            yield starter
+    finally:
+        starter.end()
+
+
+@pytest.fixture(scope="session")
+def quiet(tmp_path_factory):
+    """The campaign chaos-16 run once in peace: 1 worker x 1 slot."""
+    folder = tmp_path_factory.mktemp("quiet") / "chaos-16"
+    starter = Marked()
+    try:
+        done = starter.run(
+            *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "1"),
+            *("--out", str(folder), "--output", "json"),
+        )
+        assert done.returncode == 1, done.stderr
+        return {"folder": folder, **json.loads(done.stdout)}
+    finally:
+        starter.end()

@@ -1,0 +1,139 @@
+"""Real processes of a test: started with a mark, found again by it, and never left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import psutil
+
+T = TypeVar("T")
+MARK = "TWIN_TEST_MARK"
+PATIENCE_S = 120.0
+"""Longest wait for a fact; generous, for machines that are shared and slow."""
+
+
+class Marked:
+    """Everything started through it, and what that started, carries one mark."""
+
+    def __init__(self) -> None:
+        self.mark = uuid.uuid4().hex
+        self.children: list[subprocess.Popen[str]] = []
+
+    def start(
+        self, *arguments: str, prefix: tuple[str, ...] = (), folder: Path | None = None
+    ) -> subprocess.Popen[str]:
+        """Start ``python -m ARGUMENTS`` in the background, in ``folder``."""
+        child = subprocess.Popen(
+            [*prefix, sys.executable, "-m", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, MARK: self.mark},
+            start_new_session=True,
+            cwd=folder,
+        )
+        self.children.append(child)
+        return child
+
+    def run(self, *arguments: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run ``python -m ARGUMENTS`` to its end."""
+        child = self.start(*arguments, folder=folder)
+        out, err = child.communicate(timeout=PATIENCE_S)
+        return subprocess.CompletedProcess(arguments, child.returncode, out, err)
+
+    def processes(self, *words: str) -> list[psutil.Process]:
+        """Live processes with our mark whose command line holds all ``words``."""
+        found = []
+        for process in psutil.process_iter():
+            try:
+                if process.status() == psutil.STATUS_ZOMBIE:
+                    continue
+                if process.environ().get(MARK) != self.mark:
+                    continue
+                line = process.cmdline()
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+            if all(word in line for word in words):
+                found.append(process)
+        return found
+
+    def one(self, *words: str) -> psutil.Process:
+        """Wait for a live process with these words and return it."""
+        return wait_for(lambda: next(iter(self.processes(*words)), None), f"a process {words}")
+
+    def end(self) -> None:
+        """Kill whatever is left and reap it."""
+        for process in self.processes():
+            try:
+                process.kill()
+            except psutil.NoSuchProcess:
+                continue
+        for child in self.children:
+            if child.poll() is None:
+                child.kill()
+            child.wait()
+            for stream in (child.stdout, child.stderr):
+                if stream is not None:
+                    stream.close()
+
+
+def wait_for(look: Callable[[], T], what: str) -> T:
+    """Poll until ``look`` returns something true."""
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        found = look()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"waited {PATIENCE_S:.0f} s in vain for {what}")
+
+
+def committed(folder: Path) -> int:
+    """Attempt folders with KPIs: cases that got at least that far."""
+    return len(list(folder.glob("cases/*/attempt-*/kpi.parquet")))
+
+
+def outcomes(folder: Path) -> dict[str, dict[str, object]]:
+    """Cases of a finished campaign."""
+    cases: dict[str, dict[str, object]] = json.loads((folder / "outcomes.json").read_text())[
+        "cases"
+    ]
+    return cases
+
+
+def _traces() -> set[str]:
+    """Names that a careless program leaves behind."""
+    found = {f"/dev/shm/{name}" for name in os.listdir("/dev/shm")}
+    root = tempfile.gettempdir()
+    for name in os.listdir(root):
+        if not name.startswith(("pytest-", "hypothesis", "bash_jobs", ".")):
+            found.add(f"{root}/{name}")
+    return found
+
+
+@contextmanager
+def nothing_left(marked: Marked) -> Iterator[None]:
+    """Fail if processes, shared memory or temporary files outlive the block."""
+    before = _traces()
+    yield
+    wait_for(lambda: not marked.processes(), "the end of every process")
+    ours = {
+        path for path in _traces() - before if "twin" in path or "warp" in path or "zenoh" in path
+    }
+    assert not ours
+
+
+def interrupt(process: subprocess.Popen[str]) -> None:
+    """Ctrl-C."""
+    process.send_signal(signal.SIGINT)

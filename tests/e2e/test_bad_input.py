@@ -1,0 +1,168 @@
+"""Bad input and bad surroundings: one clear line, a documented exit code, nothing lost."""
+
+import os
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+from processes import committed, outcomes, wait_for
+
+
+def one_line(done, code, *words):
+    """The command failed with ``code`` and one line that holds ``words``."""
+    assert done.returncode == code, (done.stdout, done.stderr)
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+def campaign_file(folder: Path, **changes) -> Path:
+    """A small campaign with changes to its top level."""
+    import yaml
+
+    data = {"campaign": "c", "matrix": {"weather": ["clear"]}, **changes}
+    path = folder / "c.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+def test_unknown_campaign(marked):
+    one_line(marked.run("conductor", "run", "aeb-dmo"), 2, "did you mean 'aeb-demo'?")
+
+
+def test_missing_file(marked):
+    one_line(marked.run("conductor", "run", "no/such.yaml"), 2, "no/such.yaml", "no such file")
+
+
+def test_unknown_weather(marked, tmp_path):
+    path = campaign_file(tmp_path, matrix={"weather": ["hevy_fog"]})
+    done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))
+    one_line(done, 2, "matrix.weather", "'hevy_fog'", "did you mean 'heavy_fog'?")
+    assert not (tmp_path / "out").exists()
+
+
+def test_port_in_use(marked, tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        done = marked.run(
+            "conductor", "run", "chaos-16", "--listen", endpoint, "--out", str(tmp_path / "c")
+        )
+    one_line(done, 2, endpoint, "already in use")
+
+
+def test_unreachable_conductor(marked):
+    done = marked.run("conductor", "status", "--connect", "tcp/127.0.0.1:1")
+    one_line(done, 3, "tcp/127.0.0.1:1", "nobody answers")
+
+
+def test_worker_without_a_conductor(marked, tmp_path):
+    one_line(marked.run("twin", "worker"), 2, "--connect", "--state")
+    done = marked.run("twin", "worker", "--state", str(tmp_path))
+    one_line(done, 2, "conductor.json", "conductor serve")
+
+
+def test_bad_endpoint(marked):
+    done = marked.run("conductor", "status", "--connect", "localhost")
+    one_line(done, 2, "localhost", "tcp/HOST:PORT")
+
+
+def test_another_campaign_in_the_folder(marked, quiet):
+    folder = str(quiet["folder"])
+    done = marked.run("conductor", "run", "chaos-16", "--seed", "99", "--out", folder)
+    one_line(done, 2, "chaos-16", folder)
+
+
+def test_noop_has_no_report(marked, tmp_path):
+    path = campaign_file(tmp_path, simulator="noop")
+    done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert "noop" in done.stdout
+    one_line(marked.run("conductor", "report", str(tmp_path / "out")), 2, "noop")
+
+
+def test_unknown_stack_parameter_ends_unresolved_with_the_reason(marked, tmp_path):
+    path = campaign_file(tmp_path, autonomy={"parameters": {"cruise": 3}}, attempts_max=1)
+    out = tmp_path / "out"
+    done = marked.run("conductor", "run", str(path), "--out", str(out), "--workers", "1")
+    assert done.returncode == 3
+    (row,) = outcomes(out).values()
+    assert row["outcome"] == "unresolved"
+    assert "cruise" in row["reasons"][0]
+
+
+def test_no_case_passes_without_a_verdict(marked, tmp_path):
+    """A stack that raises: unresolved, never a pass; its words reach the user."""
+    package = tmp_path / "mystack.py"
+    package.write_text(
+        "from devkit.stack import Stack\n"
+        "class Broken(Stack):\n"
+        "    def reset(self, slot, episode): pass\n"
+        "    def step(self, observation): raise RuntimeError('lens cap on')\n"
+    )
+    path = campaign_file(tmp_path, autonomy={"stack": "mystack:Broken"}, attempts_max=1)
+    os.environ["PYTHONPATH"] = str(tmp_path)
+    try:
+        done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))
+    finally:
+        del os.environ["PYTHONPATH"]
+    assert done.returncode == 3, done.stderr
+    (row,) = outcomes(tmp_path / "out").values()
+    assert row["outcome"] == "unresolved"
+    assert not row["passed"]
+    assert "lens cap on" in row["reasons"][0]
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 1 MiB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("needs root to mount a small tmpfs")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_full_disk_then_space(marked, quiet, small_disk):
+    ballast = small_disk / "ballast"
+    ballast.write_bytes(bytes(700_000))
+    folder = small_disk / "c"
+    done = marked.run("conductor", "run", "chaos-16", "--workers", "1", "--out", str(folder))
+    assert done.returncode == 3, (done.stdout, done.stderr)
+    last = done.stderr.strip().splitlines()[-1]
+    assert "No space left on device" in last or "full" in last
+    assert "Traceback" not in done.stderr
+    before = committed(folder)
+    ballast.unlink()
+    subprocess.run(["mount", "-o", "remount,size=40m", str(small_disk)], check=True)
+    again = marked.run("conductor", "run", "chaos-16", "--workers", "1", "--out", str(folder))
+    assert again.returncode == 1, again.stderr
+    assert committed(folder) >= max(16, before)
+    assert quiet["fingerprint"] in again.stdout
+
+
+def test_foreign_package_is_named(marked, tmp_path):
+    (tmp_path / "devkit").mkdir()
+    (tmp_path / "devkit" / "__init__.py").write_text("")
+    # The working folder comes first on the path of ``python -m``.
+    done = marked.run("conductor", "campaigns", folder=tmp_path)
+    one_line(done, 2, "devkit", str(tmp_path))
+
+
+def test_an_interrupted_start_of_a_worker(marked, tmp_path):
+    """A worker whose conductor never comes: SIGTERM ends it at once."""
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        child = marked.start(
+            "twin", "worker", "--connect", f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        )
+        wait_for(lambda: marked.processes("worker"), "the worker")
+        child.terminate()
+        child.communicate()
+    assert child.returncode != 0

@@ -1,0 +1,98 @@
+"""The fingerprint does not depend on workers, slots, load, crashes or where processes run."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pyarrow.parquet as pq
+import pytest
+from processes import committed, outcomes, wait_for
+
+
+def run(marked, folder, *options, campaign="chaos-16"):
+    """Run a campaign; its JSON."""
+    done = marked.run(
+        "conductor", "run", campaign, "--out", str(folder), "--output", "json", *options
+    )
+    assert done.returncode in (0, 1), done.stderr
+    return json.loads(done.stdout)
+
+
+def test_quiet_run_has_both_verdicts(quiet):
+    assert quiet["committed"] == quiet["cases"] == 16
+    assert 0 < quiet["passed"] < 16
+    assert quiet["passed"] + quiet["failed"] == 16
+    assert quiet["unresolved"] == 0
+    assert {row["verdict"] for row in outcomes(quiet["folder"]).values()} >= {"pass", "collision"}
+
+
+@pytest.mark.parametrize(("workers", "slots"), [(1, 4), (2, 2)])
+def test_workers_and_slots(marked, quiet, tmp_path, workers, slots):
+    found = run(marked, tmp_path / "c", "--workers", str(workers), "--slots", str(slots))
+    assert found["committed"] == 16
+    assert found["fingerprint"] == quiet["fingerprint"]
+
+
+def test_both_cores_loaded(marked, quiet, tmp_path):
+    spin = [sys.executable, "-c", "while True: pass"]
+    burners = [subprocess.Popen(spin) for _ in range(4)]
+    try:
+        found = run(marked, tmp_path / "c", "--workers", "2", "--slots", "2")
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    assert found["fingerprint"] == quiet["fingerprint"]
+
+
+@pytest.mark.parametrize("victim", ["worker", "sim", "host"])
+def test_a_process_killed_in_the_middle(marked, quiet, tmp_path, victim):
+    folder = tmp_path / "c"
+    child = marked.start(
+        *("conductor", "run", "chaos-16", "--workers", "2", "--slots", "2"),
+        *("--out", str(folder), "--output", "json"),
+    )
+    wait_for(lambda: committed(folder) >= 3, "three cases")
+    marked.one(victim).kill()
+    out, err = child.communicate()
+    assert child.returncode == 1, err
+    found = json.loads(out)
+    assert found["committed"] == 16
+    assert found["fingerprint"] == quiet["fingerprint"]
+    rows = outcomes(folder)
+    assert sum(row["attempts"] for row in rows.values()) > 16, "nothing was lost by the kill"
+    assert all(not row["late"] for row in rows.values())
+
+
+def test_another_seed_changes_it(marked, quiet, tmp_path):
+    found = run(marked, tmp_path / "c", "--seed", "17")
+    assert found["fingerprint"] != quiet["fingerprint"]
+
+
+def test_a_changed_kpi_file_is_noticed(marked, quiet, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(quiet["folder"], folder)
+    done = marked.run("conductor", "fingerprint", str(folder))
+    assert done.stdout.split() == [quiet["fingerprint"]]
+    path = next(folder.glob("cases/*/attempt-1/kpi.parquet"))
+    table = pq.read_table(path)
+    speed = table.column("speed_mps").to_pylist()
+    speed[3] += 1e-15
+    index = table.schema.get_field_index("speed_mps")
+    pq.write_table(table.set_column(index, table.schema.field(index), [speed]), path)
+    done = marked.run("conductor", "fingerprint", str(folder))
+    assert done.returncode == 3
+    assert path.parent.parent.name in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_demo_campaign_alone_and_together(marked, tmp_path):
+    one = run(marked, tmp_path / "a", "--workers", "2", "--slots", "1", campaign="aeb-demo")
+    other = run(marked, tmp_path / "b", "--workers", "1", "--slots", "4", campaign="aeb-demo")
+    assert one["committed"] == 8
+    assert 0 < one["passed"] < 8
+    assert one["fingerprint"] == other["fingerprint"]
+    assert (tmp_path / "a" / "report.html").stat().st_size > 10_000
+    summary = pq.read_table(tmp_path / "a" / "summary.parquet")
+    assert summary.num_rows == 8
