@@ -45,7 +45,7 @@ def worker(
     ] = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    from twin.fabric.discovery import find_conductor
+    from twin.fabric.discovery import await_conductor
     from twin.worker.shell import Worker, WorkerOptions
 
     if not connect:
@@ -54,7 +54,7 @@ def worker(
                 "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER "
                 "(`conductor serve` prints both)"
             )
-        found = find_conductor(state, wait)
+        found = await_conductor(state, wait)
         connect, namespace = found.endpoint, found.namespace
     options = WorkerOptions(
         connect=connect,

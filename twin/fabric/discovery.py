@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from pathlib import Path
 
 import msgspec
 
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import UnreachableError, UsageError
 
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""
@@ -27,19 +28,45 @@ class ConductorFile(msgspec.Struct, frozen=True):
     version: str
 
 
-def find_conductor(folder: Path, wait_s: float = 0.0) -> ConductorFile:
-    """Read ``conductor.json`` of a state or campaign folder.
+def await_conductor(folder: Path, wait_s: float) -> ConductorFile:
+    """Like :func:`find_conductor`, but a conductor that is just starting may take ``wait_s`` [s].
 
-    Args:
-        folder: state or campaign folder, perhaps on a shared file system.
-        wait_s: how long a conductor that is just starting may take [s].
+    A file of a conductor that was killed is left behind, so the endpoint must answer.
+
+    Raises:
+        UsageError: there is no file, or it is damaged.
+        UnreachableError: nobody answers at its endpoint.
+    """
+    until_s = time.monotonic() + wait_s
+    while True:
+        try:
+            found = find_conductor(folder)
+            probe(found.endpoint)
+            return found
+        except (UsageError, UnreachableError):
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(POLL_S)
+
+
+def probe(endpoint: str, timeout_s: float = 2.0) -> None:
+    """Raise UnreachableError unless something accepts connections at ``tcp/HOST:PORT``."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout_s).close()
+    except OSError as error:
+        raise UnreachableError(
+            f"{endpoint}: no conductor answers ({error}); start it again, "
+            "or remove the stale conductor.json"
+        ) from None
+
+
+def find_conductor(folder: Path) -> ConductorFile:
+    """Read ``conductor.json`` of a state or campaign folder.
 
     Raises:
         UsageError: there is none, or it is damaged.
     """
-    until_s = time.monotonic() + wait_s
-    while not (folder / FILE_NAME).exists() and time.monotonic() < until_s:
-        time.sleep(POLL_S)
     path = folder / FILE_NAME
     try:
         return msgspec.json.decode(path.read_bytes(), type=ConductorFile)

@@ -36,6 +36,10 @@ class InfrastructureError(TwinError):
     exit_code = EXIT_INFRASTRUCTURE
 
 
+class UnreachableError(InfrastructureError):
+    """Nobody answers at an endpoint (yet)."""
+
+
 class UnfinishedError(TwinError):
     """Work is left; the same command resumes it."""
 

@@ -11,7 +11,7 @@ import psutil
 import zenoh
 
 from twin.fabric.bus import Bus, Respond, Sample
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
 
 Mode = Literal["router", "client", "peer"]
 
@@ -122,7 +122,7 @@ def _explain(
     if "listener" in text:
         return UsageError(f"{', '.join(listen)}: cannot listen: {_cause(text)}")
     if connect:
-        return InfrastructureError(
+        return UnreachableError(
             f"{', '.join(connect)}: nobody answers after {timeout_s:g} s; "
             "check that the conductor runs and the address is right"
         )
