@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from twin.fabric.cli import make_app, run
-from twin.fabric.errors import EXIT_USAGE, UsageError
+from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
 
 class Output(StrEnum):
@@ -99,7 +99,9 @@ def submit(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
-    out: Annotated[Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
 ) -> None:
     """Submit a campaign to a conductor that serves."""
@@ -178,14 +180,19 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 @app.command()
 def report(folder: Folder, output: OutputOption = Output.human) -> None:
-    """Write summary.parquet and report.html of a campaign folder."""
+    """Write summary.parquet and report.html of a campaign folder.
+
+    Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
+    """
     from conductor.report import report_json, write_report
 
     page = write_report(folder)
-    if output is Output.json:
-        print(json.dumps(report_json(folder)))
-    else:
-        print(page)
+    tables = report_json(folder)
+    print(json.dumps(tables) if output is Output.json else page)
+    for alarm in tables["alarms"]:
+        print(f"conductor: {alarm}", file=sys.stderr)
+    if tables["alarms"]:
+        raise typer.Exit(EXIT_INFRASTRUCTURE)
 
 
 @app.command("campaigns")

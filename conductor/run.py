@@ -115,7 +115,9 @@ class LocalWorkers:
             tail = last_lines(log)
             end(child)
             log.close()
-            lines.append(f"worker {child.pid} {how_it_ended(code)}{': ' if tail else ''}{tail}; replaced")
+            lines.append(
+                f"worker {child.pid} {how_it_ended(code)}{': ' if tail else ''}{tail}; replaced"
+            )
         return lines
 
     def stop(self) -> None:

@@ -1,0 +1,138 @@
+"""KPI curves of a case, thinned for drawing; every file is checked against what was committed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from conductor.fingerprint import KPI_FILE
+from conductor.report.dossier import Dossier, Row
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.kpi_file import kpi_sha256, read_kpi
+
+CURVES = ("aeb", "dtc_m", "collisions", "throttle", "brake", "speed_mps")
+"""KPI columns that are drawn, from top to bottom."""
+
+POINTS_MAX = 600
+"""Most points per curve of one case."""
+POINTS_MIN = 60
+"""Fewest points a case is thinned to, however many cases share the page."""
+POINTS_TOTAL = 200_000
+"""Points of all cases on a page, together; keeps the page near 12 MB."""
+
+_STEPS = ("aeb", "collisions")
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Thinned KPI rows of one case; a missing value is NaN, which draws as a gap."""
+
+    time_s: Floats
+    values: dict[str, Floats]
+    """By column of :data:`CURVES`."""
+    ticks: int
+    """Rows before thinning."""
+
+
+def read_curve(dossier: Dossier, row: Row, points_max: int = POINTS_MAX) -> Curve | None:
+    """Curve of a case's committed attempt; None where nothing was recorded.
+
+    Raises:
+        InfrastructureError: the KPI file is missing, damaged, or not the one that was committed.
+    """
+    end = row.end
+    if not end.kpi_sha256:
+        if end.outcome == "verdict":
+            raise InfrastructureError(f"case {row.case.id}: a verdict without KPI rows")
+        return None
+    attempt = PurePosixPath(end.attempt_dir)
+    if attempt.is_absolute() or ".." in attempt.parts:
+        raise InfrastructureError(
+            f"case {row.case.id}: attempt folder '{attempt}' is outside the campaign folder"
+        )
+    path = dossier.folder / attempt / KPI_FILE
+    try:
+        table = read_kpi(path)
+    except InfrastructureError as error:
+        raise InfrastructureError(f"case {row.case.id}: {error}") from None
+    found = kpi_sha256(table)
+    if found != end.kpi_sha256:
+        raise InfrastructureError(
+            f"case {row.case.id}: {path} is not the file that was committed (its values give "
+            f"{found[:12]}, committed {end.kpi_sha256[:12]}); restore it or run again"
+        )
+    return thin(table, points_max)
+
+
+def points_for(cases: int) -> int:
+    """Points per curve when ``cases`` cases share a page."""
+    return max(POINTS_MIN, min(POINTS_MAX, POINTS_TOTAL // max(cases, 1)))
+
+
+def thin(table: pa.Table, points_max: int) -> Curve:
+    """At most about ``points_max`` rows of a KPI table.
+
+    Kept whatever the number: the first and last row, the row of the smallest distance, both sides
+    of every change of a stepped column and of every gap. Between them, the rows that lie furthest
+    from straight lines through evenly spaced rows.
+    """
+    values = {name: _floats(table, name) for name in CURVES}
+    time_s = _floats(table, "sim_time_ns") / 1e9
+    rows = len(time_s)
+    keep = _kept(values, points_max) if rows > points_max else np.arange(rows)
+    return Curve(time_s[keep], {name: v[keep] for name, v in values.items()}, rows)
+
+
+def _floats(table: pa.Table, name: str) -> Floats:
+    column = table.column(name)
+    if pa.types.is_boolean(column.type):
+        column = column.cast(pa.int8())
+    values: Floats = column.cast(pa.float64()).to_numpy()
+    return values
+
+
+def _kept(values: dict[str, Floats], points_max: int) -> NDArray[np.intp]:
+    rows = len(values["dtc_m"])
+    edges = np.zeros(rows, np.bool_)
+    for name, column in values.items():
+        missing = np.isnan(column)
+        changed = np.diff(missing)
+        if name in _STEPS:
+            # A change out of or into a gap is a change of `missing`; NaN != NaN is none.
+            changed |= (np.diff(column) != 0) & ~missing[1:] & ~missing[:-1]
+        edges[:-1] |= changed
+        edges[1:] |= changed
+    found = np.flatnonzero(edges)
+    if len(found) > points_max // 2:
+        # A column that flickers at every tick: an even choice is all that fits.
+        found = found[np.linspace(0, len(found) - 1, points_max // 2).astype(np.intp)]
+    must = np.union1d(found, [0, rows - 1])
+    if not np.isnan(values["dtc_m"]).all():
+        must = np.union1d(must, [np.nanargmin(values["dtc_m"])])
+    free = max(points_max - len(must), 2)
+    return np.union1d(must, _bent(values, free)).astype(np.intp)
+
+
+def _bent(values: dict[str, Floats], count: int) -> NDArray[np.intp]:
+    """About ``count`` rows: evenly spaced ones, and between each two the one furthest from the
+    straight line between them."""
+    rows = len(values["dtc_m"])
+    anchors = np.unique(np.linspace(0, rows - 1, max(count // 2, 2)).astype(np.intp))
+    index = np.arange(rows)
+    distance = np.zeros(rows)
+    for column in values.values():
+        filled = np.nan_to_num(column)
+        span = np.ptp(filled)
+        if span > 0:
+            line = np.interp(index, anchors, filled[anchors])
+            distance = np.maximum(distance, np.abs(filled - line) / span)
+    bucket = np.searchsorted(anchors, index, side="right")
+    order = np.lexsort((distance, bucket))
+    last = np.flatnonzero(np.diff(bucket[order], append=-1))
+    return np.union1d(anchors, order[last])

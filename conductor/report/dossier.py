@@ -1,0 +1,127 @@
+"""What a report is about, read from a campaign folder: the campaign, its cases, their ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from conductor.folders import CAMPAIGN_FILE
+from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
+from schemas.campaign import Campaign, Case, expand, parse_campaign
+from schemas.identity import campaign_digest
+from schemas.yaml_file import YamlError, load_yaml
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.errors import InfrastructureError, UsageError
+
+NOT_ENDED = "not ended"
+"""Status of a case without an outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One case and how it ended."""
+
+    case: Case
+    end: CaseOutcome
+
+    @property
+    def status(self) -> str:
+        """The verdict where there is one, else the outcome, else :data:`NOT_ENDED`."""
+        if self.end.outcome == "verdict":
+            return self.end.verdict
+        return self.end.outcome or NOT_ENDED
+
+    @property
+    def passed(self) -> bool | None:
+        """None without a verdict: missing is never a pass."""
+        return self.end.passed if self.end.outcome == "verdict" else None
+
+    def scalar(self, name: str) -> float | int | None:
+        """A scalar KPI; None where missing."""
+        return self.end.scalars.get(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Dossier:
+    """A campaign folder as the report sees it; rows in campaign order."""
+
+    folder: Path
+    campaign: Campaign
+    outcomes: Outcomes
+    rows: list[Row]
+    running: bool
+    """A conductor serves the folder at this moment."""
+    digest_now: str
+    """Digest of ``campaign.yaml`` as it is; should be the one that was run."""
+
+    @property
+    def left(self) -> int:
+        """Cases that have not ended."""
+        return sum(not row.end.outcome for row in self.rows)
+
+    @property
+    def passed(self) -> int:
+        """Cases that passed by the paper's rule: no collision."""
+        return sum(row.passed is True for row in self.rows)
+
+
+def open_dossier(folder: Path) -> Dossier:
+    """Read the campaign ``folder``.
+
+    Raises:
+        UsageError: no campaign was run here, or nothing was simulated in it.
+        InfrastructureError: its files are damaged or contradict each other.
+    """
+    outcomes = read_outcomes(folder)
+    if outcomes.simulator == "noop":
+        raise UsageError(
+            f"{folder}: campaign '{outcomes.campaign}' ran with simulator noop, so nothing was "
+            "simulated and there is nothing to report; run a campaign with simulator warp"
+        )
+    campaign = _read_campaign(folder / CAMPAIGN_FILE)
+    cases = expand(campaign)
+    if {case.id for case in cases} != set(outcomes.cases):
+        odd = sorted({case.id for case in cases} ^ set(outcomes.cases))
+        raise InfrastructureError(
+            f"{folder}: {CAMPAIGN_FILE} and the outcomes list different cases, e.g. '{odd[0]}'; "
+            f"restore {CAMPAIGN_FILE} as the conductor wrote it"
+        )
+    return Dossier(
+        folder=folder,
+        campaign=campaign,
+        outcomes=outcomes,
+        rows=[Row(case, outcomes.cases[case.id]) for case in cases],
+        running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),
+        digest_now=campaign_digest(campaign, cases),
+    )
+
+
+def perception_text(case: Case) -> str:
+    """What the perception variant of ``case`` really is, e.g. ``ground_truth stand-in,
+    contrast_min 0.05``: the name of a network alone would claim too much."""
+    spec = case.perception
+    kind = str(spec.__struct_config__.tag or "")
+    defaults = dict(
+        zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
+    )
+    values = msgspec.to_builtins(spec)
+    stand_in = kind == "ground_truth" and case.model != kind
+    shown = [
+        f"{name} {values[name]}"
+        for name in spec.__struct_fields__
+        if name == "contrast_min" or values[name] != defaults.get(name)
+    ]
+    return ", ".join([f"{kind} stand-in" if stand_in else kind, *shown])
+
+
+def _read_campaign(path: Path) -> Campaign:
+    try:
+        data = load_yaml(path)
+    except YamlError as error:
+        raise InfrastructureError(str(error)) from None
+    campaign, mistakes = parse_campaign(data)
+    if campaign is None:
+        raise InfrastructureError(mistakes[0].line(str(path)))
+    return campaign

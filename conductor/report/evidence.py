@@ -1,0 +1,89 @@
+"""What speaks for or against the results: fingerprint, audits, alarms, and where they came from."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from conductor.fingerprint import Fingerprint, fingerprint
+from conductor.report.dossier import Dossier
+from twin.fabric.errors import InfrastructureError, UnfinishedError
+
+_PACKAGES = ("drivetwin", "numpy", "pyarrow", "plotly")
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Fingerprint and alarms of a campaign."""
+
+    fingerprint: Fingerprint | None
+    fingerprint_missing: str
+    """Why there is none; empty if there is one."""
+    alarms: list[str]
+    """Reasons not to trust the results, one line each."""
+    audits: int
+    """Results that came a second time, with a dead token, and could be compared."""
+    disagreements: int
+
+
+def gather(dossier: Dossier, broken: Iterable[str]) -> Evidence:
+    """Audit the campaign; ``broken`` are the mistakes found while its KPI files were read."""
+    alarms = list(broken)
+    found, missing = _fingerprint(dossier, alarms)
+    audits = disagreements = 0
+    for row in dossier.rows:
+        for late in row.end.late:
+            audits += late.agrees is not None
+            if late.agrees is False:
+                disagreements += 1
+                alarms.append(
+                    f"case {row.case.id}: two attempts of this case disagree. Committed: "
+                    f"{row.status}, KPI {row.end.kpi_sha256[:12] or 'none'} "
+                    f"({row.end.attempt_dir}); late: {late.verdict or late.outcome}, KPI "
+                    f"{late.kpi_sha256[:12] or 'none'} ({late.attempt_dir}, worker {late.worker})"
+                )
+    if dossier.digest_now != dossier.outcomes.digest:
+        alarms.append(
+            f"campaign.yaml gives the digest {dossier.digest_now[:12]}, but "
+            f"{dossier.outcomes.digest[:12]} was run: the file or this installation has changed"
+        )
+    if dossier.campaign.device == "same" and len(dossier.outcomes.device_classes) > 1:
+        alarms.append(
+            "the campaign asks for one device class, its results come from "
+            + ", ".join(dossier.outcomes.device_classes)
+        )
+    return Evidence(found, missing, alarms, audits, disagreements)
+
+
+def versions() -> dict[str, str]:
+    """Versions of what made the report (what made the results is in the software digest)."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    return found
+
+
+def commands(dossier: Dossier) -> list[str]:
+    """Shell commands that run the campaign again and compare, from the campaign folder."""
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    return [
+        f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",
+        "conductor fingerprint repeat",
+        "conductor fingerprint .",
+    ]
+
+
+def _fingerprint(dossier: Dossier, alarms: list[str]) -> tuple[Fingerprint | None, str]:
+    try:
+        return fingerprint(dossier.folder), ""
+    except UnfinishedError:
+        return None, f"{dossier.left} of {len(dossier.rows)} cases have not ended"
+    except InfrastructureError as error:
+        if not alarms:  # else the same file has been reported already
+            alarms.append(str(error))
+        return None, "a KPI file is missing or damaged, see the alarm above"

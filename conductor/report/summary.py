@@ -1,0 +1,97 @@
+"""``summary.parquet`` and ``summary.csv``: one row per case, for programs."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from conductor.folders import write_atomic
+from conductor.report.axes import PLAIN, axis_value, further_axes
+from conductor.report.dossier import Dossier, open_dossier
+from schemas.kpi import SCALARS
+from twin.fabric.errors import storage_error
+
+SUMMARY_FILE = "summary.parquet"
+CSV_FILE = "summary.csv"
+
+_PLAIN_TYPES = {"repeat": pa.int64(), "batch": pa.int64()}
+_SCALAR_TYPES = {"float64": pa.float64(), "int32": pa.int32()}
+
+
+def write_summary(folder: Path) -> pa.Table:
+    """Write both files into the campaign ``folder``; returns the table.
+
+    One row per case in campaign order: id, axes, outcome, verdict, ``passed`` (null without a
+    verdict: missing is never a pass), reasons, the scalars of :data:`schemas.kpi.SCALARS`, and
+    where the result came from.
+
+    Raises:
+        UsageError: no campaign was run here, or nothing was simulated in it.
+        InfrastructureError: files are damaged, or the disk lets us down.
+    """
+    return write_summary_of(open_dossier(folder))
+
+
+def write_summary_of(dossier: Dossier) -> pa.Table:
+    """As :func:`write_summary`, for a folder that has been read already."""
+    table = summary_table(dossier)
+    parquet = io.BytesIO()
+    pq.write_table(table, parquet, compression="zstd")
+    text = io.BytesIO()
+    pa_csv.write_csv(_flat(table), text)
+    for name, data in ((SUMMARY_FILE, parquet), (CSV_FILE, text)):
+        path = dossier.folder / name
+        try:
+            write_atomic(path, data.getvalue())
+        except OSError as error:
+            raise storage_error(error, str(path)) from None
+    return table
+
+
+def summary_table(dossier: Dossier) -> pa.Table:
+    """The table of :func:`write_summary`."""
+    rows = dossier.rows
+    names: list[str] = []
+    columns: list[pa.Array] = []
+
+    def add(name: str, values: list[Any], type_: pa.DataType | None) -> None:
+        names.append(name)
+        columns.append(pa.array(values, type_))
+
+    def text(name: str, values: list[str]) -> None:
+        add(name, [value or None for value in values], pa.string())
+
+    add("case", [row.case.id for row in rows], pa.string())
+    for axis in PLAIN:
+        values = [axis_value(row.case, axis) for row in rows]
+        add(axis, values, _PLAIN_TYPES.get(axis, pa.string()))
+        if axis == "model":
+            kinds = [str(row.case.perception.__struct_config__.tag) for row in rows]
+            add("perception", kinds, pa.string())
+    for axis in further_axes(dossier.campaign):
+        add(axis, [axis_value(row.case, axis) for row in rows], None)
+    text("outcome", [row.end.outcome for row in rows])
+    text("verdict", [row.end.verdict for row in rows])
+    add("passed", [row.passed for row in rows], pa.bool_())
+    add("reasons", [row.end.reasons for row in rows], pa.list_(pa.string()))
+    for column in SCALARS:
+        values = [row.scalar(column.name) for row in rows]
+        add(column.name, values, _SCALAR_TYPES[column.type])
+    add("attempts", [row.end.attempts for row in rows], pa.int64())
+    for name in ("attempt_dir", "kpi_sha256", "device_class", "worker"):
+        text(name, [getattr(row.end, name) for row in rows])
+    # Only a committed attempt has a wall time; 0 stands for "none" in the outcomes.
+    add("wall_s", [row.end.wall_s if row.end.attempt else None for row in rows], pa.float64())
+    return pa.table(columns, names=names)
+
+
+def _flat(table: pa.Table) -> pa.Table:
+    """CSV has no lists: reasons become one text."""
+    index = table.schema.get_field_index("reasons")
+    joined = ["; ".join(reasons) for reasons in table.column("reasons").to_pylist()]
+    return table.set_column(index, "reasons", pa.array(joined, pa.string()))
