@@ -1,10 +1,11 @@
-"""Where compiled kernels are kept; a temporary folder when the usual one cannot be written."""
+"""Where compiled kernels are kept; a folder of the user in /tmp when the usual one is read-only."""
 
 from __future__ import annotations
 
 import atexit
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -15,8 +16,9 @@ import warp as wp
 def prepare_kernels() -> None:
     """Start Warp quietly with a kernel cache that can be written; repeated calls do nothing.
 
-    ``WARP_CACHE_PATH`` and Warp's default are respected. Otherwise a temporary folder, removed at
-    exit, takes their place and one line on stderr says so.
+    ``WARP_CACHE_PATH`` and Warp's default are respected. Where neither can be written, a cache of
+    this user below the temporary folder takes their place and one line on stderr says so. It is
+    kept for the next run: a folder per process would be left behind by a process that is killed.
     """
     wp.config.quiet = True
     wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is nothing to warn about
@@ -24,22 +26,39 @@ def prepare_kernels() -> None:
     folder = Path(wp.config.kernel_cache_dir)
     if _writable(folder):
         return
-    temporary = tempfile.mkdtemp(prefix="drivetwin-kernels-")
-    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
-    wp.config.kernel_cache_dir = temporary
+    fallback = _fallback()
+    wp.config.kernel_cache_dir = str(fallback)
     print(
-        f"kernel cache {folder} cannot be written; compiling into {temporary} for this run "
-        "(set WARP_CACHE_PATH to keep kernels)",
+        f"kernel cache {folder} cannot be written; using {fallback} "
+        "(set WARP_CACHE_PATH to choose another)",
         file=sys.stderr,
     )
+
+
+def _fallback() -> Path:
+    """Compiled code is loaded from here, so the folder must be ours and closed to others."""
+    folder = Path(tempfile.gettempdir()) / f"drivetwin-kernels-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        found = None
+    if (
+        found is not None
+        and stat.S_ISDIR(found.st_mode)
+        and found.st_uid == os.getuid()
+        and not found.st_mode & 0o077
+    ):
+        return folder
+    own = tempfile.mkdtemp(prefix="drivetwin-kernels-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
 
 
 def _writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=folder)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
     except OSError:
         return False
-    os.close(handle)
-    Path(name).unlink()
-    return True

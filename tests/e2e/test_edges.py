@@ -1,0 +1,209 @@
+"""Edges of the main job: where it runs, who runs it, and what its output goes to."""
+
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import interrupt, outcomes, wait_for
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(marked, folder, *options, variables=None):
+    """chaos-16 into ``folder`` with further environment variables."""
+    old = dict(os.environ)
+    os.environ.update(variables or {})
+    try:
+        return marked.run("conductor", "run", "chaos-16", "--out", str(folder), *options)
+    finally:
+        os.environ.clear()
+        os.environ.update(old)
+
+
+def test_a_path_with_spaces_and_umlauts(marked, quiet, tmp_path):
+    folder = tmp_path / "my runs (2)" / "größe $HOME"
+    done = run(marked, folder)
+    assert done.returncode == 1, done.stderr
+    assert quiet["fingerprint"] in done.stdout
+    assert str(folder / "report.html") in done.stdout
+    assert len(outcomes(folder)) == 16
+
+
+def test_output_to_a_file_holds_plain_lines(marked, tmp_path):
+    done = run(marked, tmp_path / "c")
+    assert "\x1b" not in done.stdout + done.stderr
+    assert "\r" not in done.stdout + done.stderr
+    assert "chaos-16: 16 of 16 cases done" in done.stderr
+
+
+def test_json_output_is_one_object(marked, tmp_path):
+    done = run(marked, tmp_path / "c", "--output", "json")
+    assert len(done.stdout.strip().splitlines()) == 1
+    assert done.stdout.startswith('{"campaign": "chaos-16"')
+
+
+def test_a_dumb_terminal(marked, tmp_path):
+    """On a terminal without cursor movement: no escape sequences, and it ends."""
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")]
+    variables = {**os.environ, "TERM": "dumb"}
+    with subprocess.Popen(command, stdout=follower, stderr=follower, env=variables) as child:
+        os.close(follower)
+        text = b""
+        while True:
+            try:
+                data = os.read(leader, 65536)
+            except OSError:  # the other end is closed
+                break
+            if not data:
+                break
+            text += data
+    os.close(leader)
+    assert child.returncode == 1
+    assert b"\x1b" not in text
+    assert b"fingerprint" in text
+
+
+def test_stdout_that_is_closed_early(marked, tmp_path):
+    child = subprocess.Popen(
+        f"{sys.executable} -m conductor campaigns | true",
+        shell=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    _, err = child.communicate()
+    assert "Traceback" not in err
+    assert "Exception" not in err
+
+
+@pytest.fixture
+def read_only(tmp_path):
+    """A folder on a file system that is mounted read-only."""
+    folder = tmp_path / "ro"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "ro,size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("needs root to mount a read-only file system")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_a_read_only_folder(marked, read_only):
+    done = run(marked, read_only / "c")
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert str(read_only / "c") in line
+    assert "Read-only file system" in line
+    assert "--out" in line
+
+
+def test_a_file_where_the_folder_should_be(marked, tmp_path):
+    path = tmp_path / "c"
+    path.write_text("mine")
+    done = run(marked, path)
+    assert done.returncode in (2, 3)
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert path.read_text() == "mine"
+
+
+def test_no_write_access_to_the_kernel_cache(marked, quiet, read_only, tmp_path):
+    """Kernels are compiled into a private folder below the temporary one instead."""
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    variables = {"WARP_CACHE_PATH": str(read_only / "warp"), "TMPDIR": str(temporary)}
+    done = run(marked, tmp_path / "c", variables=variables)
+    assert done.returncode == 1, done.stderr
+    assert quiet["fingerprint"] in done.stdout
+    assert [path.name for path in temporary.iterdir()] == [f"drivetwin-kernels-{os.getuid()}"]
+
+
+def test_no_write_access_as_another_user(marked, tmp_path):
+    """An ordinary user and a folder of root's."""
+    if os.geteuid() != 0 or shutil.which("setpriv") is None:
+        pytest.skip("needs root and the Debian package util-linux")
+    folder = Path("/root/drivetwin-test-not-yours")
+    command = ["setpriv", "--reuid", "65534", "--clear-groups", sys.executable]
+    probe = subprocess.run([*command, "-c", "import conductor.cli"], capture_output=True)
+    if probe.returncode:
+        pytest.skip("other users cannot read this checkout")
+    child = marked.start(
+        *("conductor", "run", "chaos-16", "--out", str(folder)),
+        prefix=("setpriv", "--reuid", "65534", "--clear-groups"),
+    )
+    _, err = child.communicate()
+    assert child.returncode == 2
+    assert len(err.strip().splitlines()) == 1
+    assert "Permission denied" in err
+
+
+def test_two_runs_side_by_side(marked, quiet, tmp_path):
+    first = marked.start("conductor", "run", "chaos-16", "--out", str(tmp_path / "a"))
+    second = marked.start("conductor", "run", "chaos-16", "--out", str(tmp_path / "b"))
+    for child in (first, second):
+        out, err = child.communicate()
+        assert child.returncode == 1, err
+        assert quiet["fingerprint"] in out
+
+
+def test_the_same_folder_twice_at_once(marked, tmp_path):
+    folder = tmp_path / "c"
+    first = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
+    wait_for(lambda: (folder / "conductor.json").exists(), "the first conductor")
+    second = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
+    assert second.returncode == 2
+    assert str(first.pid) in second.stderr
+    assert len(second.stderr.strip().splitlines()) == 1
+    _, err = first.communicate()
+    assert first.returncode == 1, err
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5])
+def test_ctrl_c_at_every_stage(marked, tmp_path, after_s):
+    """Wherever it hits: 130, no traceback, nothing left, and the next run finishes."""
+    folder = tmp_path / "c"
+    child = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
+    wait_for(lambda: marked.processes("run"), "the process")
+    with pytest.raises(subprocess.TimeoutExpired):
+        child.wait(after_s or 0.001)
+    interrupt(child)
+    _, err = child.communicate()
+    assert child.returncode in (130, -2), err  # -2: before Python could take the signal
+    if child.returncode == 130:
+        assert "Traceback" not in err
+    again = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
+    assert again.returncode == 1, again.stderr
+    assert len(outcomes(folder)) == 16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
+def test_other_pythons(marked, quiet, tmp_path, version):
+    """A fresh clone, its own environment, the same verdicts."""
+    if f"{sys.version_info.major}.{sys.version_info.minor}" == version:
+        pytest.skip(f"the other tests run on Python {version}")
+    found = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python3"))
+    python = shutil.which(f"python{version}") or (str(found[-1]) if found else None)
+    if python is None:
+        pytest.skip(f"needs python{version} (Debian, or pyenv)")
+    environment = tmp_path / "venv"
+    subprocess.run([python, "-m", "venv", str(environment)], check=True)
+    subprocess.run(
+        [
+            *(environment / "bin" / "pip", "install", "--quiet", "--disable-pip-version-check"),
+            *("--constraint", str(ROOT / "constraints.txt"), str(ROOT)),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    done = subprocess.run(
+        [environment / "bin" / "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1, done.stderr
+    assert quiet["fingerprint"] in done.stdout
