@@ -22,17 +22,25 @@ def prepare_kernels() -> None:
     """
     wp.config.quiet = True
     wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is nothing to warn about
-    wp.init()
-    folder = Path(wp.config.kernel_cache_dir)
+    folder = _usual()
     if _writable(folder):
+        wp.init()
         return
     fallback = _fallback()
+    # Before wp.init(): it creates the folder and fails where it cannot.
     wp.config.kernel_cache_dir = str(fallback)
+    wp.init()
     print(
         f"kernel cache {folder} cannot be written; using {fallback} "
         "(set WARP_CACHE_PATH to choose another)",
         file=sys.stderr,
     )
+
+
+def _usual() -> Path:
+    """The folder that Warp takes by itself, or the one below which it makes its own."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH") or cache)
 
 
 def _fallback() -> Path:
