@@ -18,7 +18,14 @@ from schemas import SCHEMA_VERSION
 from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError
-from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, end, spawn, watch_lifeline
+from twin.fabric.process import (
+    PARENT_VARIABLE,
+    bind_to_parent,
+    end,
+    leave_signals_to_the_parent,
+    spawn,
+    watch_lifeline,
+)
 from twin.fabric.zenoh_bus import open_bus
 
 CONNECT_TIMEOUT_S = 20.0
@@ -46,7 +53,9 @@ def run_host(options: HostOptions) -> int:
     bind_to_parent()
     if supervised:
         watch_lifeline()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        leave_signals_to_the_parent()
+    else:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     bus = open_bus(
         "peer",
         connect=[options.connect],

@@ -67,6 +67,16 @@ def bind_to_parent() -> None:
         sys.exit(0)
 
 
+def leave_signals_to_the_parent() -> None:
+    """In a child: ignore SIGTERM and SIGINT.
+
+    Schedulers send SIGTERM to every process of a job at once. A simulator that obeyed before its
+    worker did would look like a crash; the worker decides, and ends its children itself.
+    """
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def watch_lifeline() -> None:
     """In a child that does not read its standard input: leave when the lifeline is cut."""
 

@@ -1,0 +1,1 @@
+"""Turns a campaign into a job script for a cluster's batch system."""

@@ -1,0 +1,165 @@
+"""What a job is asked for, checked before any script is written. Pure: no file is looked at."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from twin.fabric.errors import UsageError
+
+WORKERS_MAX = 4096
+"""Most workers of one job; each is one task of the scheduler."""
+SLOTS_MAX = 4096
+"""Most slots of one worker, the limit of ``twin worker``."""
+CPUS_MAX = 1024
+"""Most CPUs of one worker."""
+WALLTIME_MAX_MIN = 366 * 24 * 60
+"""Longest wall time that is believed [min]."""
+LEAD_MIN_S = 30
+"""Ending the conductor and the workers takes a few seconds, at worst twenty [s]."""
+LEAD_MAX_S = 3600
+"""Longest lead of the signal [s]."""
+SIGNAL_SLACK_S = 90
+"""Schedulers send the signal up to this much earlier than asked for [s]."""
+CPUS_PER_GPU_WORKER = 4
+"""Default: supervisor, simulator and stack of one rig, and what the stack computes."""
+CPUS_PER_CPU_WORKER = 1
+"""Default: a simulator on the CPU uses one core, and the stack waits for it in lockstep."""
+
+_WALLTIME = re.compile(r"([0-9]{1,5}):([0-5][0-9])")
+_SITE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,@+/:-]{0,199}")
+_ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]{0,252}|\[[0-9A-Fa-f:.]{2,45}\])")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRequest:
+    """One allocation that runs one campaign.
+
+    Raises:
+        UsageError: a value cannot be used; one line says what is allowed.
+    """
+
+    campaign: str
+    """Shipped name, or absolute path of a campaign file that the compute nodes see."""
+    out: str
+    """Campaign folder; absolute, on a file system that all nodes share."""
+    folder: str
+    """Working folder of the job; absolute. Relative names in a campaign file start there."""
+    bin_folder: str
+    """Folder of the commands ``conductor`` and ``twin`` on the nodes; absolute."""
+    walltime_min: int
+    """Longest duration of one start of the job [min]."""
+    gpus: int = 0
+    """GPUs, one worker on each, 1-4096; or 0 and ``workers``."""
+    workers: int = 0
+    """Workers on the CPU, 1-4096; or 0 and ``gpus``."""
+    nodes: int | None = None
+    """Nodes to spread the workers over; None lets the scheduler choose."""
+    partition: str = ""
+    """Partition (queue); empty: the site's default."""
+    account: str = ""
+    """Account to charge; empty: the user's default."""
+    slots: int = 1
+    """Cases that one worker simulates together, 1-4096."""
+    cpus_per_worker: int | None = None
+    """CPUs of one worker, 1-1024; None: 4 beside a GPU, 1 without."""
+    signal_lead_s: int = 60
+    """How long before the end of the wall time the job is told to stop, 30-3600 [s]."""
+    restarts_max: int = 20
+    """How often an unfinished job queues itself again, 0-1000."""
+    address: str = ""
+    """Where the conductor listens; empty: the address of the first node, see ``render``."""
+
+    def __post_init__(self) -> None:
+        self._check_paths()
+        if self.gpus and self.workers:
+            raise UsageError(
+                f"given {self.gpus} GPUs and {self.workers} workers; every GPU has one worker, "
+                "so give --gpus, or --workers for workers on the CPU"
+            )
+        if not self.gpus and not self.workers:
+            raise UsageError("no workers; give --gpus N, or --workers N for workers on the CPU")
+        _within("--gpus", self.gpus, 0, WORKERS_MAX)
+        _within("--workers", self.workers, 0, WORKERS_MAX)
+        _within("--slots", self.slots, 1, SLOTS_MAX)
+        _within("--cpus-per-worker", self.cpus, 1, CPUS_MAX)
+        _within("--restarts-max", self.restarts_max, 0, 1000)
+        if self.nodes is not None:
+            _within("--nodes", self.nodes, 1, self.tasks, why="every node needs a worker")
+        for option, name in (("--partition", self.partition), ("--account", self.account)):
+            if name and not _SITE_NAME.fullmatch(name):
+                raise UsageError(
+                    f"{option} {name!r}: allowed are letters, digits and any of _ . , @ + / : -"
+                )
+        if self.address and not _ADDRESS.fullmatch(self.address):
+            raise UsageError(
+                f"--address {self.address!r}: expected a host name or an IP address without a "
+                "port, e.g. 10.1.2.3 or [fd00::1]"
+            )
+        self._check_times()
+
+    def _check_paths(self) -> None:
+        for option, path in (
+            ("--out", self.out),
+            ("working folder", self.folder),
+            ("--bin", self.bin_folder),
+        ):
+            if not path.startswith("/"):
+                raise UsageError(f"{option} {path!r}: give an absolute path")
+        for text in (self.campaign, self.out, self.folder, self.bin_folder):
+            if _CONTROL.search(text):
+                raise UsageError(f"{text!r}: a name with a line break or control character")
+        if not self.campaign or self.campaign.startswith("-"):
+            raise UsageError(f"campaign {self.campaign!r}: give a shipped name or a file's path")
+
+    def _check_times(self) -> None:
+        _within("--signal-lead", self.signal_lead_s, LEAD_MIN_S, LEAD_MAX_S, unit=" s")
+        least_min = -(-(self.signal_lead_s + SIGNAL_SLACK_S) // 60)
+        if not least_min <= self.walltime_min <= WALLTIME_MAX_MIN:
+            raise UsageError(
+                f"--time {hours_minutes(self.walltime_min)}: allowed are "
+                f"{hours_minutes(least_min)} to {hours_minutes(WALLTIME_MAX_MIN)}; the job is told "
+                f"to stop {self.signal_lead_s} to {self.signal_lead_s + SIGNAL_SLACK_S} s "
+                "before its end"
+            )
+
+    @property
+    def tasks(self) -> int:
+        """Workers altogether."""
+        return self.gpus or self.workers
+
+    @property
+    def cpus(self) -> int:
+        """CPUs of one worker."""
+        if self.cpus_per_worker is not None:
+            return self.cpus_per_worker
+        return CPUS_PER_GPU_WORKER if self.gpus else CPUS_PER_CPU_WORKER
+
+    @property
+    def one_node(self) -> bool:
+        """Everything runs on one node for certain, so nobody else has to reach the conductor."""
+        return self.nodes == 1 or self.tasks == 1
+
+
+def parse_walltime(text: str) -> int:
+    """``HH:MM`` as minutes; more than 24 hours are written as hours, e.g. 72:00.
+
+    Raises:
+        UsageError: it is something else.
+    """
+    match = _WALLTIME.fullmatch(text)
+    if match is None:
+        raise UsageError(f"--time {text!r}: expected HH:MM, e.g. 02:30 or 72:00")
+    return 60 * int(match[1]) + int(match[2])
+
+
+def hours_minutes(minutes: int) -> str:
+    """Minutes as ``HH:MM``."""
+    return f"{minutes // 60:02}:{minutes % 60:02}"
+
+
+def _within(option: str, value: int, low: int, high: int, *, unit: str = "", why: str = "") -> None:
+    if not low <= value <= high:
+        reason = f"; {why}" if why else ""
+        raise UsageError(f"{option} {value}{unit}: allowed are {low} to {high}{unit}{reason}")

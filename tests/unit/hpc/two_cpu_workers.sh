@@ -1,0 +1,103 @@
+#!/bin/bash
+# A Slurm job script, written by `hpc render`: aeb-demo with 2 CPU workers.
+# Submit it with `sbatch FILE`, watch it with `squeue --me`; its log is slurm-JOBID.out.
+# Submitted again after it has ended for whatever reason, it goes on where it stopped.
+
+# --- What the job asks for; options given to sbatch itself win over these lines.
+#SBATCH --job-name=aeb-demo
+#SBATCH --time=01:00:00
+# One task is one worker.
+#SBATCH --ntasks=2
+#SBATCH --cpus-per-task=1
+# This script, and nothing else, gets SIGTERM so many seconds before the time is over,
+# or up to a minute earlier.
+#SBATCH --signal=B:TERM@60
+# The job may be queued again; a node that fails does not end it.
+#SBATCH --requeue
+#SBATCH --no-kill
+# A later start adds to the log of the first.
+#SBATCH --open-mode=append
+
+# --- Names. All nodes must see these paths.
+campaign=aeb-demo
+out=/work/runs/aeb-demo
+bin=/opt/drivetwin/bin
+restarts_max=20
+cd /work || exit 2
+
+# --- Where the conductor listens: at the address by which Slurm reaches this node, so that the
+# --- workers on other nodes reach it too. `hpc render --address` chooses another.
+address=$(scontrol show node "$SLURMD_NODENAME" | sed -n 's/.*NodeAddr=\([^ ]*\).*/\1/p')
+if [[ ! $address =~ ^[0-9]+(\.[0-9]+){3}$ ]]; then
+  # A name: look it up, but not as 127.*, which would be another machine on another node.
+  address=$(getent ahostsv4 "$address" | awk '$1 !~ /^127[.]/ { print $1; exit }')
+  [ -n "$address" ] || address=$(hostname -I | cut -d ' ' -f 1)
+fi
+
+# --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
+before=$(cat "$out/conductor.json" 2>/dev/null)
+"$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
+conductor=$!
+# bash runs a trap only between commands or during `wait`, so everything long is in the background.
+signalled=no stopping=no lost=no
+trap 'signalled=yes stopping=yes; kill -TERM "$conductor" 2>/dev/null' TERM
+trap 'signalled=yes lost=yes; kill -TERM "$conductor" 2>/dev/null' USR1
+# Once it listens, it says where in conductor.json. An older file may be there after a crash.
+until [ -s "$out/conductor.json" ] && [ "$(cat "$out/conductor.json")" != "$before" ]; do
+  kill -0 "$conductor" 2>/dev/null || break
+  sleep 0.2
+done
+
+# --- The workers, one per task.
+# --- One that dies does not take the others with it; its cases go to them.
+{
+  kill -0 "$conductor" 2>/dev/null || exit
+  srun --ntasks=2 --cpus-per-task=1 \
+    --no-kill --wait=0 --kill-on-bad-exit=0 --label \
+    "$bin/twin" worker --state "$out" --wait 120 --until-done \
+    --slots 1 --device cpu
+  # They leave when no case is left. If the conductor still serves after that, they were lost.
+  for _ in {1..150}; do
+    kill -0 "$conductor" 2>/dev/null && [ -e "$out/conductor.json" ] || exit
+    sleep 0.2
+  done
+  kill -USR1 $$
+} &
+workers=$!
+
+# --- Wait for the conductor. A signal interrupts `wait`; then wait again for its real exit code.
+while :; do
+  signalled=no
+  wait "$conductor"
+  verdict=$?
+  [ "$signalled" = yes ] && [ "$verdict" -gt 128 ] || break
+done
+# The workers leave by themselves. Those that do not can go: all that counts is in the journal.
+for try in {1..40}; do
+  kill -0 "$workers" 2>/dev/null || break
+  case $try in
+    3 | 10) scancel --signal=TERM "$SLURM_JOB_ID.0" 2>/dev/null ;;
+    20 | 30) scancel --signal=KILL "$SLURM_JOB_ID.0" 2>/dev/null ;;
+  esac
+  sleep 0.5
+done
+
+# --- The verdict: 0 all passed, 1 a verdict is not a pass, 2 bad input, 3 infrastructure lost,
+# --- 75 unfinished: queue again, unless somebody cancelled the job or it has had its restarts.
+if [ "$lost" = yes ]; then
+  echo "all workers are gone, see above; submit this script again to go on" >&2
+  exit 3
+fi
+if [ "$verdict" -gt 125 ]; then
+  # It was killed: by us before it could listen to signals, or by somebody else.
+  [ "$stopping" = yes ] && verdict=75 || verdict=3
+fi
+if [ "$verdict" = 75 ] && [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%T)" = RUNNING ]
+then
+  if [ "${SLURM_RESTART_COUNT:-0}" -lt "$restarts_max" ]; then
+    echo "unfinished, queued again" >&2
+    exec scontrol requeue "$SLURM_JOB_ID"
+  fi
+  echo "unfinished after $restarts_max restarts; submit this script again to go on" >&2
+fi
+exit "$verdict"
