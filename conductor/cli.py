@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from schemas.view import ViewMode
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
@@ -57,6 +58,10 @@ def run_command(
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
     by_batch: ByBatch = False,
     listen: Listen = "tcp/127.0.0.1:0",
+    view: Annotated[
+        ViewMode,
+        typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
+    ] = ViewMode.live,
     output: OutputOption = Output.human,
 ) -> None:
     """Serve, start local workers, wait, report: a whole campaign with one command.
@@ -75,6 +80,7 @@ def run_command(
         device=device,
         by_batch=by_batch,
         listen=listen,
+        view=view,
         json=output is Output.json,
     )
     raise typer.Exit(run_campaign(loaded, options))

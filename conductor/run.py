@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shlex
 import signal
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -27,12 +27,14 @@ from rich.progress import (
 )
 
 from conductor.fingerprint import fingerprint
+from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
-from schemas.messages import Submit
+from schemas.messages import Stop, Submit
+from schemas.view import ViewMode
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -41,15 +43,17 @@ from twin.fabric.errors import (
     EXIT_UNFINISHED,
     InfrastructureError,
     TwinError,
+    UnfinishedError,
     UsageError,
 )
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.fabric.software import software_digest
 
 WORKERS_MAX = 8
 """Local workers started by default, at most."""
 POLL_S = 0.1
 """How often progress is looked at [s]."""
+DISMISS_S = 10.0
+"""Longest wait for workers of other hosts to leave [s]."""
 RESTARTS_MAX = 5
 """Workers that died without a case ending in between, before the run gives up."""
 
@@ -64,6 +68,7 @@ class RunOptions:
     device: str = "cpu"
     by_batch: bool = False
     listen: str = "tcp/127.0.0.1:0"
+    view: ViewMode = ViewMode.live
     json: bool = False
 
 
@@ -73,64 +78,6 @@ class Interrupted(Exception):  # noqa: N818 - it is no error
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
         self.number = number
-
-
-@dataclass(slots=True)
-class LocalWorkers:
-    """Worker processes of this run; the dead are replaced while that makes sense."""
-
-    options: RunOptions
-    endpoint: str
-    folder: Path
-    count: int
-    children: list[tuple[subprocess.Popen[bytes], IO[bytes]]] = field(default_factory=list)
-    started: int = 0
-    died: int = 0
-    """Workers that died since a case ended."""
-
-    def start(self) -> None:
-        """Start as many as are missing. Only from the main thread (see ``spawn``)."""
-        while len(self.children) < self.count:
-            self.started += 1
-            log = (self.folder / "logs" / f"worker-{self.started}.log").open("w+b")
-            child = spawn(
-                [
-                    *(sys.executable, "-m", "twin", "worker", "--connect", self.endpoint),
-                    *("--slots", str(self.options.slots), "--device", self.options.device),
-                    *("--join-dir", str(self.folder / "rigs")),
-                ],
-                log=log,
-            )
-            self.children.append((child, log))
-
-    def look(self) -> list[str]:
-        """Reap the dead; one line each."""
-        lines = []
-        for child, log in list(self.children):
-            code = child.poll()
-            if code is None:
-                continue
-            self.children.remove((child, log))
-            self.died += 1
-            tail = last_lines(log)
-            end(child)
-            log.close()
-            lines.append(
-                f"worker {child.pid} {how_it_ended(code)}{': ' if tail else ''}{tail}; replaced"
-            )
-        return lines
-
-    def stop(self) -> None:
-        """Ask all at once, then wait for each; they give their leases back."""
-        for child, _ in self.children:
-            with contextlib.suppress(ProcessLookupError):
-                child.terminate()
-        for child, log in self.children:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(5.0)
-            end(child)
-            log.close()
-        self.children.clear()
 
 
 def run_campaign(campaign: Campaign, options: RunOptions) -> int:
@@ -143,8 +90,7 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
             _execute(campaign, options, cases, console)
             result = _conclude(campaign, options)
         except Interrupted as stop:
-            again = f"conductor run {campaign.campaign} --out {options.out}"
-            console.print(f"stopped by {stop}; go on with the same command ({again})", markup=False)
+            console.print(f"stopped by {stop}; the same command goes on: {again()}", markup=False)
             return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
     outcomes, digest = result
     return _tell(campaign, options, outcomes, digest, time.monotonic() - started)
@@ -178,11 +124,27 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
             (conductor.folder / "logs").mkdir(exist_ok=True)
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
-        workers = LocalWorkers(options, conductor.endpoint, conductor.folder, count)
+        worker_options = [
+            *("--connect", conductor.endpoint, "--slots", str(options.slots)),
+            *("--device", options.device, "--view", options.view.value),
+            *("--join-dir", str(conductor.folder / "rigs")),
+        ]
+        workers = LocalWorkers(worker_options, conductor.folder, count)
         try:
             _wait(conductor, campaign, workers, console)
         finally:
             workers.stop()
+            if not count:
+                _dismiss(conductor)
+
+
+def _dismiss(conductor: Conductor) -> None:
+    """Workers that are not ours hear that they may leave, instead of a silence; bounded."""
+    with contextlib.suppress(TwinError):
+        conductor.request(Stop(v=SCHEMA_VERSION), DISMISS_S)
+    until_s = time.monotonic() + DISMISS_S
+    while conductor.alive and time.monotonic() < until_s:
+        time.sleep(POLL_S)
 
 
 def _wait(
@@ -191,6 +153,7 @@ def _wait(
     if not workers.count:
         console.print(f"waiting for workers: twin worker --state {conductor.folder}", markup=False)
     storage = ""
+    told: list[str] = []
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
@@ -207,8 +170,12 @@ def _wait(
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:
                 return
+            for line in found["notes"]:
+                if line not in told:
+                    told.append(line)
+                    progress.console.print(line, markup=False)
             if found["notes"] and not row["leased"] and len(found["notes"]) >= workers.count > 0:
-                raise UsageError(found["notes"][0])  # every worker of ours was turned away
+                raise UsageError("no worker may run what is left; see the lines above")
             for line in workers.look():
                 progress.console.print(line, markup=False)
             if workers.died > RESTARTS_MAX:
@@ -219,7 +186,7 @@ def _wait(
                 raise InfrastructureError(f"{found['storage_error']}")
             storage = found["storage_error"]
             if not conductor.alive:
-                raise InfrastructureError(f"the conductor ended; see {workers.folder}/logs")
+                raise UnfinishedError("the conductor was stopped; the same command goes on")
             time.sleep(POLL_S)
 
 
@@ -289,6 +256,11 @@ def _row(conductor: Conductor, campaign: Campaign) -> dict[str, Any]:
     return row
 
 
+def again() -> str:
+    """The command line of this process, to be typed once more."""
+    return shlex.join(["conductor", *sys.argv[1:]])
+
+
 def _check_software(row: dict[str, Any], options: RunOptions) -> None:
     """A campaign is finished by the software that began it: results must be comparable."""
     ours = software_digest()
@@ -341,8 +313,8 @@ def _serving(conductor: Conductor) -> Iterator[None]:
     finally:
         conductor.stop()
         thread.join()
-    if failure:
-        raise failure[0]
+        if failure:
+            raise failure[0]
 
 
 @contextlib.contextmanager

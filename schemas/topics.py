@@ -15,7 +15,7 @@ class Topic:
     key: str
     payload: Payload
     type: str
-    """Name of the Struct or array layout in :mod:`schemas.messages`."""
+    """Name of the Struct or array layout in :mod:`schemas.messages` or :mod:`schemas.view`."""
     block: bool
     """BLOCK on congestion (one known peer); otherwise DROP."""
     recorded: bool
@@ -39,6 +39,14 @@ EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
 
+VIEW_START = Topic("view/{campaign}/{case}/start", "msgpack", "CaseStart", False, True)
+VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", False, True)
+VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", False, True)
+VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", False, True)
+VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False, False)
+FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", False, False)
+RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
+
 TOPICS: tuple[Topic, ...] = (
     CAMERA,
     BOXES,
@@ -53,6 +61,13 @@ TOPICS: tuple[Topic, ...] = (
     EVENT,
     WORKER_COMMAND,
     WORKER_ALIVE,
+    VIEW_START,
+    VIEW_STATE,
+    VIEW_CAMERA,
+    VIEW_END,
+    VIEW_THUMBNAIL,
+    FEED_END,
+    RECORDER_ALIVE,
 )
 
 SENSORS: dict[str, Topic] = {

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
+from schemas.view import ViewMode
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
 
-app = make_app(
-    "twin", "The simulator. `twin worker` runs the cases that a conductor leases to it."
-)
+app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 
@@ -40,6 +39,10 @@ def worker(
         str,
         typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
     ] = "",
+    view: Annotated[
+        ViewMode,
+        typer.Option(help="live: viewers may look; record: one .rrd per attempt beside its KPIs."),
+    ] = ViewMode.live,
     until_done: Annotated[
         bool, typer.Option("--until-done", help="Leave when no case is left.")
     ] = False,
@@ -63,6 +66,7 @@ def worker(
         device=device,
         drive_listen=drive_listen,
         join_dir=join_dir,
+        view=view,
         until_done=until_done,
     )
     raise typer.Exit(Worker(options).serve())
@@ -75,11 +79,16 @@ def sim(
     namespace: str = typer.Option("twin"),
     slots: int = typer.Option(1),
     device: str = typer.Option("cpu"),
+    view: ViewMode = typer.Option(ViewMode.none),
+    view_namespace: str = typer.Option("twin"),
+    view_connect: str = typer.Option(""),
 ) -> None:
     """The simulator process of a rig; started by `twin worker`."""
     from twin.worker.simulator import run_simulator
+    from twin.worker.view_feed import ViewOptions
 
-    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace))
+    options = ViewOptions(view, view_namespace, view_connect)
+    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, options))
 
 
 @app.command()

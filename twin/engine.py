@@ -122,6 +122,23 @@ class Engine:
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
 
+    @property
+    def state(self) -> np.ndarray:
+        """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.planar.COLUMN`;
+        a view, for those who only look."""
+        return self._vehicles.state
+
+    @property
+    def colliders(self) -> np.ndarray:
+        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; the obstacle comes first,
+        then ``cars`` - 1 parked cars."""
+        return self._world.colliders
+
+    @property
+    def cars(self) -> int:
+        """How many of the colliders are cars."""
+        return self._world.instances
+
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         weather = WEATHER[case.weather]

@@ -64,3 +64,44 @@ def test_a_second_conductor_on_the_folder_is_refused(marked, tmp_path):
     assert len(second.stderr.strip().splitlines()) == 1
     first.terminate()
     first.wait()
+
+
+def test_run_with_workers_of_other_hosts(marked, quiet, tmp_path):
+    """``run --workers 0`` waits for workers, and tells them to leave at the end."""
+    folder = tmp_path / "c"
+    child = marked.start("conductor", "run", "chaos-16", "--workers", "0", "--out", str(folder))
+    worker = marked.start(
+        *("twin", "worker", "--state", str(folder), "--wait", "60", "--until-done")
+    )
+    out, err = child.communicate()
+    assert child.returncode == 1, err
+    assert quiet["fingerprint"] in out
+    _, said = worker.communicate()
+    assert worker.returncode == 0, said
+    assert "does not answer" not in said
+
+
+def test_sigterm_of_a_run_is_unfinished(marked, quiet, tmp_path):
+    """As at the end of the walltime: exit code 75, and the same command goes on."""
+    folder = tmp_path / "c"
+    command = ("conductor", "run", "chaos-16", "--out", str(folder))
+    child = marked.start(*command)
+    wait_for(lambda: committed(folder) >= 3, "three cases")
+    child.terminate()
+    _, err = child.communicate()
+    assert child.returncode == 75, err
+    again = marked.run(*command)
+    assert again.returncode == 1, again.stderr
+    assert quiet["fingerprint"] in again.stdout
+    assert all(row["charges"] == [] for row in outcomes(folder).values())
+
+
+def test_stop_of_a_run_is_unfinished(marked, tmp_path):
+    folder = tmp_path / "c"
+    child = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
+    wait_for(lambda: committed(folder) >= 3, "three cases")
+    stopped = marked.run("conductor", "stop", "--state", str(folder))
+    assert stopped.returncode == 0, stopped.stderr
+    _, err = child.communicate()
+    assert child.returncode == 75, err
+    assert "the same command goes on" in err

@@ -30,6 +30,9 @@ class Bus(Protocol):
     ) -> None:
         """Publish; ``block`` waits for a congested peer, otherwise the message may be dropped."""
 
+    def wanted(self, key: str) -> bool:
+        """Whether somebody subscribes to ``key`` (may hold ``*`` and ``**``); cheap to ask."""
+
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
         """Call ``handler`` with each message on ``key`` (may hold ``*`` and ``**``)."""
 

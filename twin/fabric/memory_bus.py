@@ -169,6 +169,12 @@ class MemoryBus:
                 if matches(pattern, key):
                     self._hub.post(_guarded(bus, handler, sample))
 
+    def wanted(self, key: str) -> bool:
+        """See :class:`twin.fabric.bus.Bus`; a wildcard of ``key`` matches wildcards only."""
+        return any(
+            matches(pattern, key) for bus in self._hub.sessions() for pattern, _ in bus._subscribers
+        )
+
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
         """See :class:`twin.fabric.bus.Bus`."""
         self._subscribers.append((key, handler))

@@ -24,6 +24,7 @@ def open_bus(
     namespace: str = "twin",
     shared_memory: bool = False,
     connect_timeout_s: float = 10.0,
+    connect_required: bool = True,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
@@ -35,6 +36,7 @@ def open_bus(
         namespace: prefix of every key; sessions of other namespaces hear nothing.
         shared_memory: Zenoh's own shared memory; off, because a killed publisher leaks segments.
         connect_timeout_s: how long to try to connect before giving up [s].
+        connect_required: False: open at once and keep trying in the background (peers only).
 
     Raises:
         UsageError: a bad endpoint, or an address that is in use.
@@ -43,6 +45,9 @@ def open_bus(
     for endpoint in [*listen, *connect]:
         check_endpoint(endpoint)
     config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    if not connect_required:
+        config.insert_json5("connect/timeout_ms", "0")
+        config.insert_json5("connect/exit_on_failure", "false")
     before = set(_listening())
     try:
         session = zenoh.open(config)
@@ -139,6 +144,7 @@ class _ZenohBus:
         self.endpoints = endpoints
         self._session = session
         self._declared: list[Any] = []
+        self._publishers: dict[str, Any] = {}
         self._lock = threading.Lock()
         self._closed = False
         # The interpreter hangs at exit while a session with callbacks is open, also after an
@@ -156,6 +162,11 @@ class _ZenohBus:
         except zenoh.ZError:
             if not self._closed:
                 raise
+
+    def wanted(self, key: str) -> bool:
+        if key not in self._publishers:
+            self._publishers[key] = self._session.declare_publisher(key)
+        return bool(self._publishers[key].matching_status.matching)
 
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
         def receive(sample: zenoh.Sample) -> None:

@@ -31,10 +31,16 @@ class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
     token: int
 
 
+class Close(Struct, frozen=True, tag_field="kind", tag="close"):
+    """Stop working and hand the recorder what it has not got yet; the process is ended soon."""
+
+
 class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
     """The drive session is open."""
 
     endpoint: str
+    view: str = ""
+    """Where a recorder connects; empty: nothing is to be recorded."""
 
 
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
@@ -63,7 +69,7 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
     detail: str
 
 
-Downward = Build | Assign | Abandon
+Downward = Build | Assign | Abandon | Close
 Upward = Listening | Built | Progress | Done | Broken
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import queue
@@ -16,7 +17,13 @@ from typing import IO, TYPE_CHECKING, Any
 
 from schemas.messages import Lease, Release
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
-from twin.worker.pipe import Abandon, Assign, Build, Unpacker, Upward, pack
+from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
+
+FEED_GRACE_S = 3.0
+"""Longest wait for a recorder that still gets samples, when its rig ends [s]."""
+
+FILE_GRACE_S = 1.0
+"""After that: longest wait for it to finish its files without the rest [s]."""
 
 if TYPE_CHECKING:
     from twin.worker.shell import WorkerOptions
@@ -30,12 +37,20 @@ class RigDied:
     detail: str
 
 
-class RigProcess:
-    """Both processes of one rig. Messages go to ``inbox`` as ``(self, message)``."""
+@dataclass(frozen=True, slots=True)
+class RecorderEnded:
+    """The recorder ended before its rig; nothing but the recordings suffers."""
 
-    def __init__(
-        self, options: WorkerOptions, lease: Lease, inbox: queue.SimpleQueue[Any]
-    ) -> None:
+    detail: str
+
+
+class RigProcess:
+    """The processes of one rig: simulator, stack and, if asked for, recorder.
+
+    Messages go to ``inbox`` as ``(self, message)``.
+    """
+
+    def __init__(self, options: WorkerOptions, lease: Lease, inbox: queue.SimpleQueue[Any]) -> None:
         self._options = options
         self._lease = lease
         self._inbox = inbox
@@ -43,11 +58,13 @@ class RigProcess:
         self._stopped = False
         self._lock = threading.Lock()
         self._stack: subprocess.Popen[bytes] | None = None
+        self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: Path | None = None
         # Unnamed files: gone with their last user, however this process ends. What matters of
         # them, the last lines of a process that died, goes to the conductor.
         self._log = tempfile.TemporaryFile()  # noqa: SIM115
         self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
+        self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
         listen = options.drive_listen if remote else "tcp/127.0.0.1:0"
         self._simulator = spawn(
@@ -55,6 +72,8 @@ class RigProcess:
                 *(sys.executable, "-m", "twin", "sim"),
                 *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
                 *("--slots", str(options.slots), "--device", options.device),
+                *("--view", options.view.value, "--view-namespace", options.namespace),
+                *("--view-connect", options.connect),
             ],
             log=self._log,
             pipe_output=True,
@@ -75,10 +94,11 @@ class RigProcess:
         self._write(pack(Abandon(token)))
 
     def stop(self) -> None:
-        """End both processes and remove what they left."""
+        """End all processes and remove what they left."""
         with self._lock:
             self._stopped = True
-        for child in (self._simulator, self._stack):
+        self._finish_recordings()
+        for child in (self._simulator, self._stack, self._recorder):
             if child is not None:
                 child.kill()  # nothing of value is in there: results are on disk
                 end(child)
@@ -86,6 +106,7 @@ class RigProcess:
             self._announced.unlink(missing_ok=True)
         self._log.close()
         self._stack_log.close()
+        self._recorder_log.close()
 
     def _write(self, data: bytes) -> None:
         assert self._simulator.stdin is not None
@@ -123,6 +144,44 @@ class RigProcess:
             [sys.executable, "-m", "devkit", "host", *arguments], log=self._stack_log
         )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
+
+    def start_recorder(self, endpoint: str) -> None:
+        """The simulator's view feed listens: start a recorder beside it."""
+        self._recorder = spawn(
+            [
+                *(sys.executable, "-m", "viewer", "record", "--connect", endpoint),
+                *("--rig", self._id, "--namespace", self._options.namespace),
+            ],
+            log=self._recorder_log,
+        )
+        threading.Thread(target=self._watch_recorder, name="recorder", daemon=True).start()
+
+    def _watch_recorder(self) -> None:
+        assert self._recorder is not None
+        code = self._recorder.wait()
+        with self._lock:
+            if self._stopped:
+                return
+            tail = last_lines(self._recorder_log)
+        detail = how_it_ended(code)
+        self._inbox.put((self, RecorderEnded(f"{detail}: {tail}" if tail else detail)))
+
+    def _finish_recordings(self) -> None:
+        """A short grace for the recorder; a frozen one loses its recordings, nothing else."""
+        recorder = self._recorder
+        if recorder is None or recorder.poll() is not None:
+            return
+        self._write(pack(Close()))
+        try:
+            if self._simulator.poll() is None:
+                recorder.wait(FEED_GRACE_S)
+                return
+        except subprocess.TimeoutExpired:
+            pass
+        assert recorder.stdin is not None
+        recorder.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            recorder.wait(FILE_GRACE_S)
 
     def _announce(self, arguments: list[str]) -> None:
         folder = Path(self._options.join_dir)

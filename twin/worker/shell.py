@@ -15,6 +15,7 @@ from typing import Any
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Hello, Reply, Request
+from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.errors import UsageError
@@ -23,7 +24,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress
-from twin.worker.rig import RigDied, RigProcess
+from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""
@@ -45,6 +46,8 @@ class WorkerOptions:
     """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
     join_dir: str = ""
     """Folder in which rigs for remote stacks are announced."""
+    view: ViewMode = ViewMode.live
+    """What simulators show; see :class:`schemas.view.ViewMode`."""
     until_done: bool = False
 
 
@@ -149,11 +152,16 @@ class Worker:
             case _Signalled(name):
                 _log(f"{name}: giving leases back")
                 return core.on_drain(name, now)
-            case (rig, message) if rig is not self._rig:
+            case (rig, _) if rig is not self._rig:
                 return []  # words of a rig that was stopped meanwhile
-            case (_, Listening(endpoint)):
+            case (_, Listening(endpoint, view)):
                 assert self._rig is not None
                 self._rig.start_stack(endpoint)
+                if view:
+                    self._rig.start_recorder(view)
+                return []
+            case (_, RecorderEnded(detail)):
+                _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []
             case (_, Built()):
                 return core.on_rig_ready()

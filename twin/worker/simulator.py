@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from twin.fabric.bus import Bus
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer
-from twin.fabric.process import bind_to_parent
+from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.pipe import (
     Abandon,
@@ -32,6 +32,7 @@ from twin.worker.pipe import (
     Broken,
     Build,
     Built,
+    Close,
     Done,
     Downward,
     Listening,
@@ -39,9 +40,16 @@ from twin.worker.pipe import (
     Unpacker,
     send,
 )
+from twin.worker.view_feed import Feed, ViewOptions, open_feed
+
+if TYPE_CHECKING:
+    from twin.engine import SensorData
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
+
+VIEW_GRACE_S = 2.0
+"""Longest time for the view feed to hand over what it holds, at the end [s]."""
 
 
 @dataclass(slots=True)
@@ -80,8 +88,11 @@ class Orders:
 class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
-    def __init__(self, bus: Bus, rig: str, slots: int, device: str, out: BinaryIO) -> None:
+    def __init__(
+        self, bus: Bus, rig: str, slots: int, device: str, out: BinaryIO, feed: Feed
+    ) -> None:
         self._bus = bus
+        self._feed = feed
         self._rig = rig
         self._device = device
         self._out = out
@@ -125,6 +136,10 @@ class Simulator:
                 self._waiting.append(order.lease)
             elif isinstance(order, Abandon):
                 self._abandon(order.token)
+            elif isinstance(order, Close):
+                self._feed.close(VIEW_GRACE_S)
+                # The recorder is still reading; the worker cuts the lifeline when it has it all.
+                self._orders.next(None)
             block = False
         self._report()
 
@@ -133,6 +148,7 @@ class Simulator:
         for index, slot in enumerate(self._slots):
             if slot is not None and slot.lease.token == token:
                 self._engine.clear(index)
+                self._feed.abandon(index)
                 self._slots[index] = None
 
     def _refill(self) -> None:
@@ -146,9 +162,11 @@ class Simulator:
                 lease = self._waiting.pop(0)
                 self._engine.reset(index, lease.case)
                 self._slots[index] = _Slot(lease, time.monotonic())
+                self._feed.begin(index, lease, self._engine)
 
     def _tick(self) -> None:
-        sensors = self._sense()
+        sensed = self._engine.sense()
+        sensors = self._outgoing(sensed)
         episodes = self._episodes()
         tick = Tick(
             v=SCHEMA_VERSION,
@@ -165,9 +183,12 @@ class Simulator:
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
-        for finished in self._engine.step(self._checked(answer.commands)):
+        commands = self._checked(answer.commands)
+        self._feed.tick(self._engine, sensed, commands)
+        for finished in self._engine.step(commands):
             slot = self._slots[finished.slot]
             assert slot is not None
+            self._feed.end(finished)
             # Late: this module imports Parquet only after the engine is warm.
             from twin.worker.attempt import write_attempt
 
@@ -178,11 +199,11 @@ class Simulator:
     def _tokens(self) -> list[int]:
         return [slot.lease.token if slot else 0 for slot in self._slots]
 
-    def _sense(self) -> list[Outgoing]:
+    def _outgoing(self, sensed: dict[str, SensorData]) -> list[Outgoing]:
         cases = [slot.lease.case.id if slot else "" for slot in self._slots]
         active = [slot is not None for slot in self._slots]
         outgoing = []
-        for name, data in self._engine.sense().items():
+        for name, data in sensed.items():
             values = np.ascontiguousarray(data.values)
             shared = name == "camera" and self._frames is not None and self._end.shared
             frame = Frame(
@@ -269,17 +290,21 @@ def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Epis
     )
 
 
-def run_simulator(rig: str, listen: str, slots: int, device: str, namespace: str) -> int:
+def run_simulator(
+    rig: str, listen: str, slots: int, device: str, namespace: str, view: ViewOptions
+) -> int:
     """Entry of ``twin sim``; the exit code."""
     bind_to_parent()
+    leave_signals_to_the_parent()
     # Whatever prints by mistake must not end up between the messages.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     bus = None
     try:
         bus = open_bus("peer", listen=[listen], namespace=namespace)
-        send(out, Listening(bus.endpoints[0]))
-        Simulator(bus, rig, slots, device, out).run()
+        feed = open_feed(rig, slots, view)
+        send(out, Listening(bus.endpoints[0], feed.endpoint))
+        Simulator(bus, rig, slots, device, out, feed).run()
     except TwinError as error:
         send(out, Broken("crash", str(error)))
         return error.exit_code

@@ -1,0 +1,191 @@
+"""Messages of the view plane (simulator -> recorders and viewers), one case each.
+
+The view plane only looks: it is produced while somebody subscribes, dropped when nobody keeps up,
+and never read by anything that decides. Within an attempt every recorded sample carries a running
+number ``seq``, so that a receiver knows what it has missed.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from msgspec import Struct
+
+from schemas.messages import Detection, Lights
+
+
+class ViewMode(StrEnum):
+    """What the worker's simulators show, and to whom."""
+
+    none = "none"
+    """Nothing."""
+    live = "live"
+    """Thumbnails, while a viewer subscribes."""
+    record = "record"
+    """Everything, to a recorder process beside the simulator; one file per attempt."""
+    record_live = "record+live"
+
+    @property
+    def records(self) -> bool:
+        """A recorder runs beside each simulator."""
+        return self in (ViewMode.record, ViewMode.record_live)
+
+    @property
+    def shows(self) -> bool:
+        """Viewers may look through the conductor's router."""
+        return self in (ViewMode.live, ViewMode.record_live)
+
+
+class Box(Struct, frozen=True):
+    """A ground-truth box, in pixels; x and y are its upper left corner."""
+
+    label: str
+    x_px: float
+    y_px: float
+    width_px: float
+    height_px: float
+    distance_m: float
+
+
+class Controls(Struct, frozen=True):
+    """The stack's command of a tick."""
+
+    throttle: float
+    brake: float
+    steering_rad: float
+    aeb: bool
+    lights: Lights
+    detections: list[Detection]
+
+
+class Stage(Struct, frozen=True):
+    """What stands still, for 3D views; lengths in metres, world x along the street."""
+
+    road_start_m: float
+    road_end_m: float
+    lane_width_m: float
+    parking_width_m: float
+    sidewalk_width_m: float
+    obstacle_center_m: list[float]
+    """Centre of the obstacle's hull, world x, y, z."""
+    obstacle_size_m: list[float]
+    """Length, width and height."""
+    ego_center_m: list[float]
+    """Centre of the ego's hull, from its rear axle on the ground."""
+    ego_size_m: list[float]
+    camera_m: list[float]
+    """Camera, from the ego's rear axle on the ground."""
+    hulls: list[list[float]] = []
+    """Everything else one can hit: world x, y, yaw [rad], half length, half width; cars first."""
+    cars: int = 0
+    """How many of the hulls are parked cars."""
+
+
+class CaseStart(Struct, frozen=True):
+    """An attempt begins."""
+
+    v: int
+    seq: int
+    token: int
+    campaign: str
+    case: str
+    attempt: int
+    folder: str
+    """Attempt folder, as the worker sees it."""
+    model: str
+    weather: str
+    time_of_day_min: int
+    scene: str
+    vehicle: str
+    seed: int
+    control_hz: int
+    camera: str
+    width: int
+    height: int
+    hfov_deg: float
+    stage: Stage
+
+
+class StateSample(Struct, frozen=True):
+    """One control tick: a KPI row, and what camera and stack saw. Missing is None, never 0."""
+
+    v: int
+    seq: int
+    token: int
+    tick: int
+    sim_time_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    accel_mps2: float
+    dtc_m: float
+    ttc_s: float | None
+    collisions: int
+    controls: Controls | None
+    """None in the last row: the case has ended, nothing was asked."""
+    boxes: list[Box] | None
+    """None: no frame was due."""
+
+
+class CameraSample(Struct, frozen=True):
+    """Attachment of a camera picture; the payload is a JPEG."""
+
+    v: int
+    seq: int
+    token: int
+    tick: int
+    sim_time_ns: int
+
+
+class CaseEnd(Struct, frozen=True):
+    """An attempt ended with a result, or (``outcome`` empty) without one."""
+
+    v: int
+    seq: int
+    token: int
+    sim_time_ns: int
+    outcome: str
+    verdict: str
+    passed: bool
+    reasons: list[str]
+    scalars: dict[str, float | int | None]
+    samples: int
+    """Samples of this attempt, this one included: ``seq`` ran from 0 to ``samples`` - 1."""
+
+
+class Thumbnail(Struct, frozen=True):
+    """Attachment of a small picture of a running or just ended case; the payload is a JPEG.
+
+    Complete in itself: who comes late knows the case from its next thumbnail.
+    """
+
+    v: int
+    seq: int
+    token: int
+    campaign: str
+    case: str
+    attempt: int
+    model: str
+    weather: str
+    time_of_day_min: int
+    sim_time_ns: int
+    speed_mps: float
+    dtc_m: float
+    aeb: bool
+    outcome: str = ""
+    """Empty: the case is running."""
+    verdict: str = ""
+    passed: bool = False
+
+
+class FeedEnd(Struct, frozen=True):
+    """A rig's view feed ends; nothing comes after it."""
+
+    v: int
+    rig: str
+
+
+def clock(time_of_day_min: int) -> str:
+    """Minutes after midnight -> ``HH:MM``."""
+    return f"{time_of_day_min // 60:02d}:{time_of_day_min % 60:02d}"

@@ -1,0 +1,201 @@
+"""Looking at a campaign, recording it, and freezing whoever does: the KPIs do not notice."""
+
+import json
+import signal
+
+import cv2
+import numpy as np
+import pytest
+from processes import Marked, committed, nothing_left, outcomes, wait_for
+from recordings import read_recording
+
+from twin.fabric.kpi_file import read_kpi
+from viewer import naming, native
+
+needs_vulkan = pytest.mark.skipif(
+    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+)
+
+
+def start(marked, folder, *options):
+    """A run of chaos-16 in the background."""
+    return marked.start(
+        *("conductor", "run", "chaos-16", "--out", str(folder), "--output", "json", *options)
+    )
+
+
+def finish(child):
+    """Its JSON."""
+    out, err = child.communicate(timeout=120)
+    assert child.returncode == 1, err
+    found = json.loads(out)
+    assert found["committed"] == 16
+    return found
+
+
+def note(folder, case):
+    """What ``recording.json`` of the committed attempt says; None: there is none."""
+    path = folder / outcomes(folder)[case]["attempt_dir"] / naming.RECORDING_NOTE
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """chaos-16, recorded by 2 workers x 2 slots."""
+    folder = tmp_path_factory.mktemp("recorded") / "chaos-16"
+    starter = Marked()
+    try:
+        with nothing_left(starter):
+            child = start(starter, folder, "--workers", "2", "--slots", "2", "--view", "record")
+            return {"folder": folder, **finish(child)}
+    finally:
+        starter.end()
+
+
+def test_one_readable_recording_per_case(recorded, quiet):
+    folder = recorded["folder"]
+    assert recorded["fingerprint"] == quiet["fingerprint"]
+    for case, row in outcomes(folder).items():
+        attempt = folder / row["attempt_dir"]
+        kpi = read_kpi(attempt / naming.KPI_FILE)
+        found = read_recording(attempt / naming.RECORDING_FILE)
+        assert found.application_id == naming.CASE_APP
+        assert found.recording_id == f"chaos-16-{case}-1"
+        assert found.properties["case"]["case"] == case
+        assert found.properties["verdict"]["verdict"] == row["verdict"]
+        assert found.properties["verdict"]["complete"] is True
+        assert found.blueprints == 1
+        assert note(folder, case)["complete"] is True
+        # One row per KPI row; commands and pictures except at the last.
+        for path in (naming.EGO, naming.SPEED, naming.DTC, naming.GAP):
+            assert found.rows[path] == kpi.num_rows
+        for path in (naming.CAMERA, naming.TRUTH, naming.DETECTIONS, naming.BRAKE, naming.AEB):
+            assert found.rows[path] == kpi.num_rows - 1
+        assert found.rows[naming.TTC] == kpi.num_rows - kpi.column("ttc_s").null_count
+        assert {naming.OBSTACLE, naming.STREET, naming.SUMMARY, naming.CAMERA} <= found.static
+    assert len(list(folder.rglob(naming.RECORDING_FILE))) == 16
+    assert not list(folder.rglob("*.tmp"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, number):
+    folder = tmp_path / "c"
+    child = start(marked, folder, "--workers", "1", "--slots", "2", "--view", "record")
+    wait_for(lambda: committed(folder) >= 3, "three cases")
+    marked.one("viewer", "record").send_signal(number)
+    assert finish(child)["fingerprint"] == quiet["fingerprint"]
+    notes = {case: note(folder, case) for case in outcomes(folder)}
+    incomplete = [case for case, said in notes.items() if said is None or not said["complete"]]
+    assert incomplete, "nothing was lost by the signal"
+    assert any(said and said["complete"] for said in notes.values())
+    for case in incomplete:
+        path = folder / outcomes(folder)[case]["attempt_dir"] / naming.RECORDING_FILE
+        if path.exists() and path.stat().st_size:
+            assert read_recording(path).application_id == naming.CASE_APP, "readable so far"
+    assert not list(folder.rglob("*.tmp"))
+
+
+@needs_vulkan
+def test_a_picture_of_a_moment(marked, recorded, tmp_path):
+    folder = recorded["folder"]
+    rows = outcomes(folder)
+    braked = next(c for c, row in rows.items() if row["scalars"]["aeb_time_s"] is not None)
+    out = tmp_path / "pictures" / "aeb.png"
+    done = marked.run(
+        *("viewer", "shot", str(folder), braked, "--at", "aeb", "--out", str(out)),
+        *("--size", "800x450"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"AEB trigger at {rows[braked]['scalars']['aeb_time_s']:.2f} s" in done.stdout
+    picture = cv2.imread(str(out))
+    assert picture.shape == (450, 800, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    colours = picture.reshape(-1, 3).astype(int)
+    blue = (colours[:, 0] > 180) & (colours[:, 2] < 120)
+    assert blue.sum() > 50, "the ego's trail and the speed plot"
+
+
+def test_replay_without_a_display_says_what_to_do(marked, recorded, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    case = next(iter(outcomes(recorded["folder"])))
+    done = marked.run("viewer", "replay", str(recorded["folder"]), case, "--at", "0.5")
+    assert done.returncode == 0, done.stderr
+    assert f"cases/{case}/attempt-1/{naming.RECORDING_FILE} ." in done.stdout
+    assert "rerun recording.rrd" in done.stdout
+    assert "0.5 s" in done.stdout
+
+
+def look(marked, folder):
+    """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
+    viewer = marked.start(
+        *("viewer", "live", "--run", str(folder), "--wait", "60"),
+        *("--no-window", "--output", "json"),
+    )
+    return viewer, lambda: json.loads(viewer.stdout.readline())
+
+
+@needs_vulkan
+def test_running_cases_are_shown_live(marked, quiet, tmp_path):
+    from viewer.window import window
+
+    folder = tmp_path / "c"
+    viewer, said = look(marked, folder)
+    found = finish(start(marked, folder, "--workers", "2"))
+    assert found["fingerprint"] == quiet["fingerprint"]
+    hello = said()
+    assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
+    with window(["--connect", hello["hub"]], headless=True) as shown:
+
+        def arrived():
+            return [r for r in shown.client.get_state().recordings if r.timelines]
+
+        recording = wait_for(arrived, "the overview in a native viewer")[0]
+        assert [timeline.name for timeline in recording.timelines] == [naming.WALL]
+        assert naming.OVERVIEW_APP in recording.location
+        assert {view.name for view in shown.client.get_state().views} == {
+            "Cases",
+            "Running and latest",
+        }
+    viewer.send_signal(signal.SIGINT)
+    counts = said()
+    assert viewer.wait(20) == 0
+    assert counts["received"] >= counts["cases"] >= 8
+    assert counts["ended"] >= 8
+    assert counts["logged"] >= 2
+
+
+def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
+    folder = tmp_path / "c"
+    viewer, said = look(marked, folder)
+    child = start(marked, folder, "--workers", "1", "--slots", "2")
+    said()
+    wait_for(lambda: committed(folder) >= 2, "two cases")
+    viewer.send_signal(signal.SIGSTOP)
+    assert finish(child)["fingerprint"] == quiet["fingerprint"]
+    assert viewer.poll() is None
+    viewer.send_signal(signal.SIGCONT)
+    viewer.send_signal(signal.SIGINT)
+    assert said()["received"] >= 1
+    assert viewer.wait(20) == 0
+
+
+def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
+    case = next(iter(outcomes(quiet["folder"])))
+    done = [
+        (marked.start("viewer", *arguments), words)
+        for arguments, words in [
+            (["shot", str(recorded["folder"]), f"{case}x"], f"did you mean '{case}'?"),
+            (["replay", str(quiet["folder"]), case], "--view record"),
+            (["shot", str(tmp_path), case], "not a campaign folder"),
+            (["shot", str(recorded["folder"]), case, "--at", "soon"], "expected aeb, or seconds"),
+            (["live"], "give one of --connect"),
+            (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
+            (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),
+        ]
+    ]
+    for child, words in done:
+        _, err = child.communicate(timeout=60)
+        assert child.returncode == 2, err
+        assert words in err
+        assert len(err.splitlines()) == 1

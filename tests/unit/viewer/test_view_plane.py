@@ -1,0 +1,77 @@
+"""The view plane over real Zenoh sessions on loopback: who hears whom, and who is waited for."""
+
+import socket
+import time
+
+import pytest
+
+from schemas import topics
+from schemas.view import ViewMode
+from twin.fabric.errors import UsageError
+from twin.fabric.zenoh_bus import open_bus
+from twin.worker.view_feed import NoFeed, ViewOptions, open_feed
+from viewer.live import open_hub
+
+LOOPBACK = ["tcp/127.0.0.1:0"]
+THUMBNAIL = "view/*/*/thumbnail"
+STATE = "view/*/*/state"
+
+
+def wait_for(look):
+    until = time.monotonic() + 10
+    while not look():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
+    router = open_bus("router", listen=LOOPBACK)
+    feeds = [
+        open_bus("peer", listen=LOOPBACK, connect=router.endpoints, connect_required=False)
+        for _ in range(2)
+    ]
+    recorder = open_bus("peer", connect=feeds[0].endpoints)
+    viewer = open_bus("client", connect=router.endpoints)
+    try:
+        assert not feeds[0].wanted(STATE)
+        heard = {"recorder": [], "viewer": []}
+        recorder.subscribe(STATE, lambda s: heard["recorder"].append(s.key))
+        viewer.subscribe(THUMBNAIL, lambda s: heard["viewer"].append(s.key))
+        wait_for(lambda: feeds[0].wanted(STATE) and all(f.wanted(THUMBNAIL) for f in feeds))
+        assert not feeds[1].wanted(STATE), "its states would go nowhere"
+        for index in (1, 0):
+            for topic in (topics.VIEW_STATE, topics.VIEW_THUMBNAIL):
+                feeds[index].publish(topic.key.format(campaign="c", case=str(index)), b"x")
+        wait_for(lambda: heard["recorder"] and len(heard["viewer"]) == 2)
+        assert heard["recorder"] == ["view/c/0/state"]
+        assert sorted(heard["viewer"]) == ["view/c/0/thumbnail", "view/c/1/thumbnail"]
+        viewer.close()
+        wait_for(lambda: not feeds[0].wanted(THUMBNAIL))
+    finally:
+        for bus in (viewer, recorder, *feeds, router):
+            bus.close()
+
+
+def test_a_router_out_of_reach_costs_no_time():
+    started = time.monotonic()
+    feed = open_feed("r", 1, ViewOptions(ViewMode.record_live, "twin", "tcp/127.0.0.1:1"))
+    assert time.monotonic() - started < 2
+    assert feed.endpoint.startswith("tcp/127.0.0.1:")
+    assert feed.endpoint != "tcp/127.0.0.1:0"
+    feed.close(0)
+
+
+def test_no_view_is_no_session(capsys):
+    assert isinstance(open_feed("r", 1, ViewOptions(ViewMode.none)), NoFeed)
+    broken = open_feed("r", 1, ViewOptions(ViewMode.live, "twin", "nonsense"))
+    assert isinstance(broken, NoFeed), "the cases run all the same"
+    assert "no view of this rig" in capsys.readouterr().err
+
+
+def test_a_hub_port_in_use_is_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(UsageError, match=f"--port {port}: already in use"):
+            open_hub(port)

@@ -1,0 +1,100 @@
+"""Finding recordings and moments, and what is said when there are none."""
+
+import json
+
+import pytest
+
+from schemas.kpi import KPI_COLUMNS
+from twin.fabric.errors import UsageError
+from twin.fabric.kpi_file import kpi_table, write_kpi
+from viewer import native
+from viewer.folder import find_moment, find_recording
+from viewer.shot import check_out, parse_size
+
+
+def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=True):
+    """An attempt folder with three KPI rows, closest at the second."""
+    path = folder / "cases" / case / f"attempt-{number}"
+    path.mkdir(parents=True)
+    rows = 3
+    columns = {c.name: [0 if c.type.startswith("int") else 0.0] * rows for c in KPI_COLUMNS}
+    columns["sim_time_ns"] = [0, 50_000_000, 100_000_000]
+    columns["dtc_m"] = [9.0, 3.0, 4.0]
+    columns["aeb"] = [row in aeb for row in range(rows)]
+    columns["detections"] = [[]] * rows
+    write_kpi(kpi_table(columns), path / "kpi.parquet")
+    if recorded:
+        (path / "recording.rrd").write_bytes(b"RRF2")
+        (path / "recording.json").write_text(json.dumps({"complete": complete}))
+    return path
+
+
+def test_the_committed_attempt_is_preferred(tmp_path):
+    for number in (1, 2, 10):
+        attempt(tmp_path, number=number)
+    assert find_recording(tmp_path, "clear-1").path.parent.name == "attempt-10"
+    row = {"attempt_dir": "cases/clear-1/attempt-2"}
+    (tmp_path / "outcomes.json").write_text(json.dumps({"cases": {"clear-1": row}}))
+    assert find_recording(tmp_path, "clear-1").path.parent.name == "attempt-2"
+
+
+def test_an_attempt_without_recording_is_passed_over(tmp_path):
+    attempt(tmp_path, number=1)
+    attempt(tmp_path, number=2, recorded=False)
+    assert find_recording(tmp_path, "clear-1").path.parent.name == "attempt-1"
+
+
+@pytest.mark.parametrize("note", [None, "", "[]", '{"complete": false}'])
+def test_whatever_is_not_said_to_be_complete_is_not(tmp_path, note):
+    path = attempt(tmp_path) / "recording.json"
+    path.unlink() if note is None else path.write_text(note)
+    assert not find_recording(tmp_path, "clear-1").complete
+
+
+def test_moments(tmp_path):
+    attempt(tmp_path, "braked", aeb=(1, 2))
+    attempt(tmp_path, "not", aeb=())
+    found = find_recording(tmp_path, "braked")
+    assert find_moment(found, "aeb").sim_time_ns == 50_000_000
+    assert find_moment(found, "1.25").sim_time_ns == 1_250_000_000
+    moment = find_moment(find_recording(tmp_path, "not"), "aeb")
+    assert moment.sim_time_ns == 50_000_000
+    assert "no AEB trigger; closest approach" in moment.label
+
+
+def test_errors_are_one_line_and_say_what_to_do(tmp_path):
+    attempt(tmp_path)
+    attempt(tmp_path, "bare", recorded=False)
+    found = find_recording(tmp_path, "clear-1")
+    found.kpi.unlink()
+    for call, words in [
+        (lambda: find_recording(tmp_path / "no", "x"), "not a campaign folder"),
+        (lambda: find_recording(tmp_path, "clear-2"), "did you mean 'clear-1'?"),
+        (lambda: find_recording(tmp_path, "../clear-1"), "no case"),
+        (lambda: find_recording(tmp_path, "bare"), "--view record"),
+        (lambda: find_moment(found, "noon"), "expected aeb, or seconds"),
+        (lambda: find_moment(found, "-1"), "expected aeb, or seconds"),
+        (lambda: find_moment(found, "nan"), "expected aeb, or seconds"),
+        (lambda: find_moment(found, "aeb"), "give --at SECONDS"),
+        (lambda: parse_size("12"), "expected WIDTHxHEIGHT"),
+        (lambda: parse_size("9000x10"), "expected WIDTHxHEIGHT"),
+        (lambda: check_out(tmp_path / "a.jpg"), "ends in .png"),
+    ]:
+        with pytest.raises(UsageError) as error:
+            call()
+        assert words in str(error.value)
+        assert len(str(error.value).splitlines()) == 1
+    assert parse_size("1280x720") == (1280, 720)
+
+
+def test_no_vulkan_driver_is_seen(monkeypatch, tmp_path):
+    monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
+    assert not native.has_vulkan()
+
+
+def test_commands_for_a_laptop(tmp_path):
+    ssh, rerun = native.tunnel_commands(4321)
+    assert ssh.startswith("ssh -N -L 9876:127.0.0.1:4321 ")
+    assert rerun == "rerun --connect rerun+http://127.0.0.1:9876/proxy"
+    scp, _ = native.fetch_commands(tmp_path / "recording.rrd")
+    assert f":{tmp_path}/recording.rrd ." in scp

@@ -1,0 +1,102 @@
+"""The live wall: which cases are shown, where, in which colour."""
+
+import numpy as np
+from view_messages import thumbnail
+
+from twin.worker.view_samples import jpeg
+from viewer import mosaic, naming
+from viewer.convert import BLUE, GREEN, RED
+from viewer.live import Hub
+from viewer.overview import TILES_MAX, Overview, _color
+
+RED_PICTURE = np.full((36, 64, 3), (250, 10, 10), np.uint8)
+
+
+def test_tiles_do_not_overlap_and_fit():
+    for count in (0, 1, 2, 5, 16, 17, 64):
+        grid = mosaic.Grid(count)
+        width, height = grid.size_px
+        used = np.zeros((height, width), int)
+        for x, y, w, h in grid.boxes_px():
+            assert x + w <= width
+            assert y + h <= height
+            used[y : y + h, x : x + w] += 1
+        assert used.max(initial=0) <= 1
+        assert used.sum() == count * mosaic.TILE_WIDTH_PX * mosaic.TILE_HEIGHT_PX
+
+
+def test_pictures_arrive_in_their_tiles_with_their_colours():
+    picture = mosaic.decoded(jpeg(RED_PICTURE))
+    wall = mosaic.compose([None, picture])
+    x, y = mosaic.Grid(2).corner_px(1)
+    middle = wall[y + mosaic.TILE_HEIGHT_PX // 2, x + mosaic.TILE_WIDTH_PX // 2]
+    assert middle[2] > 200, "BGR"
+    assert middle[0] < 60
+    x, y = mosaic.Grid(2).corner_px(0)
+    assert wall[y + 40, x + 40].tolist() == [24, 24, 24]
+
+
+def test_a_damaged_picture_is_none():
+    assert mosaic.decoded(b"nonsense") is None
+    assert mosaic.decoded(b"") is None
+
+
+def test_ended_cases_make_room_first():
+    overview = Overview()
+    picture = jpeg(RED_PICTURE)
+    for index in range(TILES_MAX):
+        overview.take(thumbnail(f"c{index}"), picture)
+    overview.take(thumbnail("c5", outcome="verdict", verdict="pass", passed=True), picture)
+    overview.take(thumbnail("new"), picture)
+    assert len(overview.tiles) == TILES_MAX
+    assert ("demo", "c5") not in overview.tiles
+    overview.take(thumbnail("newer"), picture)
+    assert ("demo", "c0") not in overview.tiles, "without ended ones the oldest goes"
+    assert overview.verdicts == {("demo", "c5"): "pass"}
+
+
+def test_the_table_tells_running_and_ended():
+    overview = Overview()
+    picture = jpeg(RED_PICTURE)
+    overview.take(thumbnail("a", outcome="verdict", verdict="collision"), picture)
+    overview.take(thumbnail("b", aeb=True), picture)
+    table = overview.table()
+    assert table.startswith("**1 running**, 1 collision")
+    assert table.index("| b | AEB") < table.index("| a | collision")
+    assert [path for path, _ in overview.logged()] == [naming.MOSAIC, naming.TILES, naming.CASES]
+
+
+def test_colours():
+    assert _color(thumbnail()) == BLUE
+    assert _color(thumbnail(outcome="verdict", verdict="pass")) == GREEN
+    assert _color(thumbnail(outcome="verdict", verdict="collision")) == RED
+
+
+class StuckStream:
+    """A recording stream whose viewer is frozen: nothing can be flushed."""
+
+    def __init__(self):
+        self.stuck = True
+        self.logged = 0
+
+    def flush(self, timeout_sec):
+        if self.stuck:
+            raise RuntimeError("timeout")
+
+    def set_time(self, *_, **__):
+        pass
+
+    def log(self, *_):
+        self.logged += 1
+
+
+def test_nothing_is_logged_while_a_viewer_is_stuck():
+    overview = Overview()
+    overview.take(thumbnail("a"), jpeg(RED_PICTURE))
+    hub = Hub(StuckStream(), "rerun+http://127.0.0.1:1/proxy")
+    assert not hub.show(overview, 1.0)
+    assert not hub.show(overview, 2.0)
+    assert (hub.logged, hub.skipped, hub._stream.logged) == (0, 2, 0)
+    hub._stream.stuck = False
+    assert hub.show(overview, 3.0)
+    assert (hub.logged, hub._stream.logged) == (1, 3)

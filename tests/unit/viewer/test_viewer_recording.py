@@ -1,0 +1,97 @@
+"""A recording: written, read back with Rerun's own reader, honest about what is missing."""
+
+import json
+
+import numpy as np
+import pytest
+from recordings import read_recording
+from view_messages import camera, end, start, state
+
+from schemas.wire import encode
+from twin.fabric.bus import Sample
+from twin.worker.view_samples import jpeg
+from viewer import naming
+from viewer.record import Recorder
+from viewer.recording import Recording
+
+PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
+
+
+def write(folder, skip=()):
+    """Three ticks and an end, without the running numbers in ``skip``."""
+    recording = Recording(start(folder))
+    seq = 1
+    for tick in range(3):
+        if seq not in skip:
+            recording.camera(camera(seq, tick), PICTURE)
+        if seq + 1 not in skip:
+            recording.state(state(seq + 1, tick))
+        seq += 2
+    return recording, seq
+
+
+def test_a_complete_recording(tmp_path):
+    recording, seq = write(tmp_path)
+    assert recording.close(end(seq))
+    note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
+    assert note == {"complete": True, "samples": 8, "lost": 0}
+    found = read_recording(tmp_path / naming.RECORDING_FILE)
+    assert found.rows[naming.SPEED] == found.rows[naming.CAMERA] == 3
+    assert found.properties["verdict"]["verdict"] == "pass"
+    assert found.properties["verdict"]["complete"] is True
+    assert found.properties["case"]["time_of_day"] == "05:00"
+    assert found.recording_id == "demo-clear-1-1"
+    assert found.blueprints == 1
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+@pytest.mark.parametrize(("skip", "lost"), [((1,), 1), ((3, 4), 2), ((6,), 1)])
+def test_gaps_are_told(tmp_path, skip, lost):
+    recording, seq = write(tmp_path, skip)
+    assert not recording.close(end(seq))
+    note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
+    assert note == {"complete": False, "samples": 8 - lost, "lost": lost}
+    found = read_recording(tmp_path / naming.RECORDING_FILE)
+    assert found.properties["verdict"]["complete"] is False
+    assert found.properties["verdict"]["verdict"] == "pass"
+
+
+def test_an_end_that_never_came(tmp_path):
+    recording, _ = write(tmp_path)
+    assert not recording.close(None)
+    assert json.loads((tmp_path / naming.RECORDING_NOTE).read_text())["complete"] is False
+
+
+def message(stream, payload, attachment=None):
+    return Sample(
+        f"view/demo/clear-1/{stream}",
+        payload if isinstance(payload, bytes) else encode(payload),
+        encode(attachment) if attachment else b"",
+    )
+
+
+def test_the_recorder_keeps_attempts_apart_and_survives_nonsense(tmp_path, capsys):
+    recorder = Recorder()
+    recorder.take(message("start", start(tmp_path / "a", token=1)))
+    recorder.take(message("start", start(tmp_path / "b", token=2, case="other")))
+    recorder.take(message("state", b"\xc1nonsense"))
+    recorder.take(message("state", state(5, token=99)))  # nobody's
+    recorder.take(message("camera", PICTURE, camera(1, token=1)))
+    recorder.take(message("state", state(2, token=1)))
+    recorder.take(message("state", state(1, token=2)))
+    recorder.take(message("end", end(3, token=1)))
+    recorder.close()
+    assert (recorder.complete, recorder.incomplete) == (1, 1)
+    assert read_recording(tmp_path / "a" / naming.RECORDING_FILE).rows[naming.SPEED] == 1
+    assert not json.loads((tmp_path / "b" / naming.RECORDING_NOTE).read_text())["complete"]
+    assert "not MessagePack" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    recorder = Recorder()
+    recorder.take(message("start", start(tmp_path / "file" / "a", token=1)))
+    recorder.take(message("state", state(1, token=1)))
+    recorder.take(message("end", end(2, token=1)))
+    assert (recorder.complete, recorder.incomplete) == (0, 1)
+    assert "not recorded" in capsys.readouterr().err

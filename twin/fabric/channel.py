@@ -1,0 +1,49 @@
+"""A queue between two threads whose writer never waits and whose size has a limit."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Channel(Generic[T]):
+    """First in, first out, with a limit on the sum of sizes; what does not fit is refused.
+
+    A single item may be larger than the limit: it fits when the queue is empty.
+    """
+
+    def __init__(self, size_max: int) -> None:
+        """``size_max``: limit on the sum of the waiting items' sizes, usually bytes."""
+        self.refused = 0
+        """Items that did not fit."""
+        self._size_max = size_max
+        self._size = 0
+        self._items: deque[tuple[T, int]] = deque()
+        self._condition = threading.Condition()
+
+    def offer(self, item: T, size: int = 1) -> bool:
+        """Append ``item`` if it fits; never waits."""
+        with self._condition:
+            if self._items and self._size + size > self._size_max:
+                self.refused += 1
+                return False
+            self._items.append((item, size))
+            self._size += size
+            self._condition.notify()
+            return True
+
+    def take(self, timeout_s: float | None = None) -> T | None:
+        """The oldest item; None after ``timeout_s`` (None: wait for ever)."""
+        with self._condition:
+            if not self._condition.wait_for(lambda: self._items, timeout_s):
+                return None
+            item, size = self._items.popleft()
+            self._size -= size
+            return item
+
+    def __len__(self) -> int:
+        with self._condition:
+            return len(self._items)

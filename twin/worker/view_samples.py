@@ -1,0 +1,283 @@
+"""What the view feed was handed -> messages of the view plane. No session, thread or clock."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, Lease, command_mistake
+from schemas.topics import Topic
+from schemas.view import (
+    Box,
+    CameraSample,
+    CaseEnd,
+    CaseStart,
+    Controls,
+    Stage,
+    StateSample,
+    Thumbnail,
+)
+from schemas.wire import encode
+from twin.engine import Finished
+from twin.kpi.recorder import CLOSING_MIN_MPS
+from twin.kpi.table import KpiTable
+from twin.vehicle.planar import COLUMN
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.worker.view_items import Began, Ended, Item, Seen, Ticked
+from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
+from twin.world.scene import load_scene
+
+JPEG_QUALITY = 80
+"""Quality of camera pictures; 0.45 ms and about 20 kB at 640x360 (measured)."""
+
+THUMBNAIL_WIDTH_PX = 160
+"""Widest thumbnail [px]."""
+
+_BOX = {name: i for i, name in enumerate(BOX_COLUMNS)}
+
+
+Message = tuple[Topic, bytes, bytes]
+"""Topic, payload and attachment."""
+
+
+class Encoder:
+    """Items of the feed's queue -> messages; remembers what an attempt has shown."""
+
+    def __init__(self) -> None:
+        self._stages: dict[tuple[str, str], Stage] = {}
+        self._shown: dict[int, tuple[Seen, int]] = {}
+        """By token: the last picture shown, and the running number of the next thumbnail."""
+
+    def messages(self, item: Item) -> list[Message]:
+        """Messages of one item, in the order of their running numbers."""
+        match item:
+            case Began():
+                return self._start(item)
+            case Ticked():
+                return self._tick(item)
+            case Ended():
+                return self._end(item)
+
+    def _start(self, item: Began) -> list[Message]:
+        scenario = item.run.lease.case.scenario
+        key = (scenario.scene, scenario.vehicle)
+        if key not in self._stages:
+            self._stages[key] = stage_of(item.run.lease, item.colliders, item.cars)
+        start = start_of(item.run.lease, self._stages[key], item.seq)
+        return [(topics.VIEW_START, encode(start), b"")]
+
+    def _tick(self, item: Ticked) -> list[Message]:
+        seen, token, seq = item.seen, item.run.lease.token, item.seq
+        messages: list[Message] = []
+        if seq >= 0:
+            # The picture first: who has the state of a tick has all of it.
+            if seen.image is not None:
+                sample = CameraSample(
+                    v=SCHEMA_VERSION,
+                    seq=seq,
+                    token=token,
+                    tick=seen.tick,
+                    sim_time_ns=seen.sim_time_ns,
+                )
+                messages.append((topics.VIEW_CAMERA, jpeg(seen.image), encode(sample)))
+                seq += 1
+            messages.append((topics.VIEW_STATE, encode(state_of(seen, token, seq)), b""))
+        if item.thumbnail and seen.image is not None:
+            _, shown = self._shown.get(token, (None, 0))
+            self._shown[token] = (seen, shown + 1)
+            messages.append(_thumbnail(item.run.lease, seen, None, shown))
+        return messages
+
+    def _end(self, item: Ended) -> list[Message]:
+        finished, token, seq = item.finished, item.run.lease.token, item.seq
+        messages: list[Message] = []
+        if seq >= 0:
+            if item.last_row and finished is not None:
+                row = last_row_of(finished.table, token, seq)
+                messages.append((topics.VIEW_STATE, encode(row), b""))
+                seq += 1
+            end = CaseEnd(
+                v=SCHEMA_VERSION,
+                seq=seq,
+                token=token,
+                sim_time_ns=item.sim_time_ns,
+                outcome=finished.outcome if finished else "",
+                verdict=finished.verdict if finished else "",
+                passed=bool(finished and finished.passed),
+                reasons=finished.reasons if finished else [],
+                scalars=finished.scalars if finished else {},
+                samples=seq + 1,
+            )
+            messages.append((topics.VIEW_END, encode(end), b""))
+        seen, shown = self._shown.pop(token, (None, 0))
+        if item.thumbnail and seen is not None:
+            messages.append(_thumbnail(item.run.lease, seen, finished, shown))
+        return messages
+
+
+def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
+    """The standing world of a lease's case; ``colliders`` [N, 5], the obstacle first."""
+    scene = load_scene(lease.case.scenario.scene)
+    vehicle = load_vehicle(lease.case.scenario.vehicle)
+    road = scene.road
+    return Stage(
+        road_start_m=road.start_m,
+        road_end_m=road.end_m,
+        lane_width_m=road.lane_width_m,
+        parking_width_m=road.parking_width_m,
+        sidewalk_width_m=road.sidewalk_width_m,
+        obstacle_center_m=[float(colliders[0, 0]), float(colliders[0, 1]), HEIGHT_M / 2],
+        obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
+        ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
+        ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
+        camera_m=list(vehicle.camera_m),
+        hulls=colliders[1:].tolist(),
+        cars=cars - 1,
+    )
+
+
+def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
+    """The message that begins an attempt."""
+    case = lease.case
+    return CaseStart(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=lease.token,
+        campaign=case.campaign,
+        case=case.id,
+        attempt=lease.attempt,
+        folder=f"{lease.out}/cases/{case.id}/attempt-{lease.attempt}",
+        model=case.model,
+        weather=case.weather,
+        time_of_day_min=case.time_of_day_min,
+        scene=case.scenario.scene,
+        vehicle=case.scenario.vehicle,
+        seed=case.seed,
+        control_hz=case.control_hz,
+        camera=case.camera.name,
+        width=case.camera.width,
+        height=case.camera.height,
+        hfov_deg=case.camera.hfov_deg,
+        stage=stage,
+    )
+
+
+def state_of(seen: Seen, token: int, seq: int) -> StateSample:
+    """The state message of a tick; the same values as its KPI row."""
+    state = seen.state
+
+    def value(name: str) -> float:
+        return float(state[COLUMN[name]])
+
+    closing = value("closing_mps")
+    return StateSample(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=token,
+        tick=seen.tick,
+        sim_time_ns=seen.sim_time_ns,
+        x_m=value("x_m"),
+        y_m=value("y_m"),
+        yaw_rad=value("yaw_rad"),
+        speed_mps=value("speed_mps"),
+        accel_mps2=value("accel_mps2"),
+        dtc_m=value("dtc_m"),
+        ttc_s=value("dtc_m") / closing if closing > CLOSING_MIN_MPS else None,
+        collisions=int(state[COLUMN["collisions"]]),
+        controls=_controls(seen.command),
+        boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
+    )
+
+
+def last_row_of(table: KpiTable, token: int, seq: int) -> StateSample:
+    """The state message of a finished case's last KPI row, for which nothing was asked."""
+
+    def value(name: str) -> float:
+        return float(table.columns[name].values[-1])
+
+    ttc = table.columns["ttc_s"]
+    known = ttc.valid is None or bool(ttc.valid[-1])
+    return StateSample(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=token,
+        tick=int(value("tick")),
+        sim_time_ns=int(table.columns["sim_time_ns"].values[-1]),
+        x_m=value("x_m"),
+        y_m=value("y_m"),
+        yaw_rad=value("yaw_rad"),
+        speed_mps=value("speed_mps"),
+        accel_mps2=value("accel_mps2"),
+        dtc_m=value("dtc_m"),
+        ttc_s=value("ttc_s") if known else None,
+        collisions=int(value("collisions")),
+        controls=None,
+        boxes=None,
+    )
+
+
+def jpeg(image: np.ndarray, width_max_px: int | None = None) -> bytes:
+    """RGB picture [H, W, 3] -> JPEG, scaled down to ``width_max_px``."""
+    height, width = image.shape[:2]
+    if width_max_px is not None and width > width_max_px:
+        size = (width_max_px, max(1, height * width_max_px // width))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return bytes(data)
+
+
+def _thumbnail(lease: Lease, seen: Seen, finished: Finished | None, seq: int) -> Message:
+    assert seen.image is not None
+    case = lease.case
+    state = {name: float(seen.state[COLUMN[name]]) for name in ("speed_mps", "dtc_m")}
+    time_ns = seen.sim_time_ns
+    if finished is not None:
+        columns = finished.table.columns
+        state = {name: float(columns[name].values[-1]) for name in state}
+        time_ns = int(columns["sim_time_ns"].values[-1])
+    thumbnail = Thumbnail(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=lease.token,
+        campaign=case.campaign,
+        case=case.id,
+        attempt=lease.attempt,
+        model=case.model,
+        weather=case.weather,
+        time_of_day_min=case.time_of_day_min,
+        sim_time_ns=time_ns,
+        speed_mps=state["speed_mps"],
+        dtc_m=state["dtc_m"],
+        aeb=bool(seen.command and seen.command.aeb),
+        outcome=finished.outcome if finished else "",
+        verdict=finished.verdict if finished else "",
+        passed=bool(finished and finished.passed),
+    )
+    return (topics.VIEW_THUMBNAIL, jpeg(seen.image, THUMBNAIL_WIDTH_PX), encode(thumbnail))
+
+
+def _controls(command: Command | None) -> Controls | None:
+    """None for a command that is none: the case has failed with it."""
+    if command is None or command_mistake(command):
+        return None
+    return Controls(
+        throttle=command.throttle,
+        brake=command.brake,
+        steering_rad=command.steering_rad,
+        aeb=command.aeb,
+        lights=command.lights,
+        detections=command.detections,
+    )
+
+
+def _box(row: np.ndarray) -> Box:
+    return Box(
+        label=OBJECT_CLASSES[int(row[_BOX["class_id"]])],
+        x_px=float(row[_BOX["x_px"]]),
+        y_px=float(row[_BOX["y_px"]]),
+        width_px=float(row[_BOX["width_px"]]),
+        height_px=float(row[_BOX["height_px"]]),
+        distance_m=float(row[_BOX["distance_m"]]),
+    )

@@ -1,0 +1,125 @@
+"""The ``viewer`` command."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.fabric.cli import make_app, run
+from twin.fabric.errors import UsageError
+
+
+class Output(StrEnum):
+    """Format of results on standard output."""
+
+    human = "human"
+    json = "json"
+
+
+app = make_app(
+    "viewer",
+    "Records and shows cases. `conductor run NAME --view record` writes the recordings that "
+    "`viewer replay` and `viewer shot` open; `viewer live` shows cases as they run.",
+)
+
+
+@app.command(hidden=True)
+def record(
+    connect: str = typer.Option(..., help="Endpoint of a simulator's view feed."),
+    rig: str = typer.Option(..., help="Rig of that feed."),
+    namespace: str = typer.Option("twin", help="Namespace of the conductor."),
+) -> None:
+    """The recorder process of a rig; started by `twin worker`."""
+    from viewer.record import run_record
+
+    raise typer.Exit(run_record(connect, rig, namespace))
+
+
+Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
+Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
+At = Annotated[
+    str,
+    typer.Option(help="aeb (without a trigger: closest approach), or seconds of sim time."),
+]
+
+
+@app.command()
+def shot(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("shot.png"),
+    at: At = "aeb",
+    size: Annotated[str, typer.Option(help="Width x height of the picture [px].")] = "1280x720",
+) -> None:
+    """Render one moment of a recorded case as a picture; needs no display."""
+    from viewer.folder import find_moment, find_recording
+    from viewer.shot import check_out, parse_size, shoot
+
+    pixels = parse_size(size)
+    check_out(out)
+    found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    shoot(found.path, moment, out, pixels)
+    if not found.complete:
+        tell(f"{found.path}: the recording is incomplete")
+    print(f"{out}: {case}, {moment.label}")
+
+
+@app.command()
+def replay(folder: Folder, case: Case, at: At = "aeb") -> None:
+    """Open a recorded case in the native viewer, paused at a moment."""
+    from viewer.folder import find_moment, find_recording
+    from viewer.replay import replay as show
+
+    found = find_recording(folder, case)
+    if not found.complete:
+        tell(f"{found.path}: the recording is incomplete")
+    show(found, find_moment(found, at))
+
+
+@app.command()
+def live(
+    connect: Annotated[
+        str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")
+    ] = "",
+    run_folder: Annotated[
+        Path | None,
+        typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
+    ] = None,
+    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    wait: Annotated[
+        float, typer.Option(min=0, help="With --run: wait this long for a conductor [s].")
+    ] = 0.0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Loopback port of the hub; 0: a free one.")
+    ] = 0,
+    window: Annotated[
+        bool, typer.Option(help="Open the native viewer here if there is a display.")
+    ] = True,
+    output: Annotated[Output, typer.Option(help="Format on standard output.")] = Output.human,
+) -> None:
+    """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
+    from twin.fabric.discovery import await_conductor
+    from viewer.live import LiveOptions, run_live
+
+    if bool(connect) == (run_folder is not None):
+        raise UsageError("give one of --connect tcp/HOST:PORT and --run FOLDER")
+    if run_folder is not None:
+        found = await_conductor(run_folder, wait)
+        connect, namespace = found.endpoint, found.namespace
+    options = LiveOptions(connect, namespace, port, window, output is Output.json)
+    raise typer.Exit(run_live(options))
+
+
+def tell(line: str) -> None:
+    """One line for people, on standard error."""
+    print(f"viewer: {line}", file=sys.stderr)
+
+
+def main() -> None:
+    """Entry point."""
+    run(app, "viewer")

@@ -1,0 +1,251 @@
+"""Messages of the view plane -> what Rerun logs: lists of (entity path, archetype). No I/O."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import rerun as rr
+
+from schemas.messages import Detection
+from schemas.view import Box, CaseEnd, CaseStart, Stage, StateSample
+from viewer import naming
+from viewer.summary import ended_text, running_text
+
+Logged = tuple[str, Any]
+"""Entity path and archetype."""
+
+Color = tuple[int, int, int]
+
+BLUE: Color = (76, 139, 245)
+GREEN: Color = (52, 199, 123)
+RED: Color = (240, 84, 84)
+ORANGE: Color = (245, 166, 35)
+CYAN: Color = (90, 200, 220)
+GREY: Color = (120, 126, 138)
+
+BUILDING_HEIGHT_M = 0.2
+"""Buildings are drawn as flat as their ground plan, so that they hide nothing [m]."""
+LABEL_SHARE = 0.05
+"""A box narrower than this share of the picture has no room for a label [-]."""
+POST_M = 1.0
+"""A hull with a smaller half length is a tree or a post [m]."""
+
+VERDICT_COLORS: dict[str, Color] = {"pass": GREEN, "collision": RED, "false_braking": ORANGE}
+
+
+def verdict_color(verdict: str) -> Color:
+    """Colour of a verdict; grey without one."""
+    return VERDICT_COLORS.get(verdict, GREY)
+
+
+class CaseConverter:
+    """Converts the messages of one attempt, in order; remembers only what makes an event."""
+
+    def __init__(self, start: CaseStart) -> None:
+        self._start = start
+        self._aeb = False
+        self._seen = False
+
+    def start(self) -> list[Logged]:
+        """Static scene, intrinsics and styles; logged without a time."""
+        start, stage = self._start, self._start.stage
+        focal_px = start.width / 2 / math.tan(math.radians(start.hfov_deg) / 2)
+        return [
+            (naming.WORLD, rr.ViewCoordinates.FLU),
+            *_street(stage),
+            (
+                naming.EGO_BODY,
+                rr.Boxes3D(
+                    centers=[stage.ego_center_m],
+                    sizes=[stage.ego_size_m],
+                    colors=[BLUE],
+                    fill_mode="solid",
+                ),
+            ),
+            (naming.CAMERA, rr.Transform3D(translation=stage.camera_m)),
+            (
+                naming.CAMERA,
+                rr.Pinhole(
+                    focal_length=focal_px,
+                    width=start.width,
+                    height=start.height,
+                    camera_xyz=rr.ViewCoordinates.FLU,
+                    image_plane_distance=6.0,
+                ),
+            ),
+            (naming.SPEED, _line("speed [m/s]", BLUE)),
+            (naming.ACCEL, _line("acceleration [m/s²]", GREY)),
+            (naming.DTC, _line("distance to collision [m]", GREEN)),
+            (naming.TTC, _line("time to collision [s]", CYAN)),
+            (naming.THROTTLE, _line("throttle", BLUE)),
+            (naming.BRAKE, _line("brake", ORANGE)),
+            (naming.AEB, _line("AEB", RED, width=5.0)),
+            (naming.SUMMARY, _document(running_text(start))),
+        ]
+
+    def state(self, sample: StateSample) -> list[Logged]:
+        """One KPI row: pose, plots and what camera and stack saw."""
+        controls = sample.controls
+        braking = controls is not None and controls.aeb
+        logged: list[Logged] = [
+            (naming.EGO, _pose(sample)),
+            (
+                naming.TRAIL,
+                rr.Points3D([[sample.x_m, sample.y_m, 0.08]], colors=[BLUE], radii=0.12),
+            ),
+            (naming.GAP, self._gap(sample, braking)),
+            (naming.SPEED, rr.Scalars(sample.speed_mps)),
+            (naming.ACCEL, rr.Scalars(sample.accel_mps2)),
+            (naming.DTC, rr.Scalars(sample.dtc_m)),
+        ]
+        if sample.ttc_s is not None:
+            logged.append((naming.TTC, rr.Scalars(sample.ttc_s)))
+        if controls is not None:
+            logged += [
+                (naming.THROTTLE, rr.Scalars(controls.throttle)),
+                (naming.BRAKE, rr.Scalars(controls.brake)),
+                (naming.AEB, rr.Scalars(float(controls.aeb))),
+                *self._detections(controls.detections, braking),
+            ]
+            logged += self._events(sample, controls.detections, braking)
+        if sample.boxes is not None:
+            logged.append((naming.TRUTH, _truth(sample.boxes)))
+        return logged
+
+    def camera(self, jpeg: bytes) -> list[Logged]:
+        """A picture, passed through untouched."""
+        return [(naming.CAMERA, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))]
+
+    def end(self, end: CaseEnd) -> list[Logged]:
+        """The verdict as an event."""
+        if not end.outcome:
+            text = "attempt given up: the case was taken back"
+            return [(naming.EVENTS, rr.TextLog(text, level="WARN", color=GREY))]
+        text = ": ".join([end.verdict or end.outcome, *end.reasons])
+        level = "INFO" if end.passed else "ERROR"
+        return [(naming.EVENTS, rr.TextLog(text, level=level, color=verdict_color(end.verdict)))]
+
+    def summary(self, end: CaseEnd | None, lost: int) -> list[Logged]:
+        """What the case came to, static."""
+        return [(naming.SUMMARY, _document(ended_text(self._start, end, lost)))]
+
+    def _events(
+        self, sample: StateSample, detections: list[Detection], braking: bool
+    ) -> list[Logged]:
+        logged: list[Logged] = []
+        if detections and not self._seen:
+            self._seen = True
+            first = detections[0]
+            text = f"first detection: {first.label} {first.confidence:.2f} at {sample.dtc_m:.1f} m"
+            logged.append((naming.EVENTS, rr.TextLog(text, level="INFO", color=ORANGE)))
+        if braking and not self._aeb:
+            text = f"AEB triggered at {sample.dtc_m:.1f} m, {sample.speed_mps:.1f} m/s"
+            logged.append((naming.EVENTS, rr.TextLog(text, level="WARN", color=RED)))
+        self._aeb = braking
+        return logged
+
+    def _detections(self, detections: list[Detection], braking: bool) -> list[Logged]:
+        """Near and far ones apart: labels of far ones would hide each other."""
+        width_px = LABEL_SHARE * self._start.width
+        near = [d for d in detections if d.width_px >= width_px]
+        far = [d for d in detections if d.width_px < width_px]
+        return [
+            (naming.DETECTIONS, _boxes(near, braking, labelled=True)),
+            (naming.DETECTIONS_FAR, _boxes(far, braking, labelled=False)),
+        ]
+
+    def _gap(self, sample: StateSample, braking: bool) -> rr.LineStrips3D:
+        """From the ego's nose to the obstacle's rear, labelled with the distance."""
+        stage = self._start.stage
+        nose = stage.ego_center_m[0] + stage.ego_size_m[0] / 2
+        x_m = sample.x_m + nose * math.cos(sample.yaw_rad)
+        y_m = sample.y_m + nose * math.sin(sample.yaw_rad)
+        center = stage.obstacle_center_m
+        rear = [center[0] - stage.obstacle_size_m[0] / 2, center[1], 0.3]
+        return rr.LineStrips3D(
+            [[[x_m, y_m, 0.3], rear]],
+            colors=[RED if braking else GREEN],
+            radii=0.06,
+            labels=[f"{sample.dtc_m:.1f} m"],
+            show_labels=True,
+        )
+
+
+def _pose(sample: StateSample) -> rr.Transform3D:
+    axis = rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=sample.yaw_rad))
+    return rr.Transform3D(translation=[sample.x_m, sample.y_m, 0.0], rotation_axis_angle=axis)
+
+
+def _street(stage: Stage) -> list[Logged]:
+    """Lane edges, kerbs, the obstacle, parked cars and buildings."""
+    start, end, lane = stage.road_start_m, stage.road_end_m, stage.lane_width_m
+    right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
+    edges = [-lane / 2, lane / 2, 1.5 * lane]
+    strips = [[[start, y, 0.02], [end, y, 0.02]] for y in edges]
+    strips += [[[start, y, 0.02], [end, y, 0.02]] for y in (right, left)]
+    colors = [GREY, (225, 190, 80), GREY, (80, 84, 92), (80, 84, 92)]
+    cars = stage.hulls[: stage.cars]
+    walls = [hull for hull in stage.hulls[stage.cars :] if hull[3] >= POST_M]
+    height = stage.obstacle_size_m[2]
+    logged: list[Logged] = [
+        (naming.STREET, rr.LineStrips3D(strips, colors=colors, radii=0.05)),
+        (
+            naming.OBSTACLE,
+            rr.Boxes3D(
+                centers=[stage.obstacle_center_m],
+                sizes=[stage.obstacle_size_m],
+                colors=[RED],
+                fill_mode="solid",
+            ),
+        ),
+    ]
+    if cars:
+        logged.append((naming.PARKED, _hulls(cars, height, (70, 76, 88))))
+    if walls:
+        logged.append((naming.BUILDINGS, _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57))))
+    return logged
+
+
+def _hulls(hulls: list[list[float]], height_m: float, color: Color) -> rr.Boxes3D:
+    return rr.Boxes3D(
+        centers=[[x, y, height_m / 2] for x, y, *_ in hulls],
+        half_sizes=[[half_x, half_y, height_m / 2] for *_, half_x, half_y in hulls],
+        rotation_axis_angles=[
+            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=hull[2])) for hull in hulls
+        ],
+        colors=[color],
+        fill_mode="solid",
+    )
+
+
+def _boxes(detections: list[Detection], braking: bool, *, labelled: bool) -> rr.Boxes2D:
+    return rr.Boxes2D(
+        array=[[d.x_px, d.y_px, d.width_px, d.height_px] for d in detections],
+        array_format=rr.Box2DFormat.XYWH,
+        colors=[RED if braking else ORANGE],
+        labels=[f"{d.label} {d.confidence:.2f}" for d in detections],
+        radii=rr.Radius.ui_points(1.5),
+        show_labels=labelled,
+        draw_order=30.0,
+    )
+
+
+def _truth(boxes: list[Box]) -> rr.Boxes2D:
+    return rr.Boxes2D(
+        array=[[b.x_px, b.y_px, b.width_px, b.height_px] for b in boxes],
+        array_format=rr.Box2DFormat.XYWH,
+        colors=[CYAN],
+        labels=[f"{b.label} {b.distance_m:.0f} m" for b in boxes],
+        radii=rr.Radius.ui_points(0.75),
+        show_labels=False,
+        draw_order=20.0,
+    )
+
+
+def _line(name: str, color: Color, width: float = 2.0) -> rr.SeriesLines:
+    return rr.SeriesLines(names=name, colors=[color], widths=width)
+
+
+def _document(text: str) -> rr.TextDocument:
+    return rr.TextDocument(text, media_type="text/markdown")

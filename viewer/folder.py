@@ -1,0 +1,120 @@
+"""Finds recordings in a campaign folder, and the moments that matter in them."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from twin.fabric.errors import UsageError
+from twin.fabric.kpi_file import read_kpi
+from viewer import naming
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The recording of a case."""
+
+    case: str
+    path: Path
+    kpi: Path
+    """Need not exist: the attempt may still run."""
+    complete: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A time of a case, and what is there to be seen."""
+
+    sim_time_ns: int
+    label: str
+
+
+def find_recording(folder: Path, case: str) -> Found:
+    """The recording of the committed attempt, or of the latest one.
+
+    Raises:
+        UsageError: no such folder or case, or it was not recorded.
+    """
+    cases = folder / "cases"
+    if not cases.is_dir():
+        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    attempts = _attempts(folder, case)
+    if not attempts:
+        names = sorted(path.name for path in cases.iterdir())
+        close = difflib.get_close_matches(case, names, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
+        raise UsageError(f"{folder}: no case '{case}'; {hint}")
+    for attempt in attempts:
+        path = attempt / naming.RECORDING_FILE
+        if path.is_file() and path.stat().st_size:
+            note = attempt / naming.RECORDING_NOTE
+            return Found(case, path, attempt / naming.KPI_FILE, _is_complete(note))
+    raise UsageError(
+        f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
+    )
+
+
+def find_moment(found: Found, at: str) -> Moment:
+    """The moment ``at``: ``aeb`` (without a trigger: closest approach), or seconds of sim time.
+
+    Raises:
+        UsageError: neither, or the case has not got that far.
+    """
+    if at != "aeb":
+        try:
+            seconds = float(at)
+        except ValueError:
+            seconds = -1.0
+        if not 0 <= seconds <= 1e6:
+            raise UsageError(f"--at {at}: expected aeb, or seconds of sim time such as 2.5")
+        return Moment(round(seconds * 1e9), f"{seconds:g} s")
+    if not found.kpi.is_file():
+        raise UsageError(
+            f"{found.kpi}: the attempt did not end, so nothing says where AEB was; "
+            "give --at SECONDS"
+        )
+    columns: dict[str, list[Any]] = read_kpi(found.kpi).to_pydict()
+    times = columns["sim_time_ns"]
+    for row, braking in enumerate(columns["aeb"]):
+        if braking:
+            return Moment(times[row], f"AEB trigger at {times[row] / 1e9:.2f} s")
+    row = min(range(len(times)), key=lambda index: columns["dtc_m"][index])
+    label = f"no AEB trigger; closest approach at {times[row] / 1e9:.2f} s"
+    return Moment(times[row], label)
+
+
+def _attempts(folder: Path, case: str) -> list[Path]:
+    """Attempt folders of a case: the committed one first, then the latest."""
+    if not case or "/" in case or case.startswith("."):
+        return []
+    found = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
+    found.sort(key=_number, reverse=True)
+    committed = _committed(folder, case)
+    found.sort(key=lambda path: path.name != committed)
+    return found
+
+
+def _number(path: Path) -> int:
+    text = path.name.removeprefix("attempt-")
+    return int(text) if text.isdigit() else -1
+
+
+def _committed(folder: Path, case: str) -> str:
+    """Name of the committed attempt's folder; empty: none yet."""
+    try:
+        cases = msgspec.json.decode((folder / "outcomes.json").read_bytes())["cases"]
+        return Path(cases[case]["attempt_dir"]).name
+    except (OSError, msgspec.MsgspecError, KeyError, TypeError):
+        return ""
+
+
+def _is_complete(note: Path) -> bool:
+    try:
+        return json.loads(note.read_text(encoding="utf-8"))["complete"] is True
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

@@ -1,0 +1,148 @@
+"""The recorder: a process beside the simulator that writes one file per attempt.
+
+It subscribes, and does nothing else to the simulator: what it cannot keep up with is dropped on the
+way or here, and the recording says so.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+
+from schemas import topics
+from schemas.topics import Topic
+from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample
+from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from twin.fabric.bus import Bus, Sample
+from twin.fabric.channel import Channel
+from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
+from twin.fabric.zenoh_bus import open_bus
+from viewer.recording import Recording
+
+QUEUE_BYTES_MAX = 256 << 20
+"""Most bytes that wait to be written [bytes]."""
+
+CONNECT_TIMEOUT_S = 20.0
+"""How long the simulator may take to answer [s]."""
+
+RECORDED: tuple[Topic, ...] = tuple(
+    topic for topic in topics.TOPICS if topic.recorded and topic.key.startswith("view/")
+)
+
+
+class Recorder:
+    """Open recordings by token; fed from one thread."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Recording] = {}
+        self.complete = 0
+        self.incomplete = 0
+
+    def take(self, sample: Sample) -> None:
+        """One message of the view plane; one that is damaged or unknown is left out."""
+        stream = sample.key.rsplit("/", 1)[1]
+        try:
+            match stream:
+                case "start":
+                    self._begin(decode(sample.payload, CaseStart))
+                case "state":
+                    state: StateSample = decode(sample.payload, StateSample)
+                    if (recording := self._open.get(state.token)) is not None:
+                        recording.state(state)
+                case "camera":
+                    picture: CameraSample = decode(
+                        sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
+                    )
+                    if (recording := self._open.get(picture.token)) is not None:
+                        recording.camera(picture, sample.payload)
+                case "end":
+                    end: CaseEnd = decode(sample.payload, CaseEnd)
+                    self._close(end.token, end)
+        except WireError as error:
+            _say(f"{sample.key}: {error}")
+
+    def close(self) -> None:
+        """Close what is open; its end never came."""
+        for token in list(self._open):
+            self._close(token, None)
+
+    def _begin(self, start: CaseStart) -> None:
+        self._close(start.token, None)
+        try:
+            self._open[start.token] = Recording(start)
+        except OSError as error:
+            self.incomplete += 1
+            _say(f"{start.folder}: not recorded: {error.strerror or error}")
+
+    def _close(self, token: int, end: CaseEnd | None) -> None:
+        recording = self._open.pop(token, None)
+        if recording is None:
+            return
+        try:
+            complete = recording.close(end)
+        except OSError as error:
+            complete = False
+            _say(f"{recording.start.folder}: {error.strerror or error}")
+        if complete:
+            self.complete += 1
+        else:
+            self.incomplete += 1
+            _say(f"{recording.start.case}: recording is incomplete")
+
+
+def run_record(connect: str, rig: str, namespace: str) -> int:
+    """Record what the feed of ``rig`` at ``connect`` shows, until it ends or nobody wants it."""
+    supervised = bool(os.environ.get(PARENT_VARIABLE))
+    bind_to_parent()
+    channel: Channel[Sample | None] = Channel(QUEUE_BYTES_MAX)
+
+    def finish(*_: object) -> None:
+        channel.offer(None, 0)
+
+    if supervised:
+        leave_signals_to_the_parent()
+        threading.Thread(target=_wait_for_lifeline, args=(finish,), daemon=True).start()
+    else:
+        signal.signal(signal.SIGTERM, finish)
+        signal.signal(signal.SIGINT, finish)
+    bus = open_bus(
+        "peer", connect=[connect], namespace=namespace, connect_timeout_s=CONNECT_TIMEOUT_S
+    )
+    try:
+        _subscribe(bus, rig, channel, finish)
+        recorder = Recorder()
+        while (sample := channel.take()) is not None:
+            recorder.take(sample)
+        recorder.close()
+    finally:
+        bus.close()
+    if channel.refused:
+        _say(f"{channel.refused} samples did not fit into the queue")
+    _say(f"{recorder.complete} recordings complete, {recorder.incomplete} incomplete")
+    return 0
+
+
+def _subscribe(
+    bus: Bus, rig: str, channel: Channel[Sample | None], finish: Callable[[], None]
+) -> None:
+    def receive(sample: Sample) -> None:
+        channel.offer(sample, len(sample.payload) + len(sample.attachment) + 256)
+
+    for topic in RECORDED:
+        bus.subscribe(topic.key.format(campaign="*", case="*"), receive)
+    bus.subscribe(topics.FEED_END.key.format(rig=rig), lambda _: finish())
+    # The feed starts to send when it sees this: the subscriptions stand.
+    bus.announce(topics.RECORDER_ALIVE.key.format(rig=rig))
+
+
+def _wait_for_lifeline(finish: Callable[[], None]) -> None:
+    while os.read(0, 65536):
+        pass
+    finish()
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

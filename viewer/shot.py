@@ -1,0 +1,59 @@
+"""A picture of a recording at a moment, rendered without a window."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+from twin.fabric.errors import InfrastructureError, UsageError
+from viewer.folder import Moment
+from viewer.window import asked, window
+
+SETTLE_S = 1.0
+"""Time for pictures to be decoded after a jump in time [s]."""
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``1280x720`` -> (1280, 720).
+
+    Raises:
+        UsageError: not of that form, or out of range.
+    """
+    match = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(64 <= edge <= 8192 for edge in size):
+        raise UsageError(
+            f"--size {text}: expected WIDTHxHEIGHT in pixels, 64 to 8192, e.g. 1280x720"
+        )
+    return size
+
+
+def check_out(out: Path) -> None:
+    """Raise UsageError unless ``out`` can become a PNG file; makes its folder."""
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"--out {out}: expected a file name that ends in .png")
+    try:
+        out.absolute().parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out {out}: {error.strerror}") from None
+
+
+def shoot(recording: Path, moment: Moment, out: Path, size: tuple[int, int]) -> None:
+    """Render ``recording`` at ``moment`` into the PNG file ``out``.
+
+    Raises:
+        InfrastructureError: no Vulkan driver, or the viewer failed.
+        UsageError: ``out`` cannot be written.
+    """
+    arguments = ["--window-size", f"{size[0]}x{size[1]}", str(recording)]
+    with window(arguments, headless=True) as shown:
+        shown.show(moment)
+        time.sleep(SETTLE_S)
+        picture = asked(shown.client.take_screenshot)
+    if not picture:
+        raise InfrastructureError("viewer: it has rendered nothing")
+    try:
+        out.write_bytes(picture)
+    except OSError as error:
+        raise UsageError(f"--out {out}: {error.strerror}") from None

@@ -1,0 +1,46 @@
+"""What a case is and came to, as Markdown."""
+
+from __future__ import annotations
+
+from schemas.view import CaseEnd, CaseStart, clock
+
+_SCALARS = {
+    "dtc_min_m": "closest [m]",
+    "aeb_time_s": "AEB after [s]",
+    "aeb_dtc_m": "AEB at [m]",
+    "impact_speed_mps": "impact [m/s]",
+    "decel_peak_mps2": "peak deceleration [m/s²]",
+    "sim_time_s": "sim time [s]",
+}
+
+
+def running_text(start: CaseStart) -> str:
+    """While the case runs, and for ever if its recorder is killed."""
+    return f"**RUNNING**\n\n{_what(start)}\n"
+
+
+def ended_text(start: CaseStart, end: CaseEnd | None, lost: int) -> str:
+    """The verdict, its reasons and the scalars; ``lost``: samples missing in the recording."""
+    name = (end.verdict or end.outcome) if end is not None else ""
+    title = name.replace("_", " ").upper() or "NO VERDICT"
+    reasons = "; ".join(end.reasons) if end is not None else "the attempt's end is missing"
+    paragraphs = [f"**{title}** {reasons}".strip(), _what(start)]
+    if lost:
+        paragraphs.append(f"_Recording incomplete: {lost} samples are missing._")
+    if end is not None and end.scalars:
+        paragraphs.append(_table(end))
+    return "\n\n".join(paragraphs) + "\n"
+
+
+def _what(start: CaseStart) -> str:
+    weather = start.weather.replace("_", " ")
+    conditions = f"{start.model}, {weather}, {clock(start.time_of_day_min)}"
+    return f"{start.case} · {conditions} · {start.campaign}, attempt {start.attempt}"
+
+
+def _table(end: CaseEnd) -> str:
+    lines = ["| | |", "|---|---|"]
+    for name, label in _SCALARS.items():
+        value = end.scalars.get(name)
+        lines.append(f"| {label} | {'-' if value is None else f'{value:.2f}'} |")
+    return "\n".join(lines)
