@@ -3,12 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test demo test check lock clean
+.PHONY: help install install-test install-bench demo test faults check lock clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the tests need, then run them"
 	@echo "make install  create $(VENV) with the pinned dependencies"
+	@echo "make faults   a hundred storms of killed and frozen processes"
+	@echo "make install-bench  install the peers of 'conductor bench'"
 	@echo "make check    format, lint, types and layers, in under a minute"
 
 install: $(VENV)/.installed
@@ -25,12 +27,19 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check]'
 	@touch $@
 
+install-bench: install
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
+
 # Exit code 1 says that a case did not pass; that is what the demo is meant to find.
 demo: install
 	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
 
 test: install-test
 	$(BIN)/pytest $(ARGS)
+
+# A hundred storms of killed and frozen processes, about twenty minutes; `make test` runs five.
+faults: install-test
+	STORMS=100 $(BIN)/pytest tests/e2e/test_storms.py $(ARGS)
 
 check: install-test
 	$(BIN)/ruff format --check .
@@ -41,7 +50,7 @@ check: install-test
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,bench]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

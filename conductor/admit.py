@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
+from conductor.case_table import pack
 from conductor.facts import Submitted
 from conductor.state import State
-from schemas.campaign import expand, parse_campaign
+from schemas.campaign import parse_cases
 from schemas.identity import campaign_digest
 from schemas.messages import Submit
 
@@ -19,10 +20,9 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
         None and the errors, one line each.
     """
     given = str(request.campaign.get("campaign", "campaign"))[:80]
-    campaign, mistakes = parse_campaign(request.campaign)
+    campaign, cases, mistakes = parse_cases(request.campaign)
     if campaign is None:
         return None, [mistake.line(given) for mistake in mistakes]
-    cases = expand(campaign)
     name = campaign.campaign
     digest = campaign_digest(campaign, cases)
     known = state.campaigns.get(name)
@@ -43,5 +43,12 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
                 "give it another out folder"
             ]
     plain = msgspec.to_builtins(campaign)
-    fact = Submitted(campaign=plain, cases=cases, digest=digest, out=out, software=request.software)
+    fact = Submitted(
+        campaign=plain,
+        cases=pack(cases),
+        digest=digest,
+        out=out,
+        software=request.software,
+        priority=request.priority,
+    )
     return fact, []

@@ -1,54 +1,104 @@
-"""The waiting cases of one campaign, in submission order, by rig key.
+"""The waiting cases of one campaign, in submission order, by rig key and group.
 
-Two queues per rig key: cases that may share a rig, and cases that must run alone. Priorities and
-longest-first will change the sort key, nothing else.
+A lane is a rig key and a group: cases that may share a rig with any other, cases that run alone,
+and each group of suspects. The first case of a lane stands at the end of its list, where taking it
+is cheap; a heap of lane heads, cleaned when it is read, finds the first of all lanes.
 """
 
 from __future__ import annotations
 
+import heapq
 from bisect import bisect_left, insort
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
+
+LOOK_MAX = 64
+"""Most cases of a lane that are looked at for one that the asker may have."""
+
+Usable = Callable[[int], bool]
+"""Whether the asker may have the case at this position."""
 
 
 @dataclass(slots=True)
 class Backlog:
-    """Positions of waiting cases; every list is sorted and no list is empty."""
+    """Positions of waiting cases; no lane is empty."""
 
-    shared: dict[str, list[int]] = field(default_factory=dict)
-    alone: dict[str, list[int]] = field(default_factory=dict)
+    lanes: dict[str, dict[int, list[int]]] = field(default_factory=dict)
+    """Rig key -> group -> negated positions, ascending."""
+    count: int = 0
+    _heads: list[tuple[int, int, str]] = field(default_factory=list, compare=False, repr=False)
+    """(position, group, rig key) of every lane's first case, and stale ones."""
 
-    def add(self, rig: str, order: int, alone: bool) -> None:
+    def add(self, rig: str, order: int, group: int) -> None:
         """A case waits (again), at its own place in the order."""
-        insort((self.alone if alone else self.shared).setdefault(rig, []), order)
+        lane = self.lanes.setdefault(rig, {}).setdefault(group, [])
+        insort(lane, -order)
+        self.count += 1
+        if lane[-1] == -order:
+            self._push(order, group, rig)
 
-    def remove(self, rig: str, order: int, alone: bool) -> None:
+    def extend(self, rig: str, orders: list[int], group: int) -> None:
+        """Many cases at once, into an empty lane; ``orders`` ascend."""
+        lanes = self.lanes.setdefault(rig, {})
+        if group in lanes:
+            raise AssertionError(f"lane {group} of rig {rig} is not empty")
+        lanes[group] = [-order for order in reversed(orders)]
+        self.count += len(orders)
+        self._push(orders[0], group, rig)
+
+    def remove(self, rig: str, order: int, group: int) -> None:
         """A waiting case waits no longer."""
-        queues = self.alone if alone else self.shared
-        queue = queues[rig]
-        index = bisect_left(queue, order)
-        if index == len(queue) or queue[index] != order:
-            raise AssertionError(f"case {order} of rig {rig} is not waiting")
-        del queue[index]
-        if not queue:
-            del queues[rig]
+        lane = self.lanes.get(rig, {}).get(group, [])
+        index = bisect_left(lane, -order)
+        if index == len(lane) or lane[index] != -order:
+            raise AssertionError(f"case {order} of rig {rig}, group {group}, is not waiting")
+        del lane[index]
+        self.count -= 1
+        if lane:
+            if index == len(lane):
+                self._push(-lane[-1], group, rig)
+            return
+        del self.lanes[rig][group]
+        if not self.lanes[rig]:
+            del self.lanes[rig]
 
-    def first(self, rig: str | None, with_alone: bool) -> tuple[int, bool] | None:
-        """The first waiting case and whether it must run alone; ``rig`` None: any rig key."""
-        found: tuple[int, bool] | None = None
-        for queues, alone in ((self.shared, False), (self.alone, True)):
-            if alone and not with_alone:
-                continue
-            heads = queues.values() if rig is None else [queues.get(rig, [])]
-            for queue in heads:
-                if queue and (found is None or queue[0] < found[0]):
-                    found = (queue[0], alone)
-        return found
+    def first(self, rig: str | None, usable: Usable) -> tuple[int, int] | None:
+        """The first usable case and its group; ``rig`` None: any rig key."""
+        if rig is not None:
+            return min(self._usable(rig, usable), default=None)
+        top = self._top()
+        if top is None or usable(top[0]):
+            return top
+        return min((hit for key in self.lanes for hit in self._usable(key, usable)), default=None)
 
-    def take(self, rig: str, count: int) -> Iterator[int]:
-        """Up to ``count`` cases of ``rig`` that may share it, in order; nothing is removed."""
-        return islice(self.shared.get(rig, ()), max(count, 0))
+    def take(self, rig: str, group: int) -> Iterator[int]:
+        """The cases of a lane, in order; do not change the backlog meanwhile."""
+        return (-order for order in reversed(self.lanes.get(rig, {}).get(group, ())))
 
     def __len__(self) -> int:
-        return sum(len(q) for queues in (self.shared, self.alone) for q in queues.values())
+        return self.count
+
+    def _usable(self, rig: str, usable: Usable) -> Iterator[tuple[int, int]]:
+        for group in self.lanes.get(rig, ()):
+            for order in islice(self.take(rig, group), LOOK_MAX):
+                if usable(order):
+                    yield order, group
+                    break
+
+    def _push(self, order: int, group: int, rig: str) -> None:
+        heapq.heappush(self._heads, (order, group, rig))
+        if len(self._heads) > 2 * self.count + LOOK_MAX:
+            heads = [(-q[-1], g, r) for r, lanes in self.lanes.items() for g, q in lanes.items()]
+            heapq.heapify(heads)
+            self._heads = heads
+
+    def _top(self) -> tuple[int, int] | None:
+        heads = self._heads
+        while heads:
+            order, group, rig = heads[0]
+            lane = self.lanes.get(rig, {}).get(group)
+            if lane and lane[-1] == -order:
+                return order, group
+            heapq.heappop(heads)
+        return None

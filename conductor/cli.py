@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+
+# isort: split
 import json
 import sys
 from enum import StrEnum
@@ -92,11 +95,20 @@ def serve(
     listen: Listen = "tcp/127.0.0.1:0",
     namespace: Namespace = "twin",
     by_batch: ByBatch = False,
+    ttl_s: Annotated[
+        float,
+        typer.Option(min=0.5, max=3600, help="A silent worker's cases are given to others [s]."),
+    ] = 15.0,
+    metrics: Annotated[
+        str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
+    ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
     from conductor.serve import serve_folder
 
-    raise typer.Exit(serve_folder(state, listen, namespace, by_batch=by_batch))
+    raise typer.Exit(
+        serve_folder(state, listen, namespace, by_batch=by_batch, ttl_s=ttl_s, metrics=metrics)
+    )
 
 
 @app.command()
@@ -125,13 +137,22 @@ def status(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Show campaigns and workers of a conductor that serves."""
+    from rich.console import Console
+
     from conductor.client import Client
     from conductor.tables import status_tables
+    from conductor.watch import watch as watch_status
 
     with Client(connect, state, namespace) as client:
+        if watch:
+            as_json = output is Output.json
+            raise typer.Exit(watch_status(client, Console(), as_json=as_json))
         found = client.status()
     if output is Output.json:
         print(json.dumps(found))
@@ -199,6 +220,33 @@ def report(folder: Folder, output: OutputOption = Output.human) -> None:
         print(f"conductor: {alarm}", file=sys.stderr)
     if tables["alarms"]:
         raise typer.Exit(EXIT_INFRASTRUCTURE)
+
+
+@app.command("bench")
+def bench_command(
+    tasks: Annotated[
+        int, typer.Option(min=0, help="No-op cases per run of the comparison; 0: none.")
+    ] = 4000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each scheduler, interleaved.")] = 3,
+    cases: Annotated[
+        int, typer.Option(min=0, help="Cases of the large campaign, e.g. 100000; 0: none.")
+    ] = 0,
+    folder: Annotated[
+        Path, typer.Option(help="Where journals are written; on a real disk.")
+    ] = Path("runs"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure durable lease and commit of no-op cases beside dask.distributed and HyperQueue.
+
+    `make install-bench` installs the two; one that is missing is said by name.
+    """
+    from conductor.bench.command import bench
+
+    as_json = output is Output.json
+    raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
 
 
 @app.command("campaigns")

@@ -1,7 +1,8 @@
-"""A client of a conductor that serves: submit, status, stop."""
+"""A client of a conductor that serves: submit, status, events, stop."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -59,6 +60,10 @@ class Client:
     def status(self) -> dict[str, Any]:
         """The conductor's state."""
         return self._ask(StatusRequest(v=SCHEMA_VERSION)).status
+
+    def on_event(self, handler: Callable[[], None]) -> None:
+        """Call ``handler`` whenever the conductor publishes a fact, on a thread of the bus."""
+        self._bus.subscribe(topics.EVENT.key, lambda _: handler())
 
     def stop(self) -> None:
         """Drain."""

@@ -10,11 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
+
 from conductor.admit import admit
+from conductor.control import control
+from conductor.explain import explain
 from conductor.facts import (
     Draining,
     EpochRaised,
     Fact,
+    Granted,
     Leased,
     Pinned,
     Replied,
@@ -24,14 +29,19 @@ from conductor.facts import (
 )
 from conductor.grant import choose, mismatches
 from conductor.lease import lost, own, seen, token_of
-from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, expire
-from conductor.state import CampaignState, CaseState, LiveLease, State
+from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects, expire
+from conductor.snapshot import take
+from conductor.speculate import straggler
+from conductor.state import CampaignState, CaseState, LiveLease, State, WorkerState
 from conductor.status import status
 from conductor.turn import Turn
 from schemas import SCHEMA_VERSION
 from schemas.messages import (
     Beat,
     Bye,
+    Control,
+    Ended,
+    Explain,
     Hello,
     Lease,
     Next,
@@ -64,14 +74,29 @@ def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Rep
             "install the same version on both sides"
         )
         return turn.facts, turn.reply(error=error)
-    return turn.facts, _VERBS[type(request)](turn, request)
+    reply = _VERBS[type(request)](turn, request)
+    _snapshot(turn, state.config.snapshot_facts)
+    return turn.facts, reply
 
 
 def tick(state: State, now_ns: int) -> list[Fact]:
     """What happens by itself: leases whose time is over are lost."""
     turn = Turn(state, now_ns)
     expire(turn)
+    _snapshot(turn, state.config.snapshot_facts)
     return turn.facts
+
+
+def close(state: State) -> list[Fact]:
+    """A clean end: the next start finds a snapshot and hardly any facts after it."""
+    turn = Turn(state, 0)
+    _snapshot(turn, state.config.snapshot_close_facts)
+    return turn.facts
+
+
+def _snapshot(turn: Turn, facts: int) -> None:
+    if turn.state.tail >= facts:
+        turn.emit(take(turn.state))
 
 
 def worker_lost(state: State, worker: str, now_ns: int) -> list[Fact]:
@@ -120,7 +145,7 @@ def _next(turn: Turn, request: Next) -> Reply:
         return turn.reply(error=UNKNOWN_WORKER)
     if worker.replied is not None and request.seq == worker.replied.seq:
         turn.emit(seen(state, request.worker, worker.tokens, turn.now_ns))
-        return worker.replied.reply
+        return _again(state, worker.replied)
     if worker.replied is not None and request.seq < worker.replied.seq:
         return turn.reply(
             error=f"seq {request.seq} is older than {worker.replied.seq}, which has been answered"
@@ -131,19 +156,25 @@ def _next(turn: Turn, request: Next) -> Reply:
         acks.append(result.token)
         if not commit(turn, result, request.worker):
             fenced.append(result.token)
-    for ended in request.ended:
-        for lease in own(state, request.worker, [ended.token]):
-            if lease.key == (ended.campaign, ended.case):
-                end_attempt(turn, lease, ended.reason, ended.detail)
+    _end_attempts(turn, request.worker, request.ended)
     # A lease that the worker does not know of was lost on its way there.
     for lease in own(state, request.worker, [t for t in worker.tokens if t not in request.held]):
         end_attempt(turn, lease, "released", "the reply with the lease did not arrive")
     held = own(state, request.worker, request.held)
     gone = lost(state, request.worker, request.held)
-    leases = _grant(turn, request, worker.joined, held)
-    turn.emit(seen(state, request.worker, worker.tokens, turn.now_ns))
+    leases = _grant(turn, request, worker, held)
+    turn.emit(
+        seen(
+            state,
+            request.worker,
+            worker.tokens,
+            turn.now_ns,
+            remaining_s=request.remaining_s,
+        )
+    )
     notes = [] if leases else mismatches(state, worker.joined)
     reply = turn.reply(
+        worker,
         seq=request.seq,
         acks=acks,
         fenced=fenced,
@@ -152,8 +183,48 @@ def _next(turn: Turn, request: Next) -> Reply:
         retry_after_s=_retry_after_s(state, request, leases),
         status=_notes(notes),
     )
-    turn.emit(Replied(worker=request.worker, seq=request.seq, reply=reply))
+    turn.emit(_replied(request, reply))
     return reply
+
+
+def _replied(request: Next, reply: Reply) -> Replied:
+    """Cases are large and in the journal already."""
+    granted = [
+        Granted(lease.case.campaign, lease.case.id, lease.token, lease.attempt, lease.alone)
+        for lease in reply.leases
+    ]
+    bare = msgspec.structs.replace(reply, leases=[]) if granted else reply
+    return Replied(worker=request.worker, seq=request.seq, reply=bare, granted=granted)
+
+
+def _again(state: State, replied: Replied) -> Reply:
+    leases = [
+        Lease(
+            token=granted.token,
+            attempt=granted.attempt,
+            out=state.campaigns[granted.campaign].out,
+            case=state.campaigns[granted.campaign].cases[granted.case].case,
+            alone=granted.alone,
+        )
+        for granted in replied.granted
+    ]
+    return msgspec.structs.replace(replied.reply, leases=leases) if leases else replied.reply
+
+
+def _end_attempts(turn: Turn, worker: str, ends: list[Ended]) -> None:
+    suspects: dict[int, str] = {}
+    for ended in ends:
+        for lease in own(turn.state, worker, [ended.token]):
+            if lease.key != (ended.campaign, ended.case):
+                continue
+            if ended.reason == "suspect":
+                suspects[lease.token] = ended.detail
+            else:
+                end_attempt(turn, lease, ended.reason, ended.detail)
+    # One rig's cases: a worker has one rig, and tells of its end before it starts another.
+    leases = own(turn.state, worker, sorted(suspects))
+    if leases:
+        end_suspects(turn, leases, "suspect", suspects[leases[0].token])
 
 
 def _retry_after_s(state: State, request: Next, leases: list[Lease]) -> float:
@@ -166,13 +237,18 @@ def _notes(lines: list[str]) -> dict[str, Any]:
     return {"notes": lines} if lines else {}
 
 
-def _grant(turn: Turn, request: Next, worker: WorkerJoined, held: list[LiveLease]) -> list[Lease]:
+def _grant(turn: Turn, request: Next, worker: WorkerState, held: list[LiveLease]) -> list[Lease]:
     state = turn.state
     leases = []
-    for case in choose(state, request, worker, held):
+    for case in choose(state, request, worker, held, turn.now_ns):
         campaign = state.campaigns[case.case.campaign]
-        _pin(turn, campaign, worker)
-        leases.append(_lease(turn, campaign, case, worker.worker))
+        _pin(turn, campaign, worker.joined)
+        leases.append(_lease(turn, campaign, case, worker.joined.worker))
+    if not leases:
+        case_late = straggler(state, request, worker, turn.now_ns)
+        if case_late is not None:
+            campaign = state.campaigns[case_late.case.campaign]
+            leases.append(_lease(turn, campaign, case_late, worker.joined.worker))
     return leases
 
 
@@ -196,6 +272,7 @@ def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) ->
         attempt=len(case.issued) + 1,
         worker=worker,
         alone=case.alone,
+        speculative=bool(case.live),
     )
     turn.emit(fact)
     return Lease(
@@ -204,14 +281,15 @@ def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) ->
 
 
 def _beat(turn: Turn, request: Beat) -> Reply:
-    if request.worker not in turn.state.workers:
+    worker = turn.state.workers.get(request.worker)
+    if worker is None:
         return turn.reply(error=UNKNOWN_WORKER)
     for text in request.held:
         if not (text.isascii() and text.isdecimal() and len(text) <= 20):
             return turn.reply(error=f"held: {text[:40]!r} is not a token (a decimal number)")
     held = {int(token): progress for token, progress in request.held.items()}
     turn.emit(seen(turn.state, request.worker, held, turn.now_ns, held))
-    return turn.reply(lost=lost(turn.state, request.worker, held))
+    return turn.reply(worker, lost=lost(turn.state, request.worker, held))
 
 
 def _bye(turn: Turn, request: Bye) -> Reply:
@@ -243,6 +321,20 @@ def _submit(turn: Turn, request: Submit) -> Reply:
     )
 
 
+def _control(turn: Turn, request: Control) -> Reply:
+    error, changed = control(turn, request)
+    return turn.reply(error=error, status={} if error else {"changed": changed})
+
+
+def _explain(turn: Turn, request: Explain) -> Reply:
+    lines = explain(turn.state, request.campaign, request.case, turn.now_ns)
+    if not lines:
+        return turn.reply(
+            error=f"no case '{request.case[:80]}' of a campaign '{request.campaign[:80]}' here"
+        )
+    return turn.reply(status={"explain": lines})
+
+
 def _status(turn: Turn, _: StatusRequest) -> Reply:
     return turn.reply(status=status(turn.state, turn.now_ns))
 
@@ -259,6 +351,8 @@ _VERBS: dict[type[Any], Callable[[Turn, Any], Reply]] = {
     Beat: _beat,
     Bye: _bye,
     Submit: _submit,
+    Control: _control,
+    Explain: _explain,
     StatusRequest: _status,
     Stop: _stop,
 }

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol
 
-from conductor.core import decide, start, tick, worker_lost
+import msgspec
+
+from conductor.core import close, decide, start, tick, worker_lost
 from conductor.facts import Fact
 from conductor.fold import fold, revive
 from conductor.journal import JournalError
 from conductor.lease import next_expiry_ns
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply, Request, Submit
+from schemas.messages import Reply, Request, StatusRequest, Submit
 from schemas.wire import WireError, decode, encode
 
 RETRY_S = 1.0
@@ -57,6 +59,8 @@ class Counters:
     requests: int = 0
     refused: int = 0
     """Requests that were no valid message."""
+    fenced: int = 0
+    """Results that came without a live token."""
     faults: int = 0
     """Mistakes of our own, answered with an error."""
     storage_errors: int = 0
@@ -81,6 +85,7 @@ class Engine:
         config: Config,
         now_ns: int,
         check_folder: Callable[[Submit], str] = lambda _: "",
+        counters_beyond: Callable[[], dict[str, float]] = dict,
     ) -> None:
         """Fold the journal and raise the epoch, on disk.
 
@@ -89,6 +94,7 @@ class Engine:
             config: limits and options.
             now_ns: the time [ns].
             check_folder: what is wrong with a submission's folder, in one line, or nothing.
+            counters_beyond: what the shell has counted, for the status.
 
         Raises:
             JournalError: the journal cannot be read or written.
@@ -98,6 +104,7 @@ class Engine:
         """Not empty: the storage refuses, nothing is granted or committed."""
         self._journal = journal
         self._check_folder = check_folder
+        self._counters_beyond = counters_beyond
         self._config = config
         self._now_ns = now_ns
         self.state = fold(journal.fold(), config)
@@ -132,6 +139,27 @@ class Engine:
             self._storage_failed(error)
             return Turn()
 
+    def close(self) -> None:
+        """A clean end: the next start reads a snapshot; without one it only takes longer."""
+        if self.storage_error:
+            return
+        try:
+            self._journal.append(close(self.state))
+        except JournalError as error:
+            _log.error("%s", error)
+
+    def woke(self, now_ns: int) -> None:
+        """This process was frozen, or waited long for the disk: words of workers may still be on
+        their way, so every live lease gets a full time to live, as after a restart."""
+        revive(self.state, self._clock(now_ns))
+
+    def health(self) -> dict[str, Any]:
+        """What a status says beyond the state: the counters, and whether the storage works."""
+        return {
+            "storage_error": self.storage_error,
+            "counters": asdict(self.counters) | self._counters_beyond(),
+        }
+
     def next_expiry_ns(self) -> int:
         """When :meth:`tick` has something to do [ns]."""
         return next_expiry_ns(self.state)
@@ -154,6 +182,9 @@ class Engine:
         if isinstance(request, Submit) and (error_line := self._check_folder(request)):
             return [], self._error(error_line)
         facts, reply = decide(self.state, request, now_ns)
+        self.counters.fenced += len(reply.fenced)
+        if isinstance(request, StatusRequest):
+            reply = msgspec.structs.replace(reply, status={**reply.status, **self.health()})
         return facts, encode(reply)
 
     def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> Turn:

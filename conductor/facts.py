@@ -10,8 +10,14 @@ from typing import Any, Literal
 
 from msgspec import Struct
 
+from conductor.case_table import CaseTable
 from schemas.campaign import Case
 from schemas.messages import Release, Reply, Result
+
+SHARED = 0
+"""Group of a case that may share a rig with any other."""
+ALONE = -1
+"""Group of a case that runs alone; groups from 1 are suspects that share a rig with nobody else."""
 
 
 def _tag(name: str) -> str:
@@ -36,12 +42,15 @@ class Submitted(_Fact, frozen=True):
     """A campaign was accepted, with its cases as they were expanded at that moment."""
 
     campaign: dict[str, Any]
-    cases: list[Case]
+    cases: list[Case] | CaseTable
+    """A table; journals of version 1 hold a list."""
     digest: str
     out: str
     """Campaign folder, absolute."""
     software: str = ""
     """Software digest of the installation that submitted; information only."""
+    priority: int = 0
+    """Campaigns of a higher one are served first."""
 
 
 class Pinned(_Fact, frozen=True):
@@ -72,6 +81,12 @@ class WorkerLeft(_Fact, frozen=True):
     reason: str = ""
 
 
+class WorkerDraining(_Fact, frozen=True):
+    """A worker was asked to finish; it gets no more leases."""
+
+    worker: str
+
+
 class Leased(_Fact, frozen=True):
     """A worker got the right to run a case."""
 
@@ -81,6 +96,8 @@ class Leased(_Fact, frozen=True):
     attempt: int
     worker: str
     alone: bool
+    speculative: bool = False
+    """The case runs already, on a worker that takes too long: who is first commits."""
 
 
 class Committed(_Fact, frozen=True):
@@ -103,15 +120,49 @@ class AttemptEnded(_Fact, frozen=True):
     alone: bool
     """The next lease of the case runs alone."""
     detail: str = ""
+    group: int = SHARED
+    """With whom the case may share its next rig (``SHARED`` in journals of version 1)."""
+    evidence: bool = False
+    """Its worker died while all others lived: the case may be why."""
+
+
+class Charge(Struct, frozen=True):
+    """Evidence against a case: one attempt that ended badly."""
+
+    worker: str
+    reason: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.reason}: {self.detail}" if self.detail else self.reason
+        return f"{text} (worker {self.worker})"
 
 
 class CaseEnded(_Fact, frozen=True):
-    """A case ended without a result."""
+    """A case ended without a result; what still runs of it is in vain."""
 
     campaign: str
     case: str
     outcome: Literal["unresolved", "cancelled"]
     reason: str
+    evidence: list[Charge] = []
+    """Why a quarantined case is in quarantine."""
+
+
+class Paused(_Fact, frozen=True):
+    """A campaign or one case of it is granted no more leases, or is granted them again."""
+
+    campaign: str
+    case: str
+    """Empty: the campaign."""
+    paused: bool
+
+
+class Retried(_Fact, frozen=True):
+    """A case that ended without a result waits again, and nothing is held against it."""
+
+    campaign: str
+    case: str
 
 
 class LateAttempt(_Fact, frozen=True):
@@ -121,12 +172,38 @@ class LateAttempt(_Fact, frozen=True):
     worker: str
 
 
+class Granted(Struct, frozen=True, array_like=True):
+    """A lease as it stands in a stored reply: the case itself is in the state."""
+
+    campaign: str
+    case: str
+    token: int
+    attempt: int
+    alone: bool
+
+
 class Replied(_Fact, frozen=True):
     """The latest answer to a worker's ``next``; the same seq gets it again."""
 
     worker: str
     seq: int
     reply: Reply
+    """Without leases (journals of version 1: with them)."""
+    granted: list[Granted] = []
+
+
+class Image(Struct, frozen=True, array_like=True):
+    """A part of the state, packed; a later one of the same key replaces it."""
+
+    key: str
+    data: bytes
+
+
+class Snapshot(_Fact, frozen=True):
+    """Stands for every fact before it; see :mod:`conductor.snapshot`."""
+
+    images: list[Image]
+    """Those that changed since the snapshot before; what is read from the journal has all."""
 
 
 # --- volatile: in memory only, rebuilt after a restart --------------------------------------------
@@ -141,6 +218,8 @@ class Seen(_Fact, frozen=True):
     tokens: list[int] = []
     progress: dict[int, int] = {}
     """Token -> case ticks, where the worker said so."""
+    remaining_s: float | None = None
+    """Walltime left, where the worker said so [s]."""
 
 
 class Shortened(_Fact, frozen=True):
@@ -160,12 +239,16 @@ Durable = (
     | Pinned
     | WorkerJoined
     | WorkerLeft
+    | WorkerDraining
     | Leased
     | Committed
     | AttemptEnded
     | CaseEnded
+    | Paused
+    | Retried
     | LateAttempt
     | Replied
+    | Snapshot
 )
 Volatile = Seen | Shortened | Draining
 Fact = Durable | Volatile

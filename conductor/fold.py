@@ -3,30 +3,49 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import msgspec
 
 from conductor.backlog import Backlog
+from conductor.case_table import CaseTable, unpack
 from conductor.facts import (
+    ALONE,
+    SHARED,
     AttemptEnded,
     CaseEnded,
+    Charge,
     Committed,
     Draining,
     EpochRaised,
     Fact,
     LateAttempt,
     Leased,
+    Paused,
     Pinned,
     Replied,
+    Retried,
     Seen,
     Shortened,
+    Snapshot,
     Submitted,
+    WorkerDraining,
     WorkerJoined,
     WorkerLeft,
 )
 from conductor.lease import token_of
-from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
+from conductor.snapshot import restore
+from conductor.state import (
+    FAR_NS,
+    IMAGE_CASES,
+    CampaignState,
+    CaseState,
+    Config,
+    LiveLease,
+    State,
+    WorkerState,
+)
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
 from schemas.messages import Result
@@ -45,9 +64,10 @@ def revive(state: State, now_ns: int) -> None:
     until_ns = now_ns + state.config.ttl_ns
     for lease in state.leases.values():
         lease.expiry_ns = until_ns
+        lease.granted_ns = lease.granted_ns or now_ns
     for worker in state.workers.values():
         worker.seen_ns = now_ns
-    state.expiry_floor_ns = until_ns
+    state.expiry_floor_ns = until_ns if state.leases else FAR_NS
 
 
 def apply(state: State, fact: Fact) -> None:
@@ -56,46 +76,9 @@ def apply(state: State, fact: Fact) -> None:
     Raises:
         AssertionError: the fact contradicts the state; a fact is never applied by halves.
     """
-    match fact:
-        case EpochRaised():
-            _expect(fact.epoch > state.epoch, fact)
-            state.epoch, state.granted = fact.epoch, 0
-        case Submitted():
-            _submitted(state, fact)
-        case Pinned():
-            campaign = state.campaigns[fact.campaign]
-            _expect(not campaign.pinned, fact)
-            campaign.pinned = True
-            campaign.software, campaign.device_class = fact.software, fact.device_class
-        case WorkerJoined():
-            _expect(fact.worker not in state.workers, fact)
-            _expect(fact.worker not in state.departed, fact)
-            state.workers[fact.worker] = WorkerState(joined=fact)
-        case WorkerLeft():
-            _expect(not state.workers[fact.worker].tokens, fact)
-            del state.workers[fact.worker]
-            state.departed.add(fact.worker)
-        case Leased():
-            _leased(state, fact)
-        case Committed():
-            _committed(state, fact)
-        case AttemptEnded():
-            _attempt_ended(state, fact)
-        case CaseEnded():
-            _case_ended(state, fact)
-        case LateAttempt():
-            _late(state, fact)
-        case Replied():
-            state.workers[fact.worker].replied = fact
-        case Seen():
-            _seen(state, fact)
-        case Shortened():
-            for token in state.workers[fact.worker].tokens:
-                lease = state.leases[token]
-                lease.expiry_ns = min(lease.expiry_ns, fact.until_ns)
-            state.expiry_floor_ns = min(state.expiry_floor_ns, fact.until_ns)
-        case Draining():
-            state.draining = True
+    kind = type(fact)
+    _FOLDS[kind](state, fact)
+    state.tail += kind in _COUNTED
 
 
 def _expect(condition: bool, fact: Fact) -> None:
@@ -103,14 +86,25 @@ def _expect(condition: bool, fact: Fact) -> None:
         raise AssertionError(f"fact contradicts the state: {fact}")
 
 
+def _epoch_raised(state: State, fact: EpochRaised) -> None:
+    _expect(fact.epoch > state.epoch, fact)
+    state.epoch, state.granted = fact.epoch, 0
+
+
 def _submitted(state: State, fact: Submitted) -> None:
     campaign = msgspec.convert(fact.campaign, Campaign)
     _expect(campaign.campaign not in state.campaigns, fact)
+    cases = unpack(fact.cases) if isinstance(fact.cases, CaseTable) else fact.cases
+    ordered = [
+        CaseState(case=case, order=order, rig=rig_key(case)) for order, case in enumerate(cases)
+    ]
+    lanes: dict[str, list[int]] = {}
+    for case_state in ordered:
+        lanes.setdefault(case_state.rig, []).append(case_state.order)
     backlog = Backlog()
-    ordered = []
-    for order, case in enumerate(fact.cases):
-        ordered.append(CaseState(case=case, order=order, rig=rig_key(case)))
-        backlog.add(ordered[-1].rig, order, alone=False)
+    for rig, orders in lanes.items():
+        backlog.extend(rig, orders, SHARED)
+    state.left += len(cases)
     state.campaigns[campaign.campaign] = CampaignState(
         campaign=campaign,
         digest=fact.digest,
@@ -118,25 +112,55 @@ def _submitted(state: State, fact: Submitted) -> None:
         cases={case_state.case.id: case_state for case_state in ordered},
         ordered=ordered,
         backlog=backlog,
-        open_batches=dict(Counter(case.batch for case in fact.cases)),
+        open_batches=dict(Counter(case.batch for case in cases)),
+        order=len(state.campaigns),
+        priority=fact.priority,
+        left=len(cases),
+        submitted=fact,
     )
+
+
+def _pinned(state: State, fact: Pinned) -> None:
+    campaign = state.campaigns[fact.campaign]
+    _expect(not campaign.pinned, fact)
+    campaign.pinned = True
+    campaign.software, campaign.device_class = fact.software, fact.device_class
+
+
+def _worker_joined(state: State, fact: WorkerJoined) -> None:
+    _expect(fact.worker not in state.workers, fact)
+    _expect(fact.worker not in state.departed, fact)
+    state.workers[fact.worker] = WorkerState(joined=fact)
+
+
+def _worker_left(state: State, fact: WorkerLeft) -> None:
+    _expect(not state.workers[fact.worker].tokens, fact)
+    del state.workers[fact.worker]
+    state.departed.add(fact.worker)
+
+
+def _worker_draining(state: State, fact: WorkerDraining) -> None:
+    state.workers[fact.worker].draining = True
 
 
 def _find(state: State, campaign: str, case: str) -> tuple[CampaignState, CaseState]:
     campaign_state = state.campaigns[campaign]
-    return campaign_state, campaign_state.cases[case]
+    case_state = campaign_state.cases[case]
+    state.dirty.add((campaign, case_state.order // IMAGE_CASES))
+    return campaign_state, case_state
 
 
 def _leased(state: State, fact: Leased) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
-    _expect(case.end is None and not case.live, fact)
+    _expect(not case.ended and len(case.live) == fact.speculative, fact)
     _expect(fact.token == token_of(state.epoch, state.granted + 1), fact)
     _expect(fact.attempt == len(case.issued) + 1 and fact.alone == case.alone, fact)
-    campaign.backlog.remove(case.rig, case.order, case.alone)
+    if not fact.speculative:
+        campaign.backlog.remove(case.rig, case.order, case.group)
+        campaign.leased += 1
     state.granted += 1
-    case.issued.append(fact.token)
-    case.live.append(fact.token)
-    campaign.leased += 1
+    case.issued += (fact.token,)
+    case.live += (fact.token,)
     campaign.attempts += 1
     state.workers[fact.worker].tokens[fact.token] = None
     state.leases[fact.token] = LiveLease(
@@ -144,7 +168,8 @@ def _leased(state: State, fact: Leased) -> None:
         key=(fact.campaign, fact.case),
         worker=fact.worker,
         attempt=fact.attempt,
-        alone=fact.alone,
+        group=case.group,
+        speculative=fact.speculative,
     )
 
 
@@ -152,9 +177,15 @@ def _drop(state: State, campaign: CampaignState, case: CaseState, token: int) ->
     """The token dies."""
     lease = state.leases.pop(token)
     del state.workers[lease.worker].tokens[token]
-    case.live.remove(token)
+    case.live = tuple(other for other in case.live if other != token)
     if not case.live:
         campaign.leased -= 1
+
+
+def _wait(campaign: CampaignState, case: CaseState) -> None:
+    """The case may have come to wait."""
+    if case.waits:
+        campaign.backlog.add(case.rig, case.order, case.group)
 
 
 def end_name(end: Committed | CaseEnded) -> str:
@@ -166,10 +197,18 @@ def end_name(end: Committed | CaseEnded) -> str:
     return "passed" if end.result.passed else "not_passed"
 
 
-def _end(campaign: CampaignState, case: CaseState, end: Committed | CaseEnded) -> None:
+def _end(
+    state: State, campaign: CampaignState, case: CaseState, end: Committed | CaseEnded
+) -> None:
+    if case.waits:
+        campaign.backlog.remove(case.rig, case.order, case.group)
+    for token in case.live:
+        _drop(state, campaign, case, token)
     case.end = end
     name = end_name(end)
     campaign.ended[name] = campaign.ended.get(name, 0) + 1
+    campaign.left -= 1
+    state.left -= 1
     batch = case.case.batch
     campaign.open_batches[batch] -= 1
     if not campaign.open_batches[batch]:
@@ -178,37 +217,75 @@ def _end(campaign: CampaignState, case: CaseState, end: Committed | CaseEnded) -
 
 def _committed(state: State, fact: Committed) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
-    _expect(case.end is None and fact.result.token in case.live, fact)
-    for token in list(case.live):
-        _drop(state, campaign, case, token)
-    _end(campaign, case, fact)
-    campaign.disagreements += sum(not agrees(fact.result, late.result) for late in case.late)
+    _expect(not case.ended and fact.result.token in case.live, fact)
+    _end(state, campaign, case, fact)
+    campaign.durations.add(fact.result.wall_s)
+    if case.late:
+        campaign.disagreements += sum(not agrees(fact.result, late.result) for late in case.late)
 
 
 def _attempt_ended(state: State, fact: AttemptEnded) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
-    _expect(case.end is None and fact.token in case.live, fact)
+    _expect(not case.ended and fact.token in case.live, fact)
+    charge = Charge(state.leases[fact.token].worker, fact.reason, fact.detail)
     _drop(state, campaign, case, fact.token)
     if fact.charged:
-        case.charges.append(f"{fact.reason}: {fact.detail}" if fact.detail else fact.reason)
-    case.alone = fact.alone
-    if not case.live:
-        campaign.backlog.add(case.rig, case.order, case.alone)
+        case.charges += (charge,)
+    if fact.evidence:
+        case.losses += (charge,)
+    if fact.reason == "lost":
+        case.lost += (charge.worker,)
+    case.group = ALONE if fact.alone else fact.group
+    state.groups = max(state.groups, fact.group)
+    _wait(campaign, case)
 
 
 def _case_ended(state: State, fact: CaseEnded) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
-    _expect(case.end is None and not case.live, fact)
-    campaign.backlog.remove(case.rig, case.order, case.alone)
-    _end(campaign, case, fact)
+    _expect(not case.ended, fact)
+    _end(state, campaign, case, fact)
+
+
+def _paused(state: State, fact: Paused) -> None:
+    campaign = state.campaigns[fact.campaign]
+    if not fact.case:
+        campaign.paused = fact.paused
+        return
+    _, case = _find(state, fact.campaign, fact.case)
+    _expect(not case.ended and case.paused != fact.paused, fact)
+    if case.waits:
+        campaign.backlog.remove(case.rig, case.order, case.group)
+    case.paused = fact.paused
+    _wait(campaign, case)
+
+
+def _retried(state: State, fact: Retried) -> None:
+    campaign, case = _find(state, fact.campaign, fact.case)
+    end = case.end
+    _expect(isinstance(end, CaseEnded), fact)
+    assert end is not None
+    name = end_name(end)
+    campaign.ended[name] -= 1
+    if not campaign.ended[name]:
+        del campaign.ended[name]
+    campaign.left += 1
+    state.left += 1
+    campaign.reopen(case.case.batch)
+    case.end, case.charges, case.losses, case.lost = None, (), (), ()
+    case.group, case.paused = SHARED, False
+    _wait(campaign, case)
 
 
 def _late(state: State, fact: LateAttempt) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
     _expect(fact.result.token in case.issued and fact.result.token not in case.live, fact)
-    case.late.append(fact)
+    case.late += (fact,)
     if isinstance(case.end, Committed):
         campaign.disagreements += not agrees(case.end.result, fact.result)
+
+
+def _replied(state: State, fact: Replied) -> None:
+    state.workers[fact.worker].replied = fact
 
 
 def agrees(one: Result, other: Result) -> bool:
@@ -220,11 +297,60 @@ def agrees(one: Result, other: Result) -> bool:
     )
 
 
+def _snapshot(state: State, fact: Snapshot) -> None:
+    if not state.epoch:  # the first fact of a journal
+        restore(state, fact, _submitted)
+    state.tail = -1  # itself is none to be read
+    state.dirty.clear()
+    for campaign in state.campaigns.values():
+        campaign.submitted = None
+
+
 def _seen(state: State, fact: Seen) -> None:
-    state.workers[fact.worker].seen_ns = fact.now_ns
+    worker = state.workers[fact.worker]
+    worker.seen_ns, worker.vanished = fact.now_ns, False
+    if fact.remaining_s is not None:
+        worker.remaining_s = fact.remaining_s
     for token in fact.tokens:
         lease = state.leases[token]
         lease.expiry_ns = fact.until_ns
+        lease.granted_ns = lease.granted_ns or fact.now_ns
         lease.progress = fact.progress.get(token, lease.progress)
     if fact.tokens:
         state.expiry_floor_ns = min(state.expiry_floor_ns, fact.until_ns)
+
+
+def _shortened(state: State, fact: Shortened) -> None:
+    worker = state.workers[fact.worker]
+    worker.vanished = True
+    for token in worker.tokens:
+        lease = state.leases[token]
+        lease.expiry_ns = min(lease.expiry_ns, fact.until_ns)
+    state.expiry_floor_ns = min(state.expiry_floor_ns, fact.until_ns)
+
+
+def _draining(state: State, _: Draining) -> None:
+    state.draining = True
+
+
+_FOLDS: dict[type[Any], Callable[[State, Any], None]] = {
+    EpochRaised: _epoch_raised,
+    Submitted: _submitted,
+    Pinned: _pinned,
+    WorkerJoined: _worker_joined,
+    WorkerLeft: _worker_left,
+    WorkerDraining: _worker_draining,
+    Leased: _leased,
+    Committed: _committed,
+    AttemptEnded: _attempt_ended,
+    CaseEnded: _case_ended,
+    Paused: _paused,
+    Retried: _retried,
+    LateAttempt: _late,
+    Replied: _replied,
+    Snapshot: _snapshot,
+    Seen: _seen,
+    Shortened: _shortened,
+    Draining: _draining,
+}
+_COUNTED = frozenset(_FOLDS) - {Seen, Shortened, Draining, Replied}

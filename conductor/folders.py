@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
-from conductor.outcomes import encode_outcomes, outcomes_of
+from conductor.outcomes import encode_campaign
 from conductor.state import CampaignState, State
 from schemas.campaign import Name
 from schemas.messages import Submit
@@ -27,7 +27,7 @@ CAMPAIGN_FILE = "campaign.yaml"
 _log = logging.getLogger(__name__)
 
 
-def write_atomic(path: Path, data: bytes) -> None:
+def write_atomic(path: Path, data: bytes | bytearray) -> None:
     """Write a file that is complete or absent, also after a power cut."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -52,9 +52,11 @@ class Folders:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._conductor_file: ConductorFile | None = None
-        self._stale: dict[Path, bytes] = {}
+        self._stale: dict[Path, bytes | bytearray] = {}
         """Files to be written, the latest content of each."""
         self._reported: set[Path] = set()
+        self._yaml: dict[str, str] = {}
+        """Campaign -> its file without the head; thousands of values take a while to write."""
 
     def check(self, state: State, request: Submit) -> str:
         """What is wrong with the folder of a submission, in one line, or nothing."""
@@ -100,13 +102,13 @@ class Folders:
     def open_campaign(self, campaign: CampaignState) -> None:
         """A campaign was submitted, or found in the journal, or pinned."""
         out = Path(campaign.out)
-        self._stale[out / CAMPAIGN_FILE] = _campaign_yaml(campaign)
+        self._stale[out / CAMPAIGN_FILE] = self._campaign_yaml(campaign)
         if self._conductor_file is not None:
             self._stale[out / CONDUCTOR_FILE] = msgspec.json.encode(self._conductor_file) + b"\n"
 
     def record(self, campaign: CampaignState) -> None:
         """Write the outcomes as they stand."""
-        self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_outcomes(outcomes_of(campaign))
+        self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)
 
     def flush(self) -> None:
         """Write what is to be written; what fails stays for the next call."""
@@ -134,11 +136,13 @@ class Folders:
             except OSError as error:
                 _log.error("%s", storage_error(error, str(folder / CONDUCTOR_FILE)))
 
-
-def _campaign_yaml(campaign: CampaignState) -> bytes:
-    """The effective campaign; digests stand in comments, so that the file can be submitted."""
-    lines = [f"# campaign digest: {campaign.digest}"]
-    if campaign.pinned:
-        lines.append(f"# software digest: {campaign.software}")
-        lines.append(f"# device class: {campaign.device_class or 'any'}")
-    return ("\n".join(lines) + "\n" + dump_yaml(msgspec.to_builtins(campaign.campaign))).encode()
+    def _campaign_yaml(self, campaign: CampaignState) -> bytes:
+        """The effective campaign; digests stand in comments, so that the file can be submitted."""
+        name = campaign.campaign.campaign
+        if name not in self._yaml:
+            self._yaml[name] = dump_yaml(msgspec.to_builtins(campaign.campaign))
+        lines = [f"# campaign digest: {campaign.digest}"]
+        if campaign.pinned:
+            lines.append(f"# software digest: {campaign.software}")
+            lines.append(f"# device class: {campaign.device_class or 'any'}")
+        return ("\n".join(lines) + "\n" + self._yaml[name]).encode()

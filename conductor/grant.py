@@ -1,11 +1,18 @@
-"""Which waiting cases a worker gets. Fair share, priorities and walltime fit belong here."""
+"""Which waiting cases a worker gets.
+
+Campaigns by priority, among equals the one with the fewest cases under way, then in submission
+order; a running rig is refilled with what fits it, and cases are granted only if they are expected
+to end within the asker's walltime.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from conductor.facts import WorkerJoined
-from conductor.state import CampaignState, CaseState, LiveLease, State
+from conductor.facts import SHARED, WorkerJoined
+from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
 from schemas.messages import Next
 
 
@@ -33,55 +40,169 @@ def mismatches(state: State, worker: WorkerJoined) -> list[str]:
 
 
 def choose(
-    state: State, request: Next, worker: WorkerJoined, held: Sequence[LiveLease]
+    state: State, request: Next, worker: WorkerState, held: Sequence[LiveLease], now_ns: int
 ) -> list[CaseState]:
     """The cases to lease now: one rig key, at most ``request.k``; a case that runs alone is alone.
 
     Args:
         state: after the request's results and released leases were applied.
         request: what the worker asks for.
-        worker: what it said when it joined.
+        worker: the asker.
         held: its live leases.
+        now_ns: the time [ns].
     """
     count = min(request.k, state.config.leases_max)
-    if state.draining or count < 1 or any(lease.alone for lease in held):
+    if (
+        state.draining
+        or worker.draining
+        or count < 1
+        or not state.left
+        or any(lease.alone for lease in held)
+    ):
         return []
-    campaigns = [c for c in state.campaigns.values() if len(c.backlog) and not mismatch(c, worker)]
+    asker = Asker(state, request, worker, now_ns)
+    ranked = sorted((c for c in state.campaigns.values() if asker.may_run(c)), key=rank)
     if request.held:
-        # The rig is running: only cases that fit it, whatever else waits.
-        case = state.case(held[0].key) if held else None
-        rig = case.rig if case else request.rig
-        return _fill(state, campaigns, rig, count)
-    first = _first(state, campaigns, request.rig) if request.rig else None
-    first = first or _first(state, campaigns, None)
+        return _refill(asker, ranked, held, count)
+    first = _sticky(asker, ranked) if request.rig else None
+    if first is None:
+        first = next((hit for c in ranked if (hit := asker.first(c, None)) is not None), None)
     if first is None:
         return []
-    return [first] if first.alone else _fill(state, campaigns, first.rig, count)
+    return [first] if first.alone else _fill(asker, ranked, first.rig, first.group, count)
 
 
-def _first(state: State, campaigns: Sequence[CampaignState], rig: str | None) -> CaseState | None:
-    for campaign in campaigns:
-        found = campaign.backlog.first(rig, with_alone=True)
-        if found is not None and _in_batch(state, campaign, campaign.ordered[found[0]]):
-            return campaign.ordered[found[0]]
-    return None
+def rank(campaign: CampaignState) -> tuple[int, int, int]:
+    """Priority, then fewest cases under way, then submission order."""
+    return -campaign.priority, campaign.leased, campaign.order
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """A worker that asks for cases, and what it may have."""
+
+    state: State
+    request: Next
+    worker: WorkerState
+    now_ns: int
+
+    def may_run(self, campaign: CampaignState) -> bool:
+        """Cases of the campaign wait, and nothing about this worker forbids them."""
+        return (
+            bool(len(campaign.backlog))
+            and not campaign.paused
+            and not mismatch(campaign, self.worker.joined)
+            and fits(self.state.config, campaign, self.request.remaining_s)
+        )
+
+    def first(self, campaign: CampaignState, rig: str | None) -> CaseState | None:
+        """The first waiting case that it may have; ``rig`` None: of any rig key."""
+        found = campaign.backlog.first(
+            rig, lambda order: self.usable(campaign, campaign.ordered[order])
+        )
+        return campaign.ordered[found[0]] if found is not None else None
+
+    def usable(self, campaign: CampaignState, case: CaseState) -> bool:
+        """The case's batch is open, and no other worker should try it instead."""
+        if self.state.config.by_batch and case.case.batch != campaign.lowest_batch():
+            return False
+        return not case.charges or not avoids(self.state, campaign, case, self.worker, self.now_ns)
+
+
+def avoids(
+    state: State, campaign: CampaignState, case: CaseState, worker: WorkerState, now_ns: int
+) -> bool:
+    """The last charge must not come from the worker of all others, while there is another one.
+
+    Otherwise one broken node would put good cases into quarantine.
+    """
+    name = worker.joined.worker
+    if len(case.charges) + 1 < campaign.campaign.attempts_max:
+        return False
+    if any(charge.worker != name for charge in case.charges):
+        return False
+    return any(
+        other is not worker
+        and not other.draining
+        and present(state, other, now_ns)
+        and not mismatch(campaign, other.joined)
+        for other in state.workers.values()
+    )
+
+
+def present(state: State, worker: WorkerState, now_ns: int) -> bool:
+    """Spoke within a time to live; a silent worker is still welcome when it comes back."""
+    return not worker.vanished and now_ns - worker.seen_ns < state.config.ttl_ns
+
+
+def fits(config: Config, campaign: CampaignState, remaining_s: float | None) -> bool:
+    """Whether a case ends before the asker's walltime, as far as is known."""
+    if remaining_s is None:
+        return True
+    estimate_s = campaign.durations.p95_s() or 0.0
+    return estimate_s + config.walltime_margin_s < remaining_s
+
+
+def _refill(
+    asker: Asker, ranked: Sequence[CampaignState], held: Sequence[LiveLease], count: int
+) -> list[CaseState]:
+    """The rig is running: only cases that fit it, unless others are due to have it."""
+    case = asker.state.case(held[0].key) if held else None
+    rig = case.rig if case else asker.request.rig
+    group = held[0].group if held else SHARED
+    if group == SHARED and _must_yield(asker, ranked, rig, held):
+        return []
+    return _fill(asker, ranked, rig, group, count)
+
+
+def _sticky(asker: Asker, ranked: Sequence[CampaignState]) -> CaseState | None:
+    """A case that spares an idle rig the restart."""
+    rig = asker.request.rig
+    if _must_yield(asker, ranked, rig, ()):
+        return None
+    return next((hit for c in ranked if (hit := asker.first(c, rig)) is not None), None)
+
+
+def _must_yield(
+    asker: Asker, ranked: Sequence[CampaignState], rig: str, held: Sequence[LiveLease]
+) -> bool:
+    """Whether the rig should run dry for a campaign that it does not fit.
+
+    One of a higher priority is due; among equals, one that would still have fewer cases under way
+    with this worker than the others without it.
+    """
+    if len(ranked) < 2:
+        return False
+    best = next((c for c in ranked if rig in c.backlog.lanes), None)
+    if best is None:
+        return False
+    own = sum(lease.key[0] == best.campaign.campaign for lease in held)
+    slots = asker.worker.joined.slots
+    for other in ranked:
+        if other is best or rig in other.backlog.lanes or other.priority < best.priority:
+            continue
+        due = other.priority > best.priority or other.leased + slots <= best.leased - own
+        if due and asker.first(other, None) is not None:
+            return True
+    return False
 
 
 def _fill(
-    state: State, campaigns: Sequence[CampaignState], rig: str, count: int
+    asker: Asker, ranked: Sequence[CampaignState], rig: str, group: int, count: int
 ) -> list[CaseState]:
+    """Up to ``count`` cases of one lane, each from the campaign that is due."""
     cases: list[CaseState] = []
-    for campaign in campaigns:
-        cases += _waiting(state, campaign, rig, count - len(cases))
+    lanes = [(rank(c), c, c.backlog.take(rig, group)) for c in ranked]
+    heap = [(place, index) for index, (place, _, _) in enumerate(lanes)]
+    heapq.heapify(heap)
+    while heap and len(cases) < count:
+        (priority, leased, order), index = heap[0]
+        _, campaign, lane = lanes[index]
+        position = next(lane, None)
+        # Batches are labelled in submission order: the rest of the lane is later still.
+        if position is None or not asker.usable(campaign, campaign.ordered[position]):
+            heapq.heappop(heap)
+            continue
+        cases.append(campaign.ordered[position])
+        heapq.heapreplace(heap, ((priority, leased + 1, order), index))
     return cases
-
-
-def _waiting(state: State, campaign: CampaignState, rig: str, count: int) -> Iterator[CaseState]:
-    for order in campaign.backlog.take(rig, count):
-        if not _in_batch(state, campaign, campaign.ordered[order]):
-            return  # batches are labelled in submission order: the rest is later still
-        yield campaign.ordered[order]
-
-
-def _in_batch(state: State, campaign: CampaignState, case: CaseState) -> bool:
-    return not state.config.by_batch or case.case.batch == min(campaign.open_batches)

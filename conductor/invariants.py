@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from conductor.facts import Committed
+from conductor.facts import ALONE, SHARED, Committed
 from conductor.fold import end_name
 from conductor.state import CampaignState, CaseState, State
 
-LIVE_MAX = 1
+LIVE_MAX = 2
 """Most live tokens of one case."""
 
 
@@ -28,29 +28,46 @@ def check(state: State) -> None:
         _that(worker_id not in state.departed, f"worker {worker_id} left and is here")
         leases = [state.leases[token] for token in worker.tokens]
         _that(all(lease.worker == worker_id for lease in leases), "a lease of another worker")
-        alone = [lease for lease in leases if lease.alone]
-        _that(not alone or len(leases) == 1, f"worker {worker_id} holds more than a lone lease")
+        groups = {lease.group for lease in leases}
+        _that(len(groups) <= 1, f"worker {worker_id} mixes groups {groups}")
+        _that(groups != {ALONE} or len(leases) == 1, f"worker {worker_id} holds two lone leases")
+        _check_group(state, worker_id, groups)
+    _that(state.left == sum(c.left for c in state.campaigns.values()), "cases left")
     for token, lease in state.leases.items():
         _that(token == lease.token and token >> 32 <= state.epoch, f"token {token} of the future")
         _that(lease.expiry_ns >= state.expiry_floor_ns or not lease.expiry_ns, "expiry floor")
 
 
+def _check_group(state: State, worker_id: str, groups: set[int]) -> None:
+    """Suspects share a rig with their own half only."""
+    for token in state.workers[worker_id].tokens:
+        lease = state.leases[token]
+        case = state.case(lease.key)
+        _that(case is not None and token in case.live, f"token {token} of no case")
+        _that(groups == {SHARED} or not lease.speculative, f"suspect {lease.key} runs twice")
+
+
 def _check_campaign(name: str, campaign: CampaignState) -> None:
-    waiting: dict[tuple[str, bool], list[int]] = {}
+    waiting: dict[str, dict[int, list[int]]] = {}
     ended: Counter[str] = Counter()
     open_batches: Counter[int] = Counter()
     for order, case in enumerate(campaign.ordered):
         _that(campaign.cases[case.case.id] is case and case.order == order, f"{name}: order")
         _check_case(case, campaign.campaign.attempts_max)
-        if case.end is None:
+        end = case.end
+        if end is None:
             open_batches[case.case.batch] += 1
-            if not case.live:
-                waiting.setdefault((case.rig, case.alone), []).append(order)
+            if case.waits:
+                waiting.setdefault(case.rig, {}).setdefault(case.group, []).append(-order)
         else:
-            ended[end_name(case.end)] += 1
-    queues = {(rig, False): queue for rig, queue in campaign.backlog.shared.items()}
-    queues |= {(rig, True): queue for rig, queue in campaign.backlog.alone.items()}
-    _that(queues == waiting, f"{name}: the backlog is not the waiting cases")
+            ended[end_name(end)] += 1
+    lanes = {r: {g: q[::-1] for g, q in groups.items()} for r, groups in waiting.items()}
+    _that(campaign.backlog.lanes == lanes, f"{name}: the backlog is not the waiting cases")
+    count = sum(len(lane) for groups in lanes.values() for lane in groups.values())
+    _that(len(campaign.backlog) == count, f"{name}: length of the backlog")
+    _that(campaign.left == len(campaign.ordered) - sum(ended.values()), f"{name}: left")
+    committed = sum(isinstance(case.end, Committed) for case in campaign.ordered)
+    _that(campaign.durations.total == committed, f"{name}: durations")
     _that(campaign.ended == dict(ended), f"{name}: counts of ended cases")
     _that(campaign.open_batches == dict(open_batches), f"{name}: open batches")
     _that(campaign.leased == sum(bool(c.live) for c in campaign.ordered), f"{name}: leased")
@@ -62,10 +79,11 @@ def _check_case(case: CaseState, attempts_max: int) -> None:
     name = case.case.id
     _that(len(case.live) <= LIVE_MAX, f"{name}: {len(case.live)} live tokens")
     _that(set(case.live) <= set(case.issued), f"{name}: a token that was never issued")
-    _that(case.issued == sorted(set(case.issued)), f"{name}: tokens do not grow")
-    _that(len(case.charges) <= attempts_max, f"{name}: too many charges")
-    if case.end is not None:
+    _that(list(case.issued) == sorted(set(case.issued)), f"{name}: tokens do not grow")
+    _that(len(case.charges) < attempts_max + LIVE_MAX, f"{name}: too many charges")
+    if case.ended:
         _that(not case.live, f"{name}: ended and leased")
+        _that(not case.waits, f"{name}: ended and waiting")
     elif not case.live:
         _that(len(case.charges) < attempts_max, f"{name}: waits after its last charge")
     if isinstance(case.end, Committed):

@@ -8,47 +8,58 @@ memory file, so the folder may lie on a network file system.
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from conductor.facts import Durable, Fact, Replied, WorkerLeft, is_durable
+import msgspec
+
+from conductor.facts import Durable, Fact, Image, Replied, Snapshot, WorkerLeft, is_durable
+from conductor.owner import Claim, FolderLockedError, Owner, TakenOverError, this_process
 from schemas.wire import WireError, decode, encode
 from twin.fabric.errors import InfrastructureError, UsageError
 
-VERSION = 1
-"""Layout of the tables and facts."""
+VERSION = 2
+"""Layout of the tables and facts. 1: no snapshots. Older ones are brought forward when opened."""
 
 FACT_BYTES_MAX = 1 << 30
 """Largest fact [bytes]: a campaign of the largest number of cases."""
 
 FILE_NAME = "conductor.db"
+STALE_S = 45.0
+"""Three times the time to live of a lease: by then the workers of a dead conductor are idle [s]."""
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS facts (
     id INTEGER PRIMARY KEY, unix_s REAL NOT NULL, fact BLOB NOT NULL
 );
+CREATE TABLE IF NOT EXISTS snapshot (key TEXT PRIMARY KEY, image BLOB NOT NULL);
 CREATE TABLE IF NOT EXISTS replies (
     worker TEXT PRIMARY KEY, seq INTEGER NOT NULL, reply BLOB NOT NULL
 );
 """
 
 
+__all__ = ["FolderLockedError", "Journal", "JournalError", "TakenOverError"]
+
+
 class JournalError(InfrastructureError):
     """The storage refused; nothing of the failed call was written. One line."""
-
-
-class FolderLockedError(UsageError):
-    """Another process has the journal open."""
 
 
 class Journal:
     """The journal of one state folder, opened for writing."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, stale_s: float = STALE_S, owner: Owner | None = None) -> None:
         """Open or create the journal, and lock it.
+
+        Args:
+            folder: state folder.
+            stale_s: silence after which the conductor of another host is taken for dead [s].
+            owner: who opens it; this process if left out.
 
         Raises:
             FolderLockedError: another conductor has it open.
@@ -56,6 +67,21 @@ class Journal:
             JournalError: storage error.
         """
         self.path = folder / FILE_NAME
+        self._claim = Claim(folder, owner or this_process(), stale_s)
+        obstacle = self._claim.obstacle()
+        if obstacle:
+            raise FolderLockedError(f"{self.path}: in use by another conductor {obstacle}")
+        try:
+            self._connect()
+        except FolderLockedError:
+            if not self._claim.of_another_host():
+                raise
+            # The lock of a host that died; its conductor was silent for too long.
+            self._claim.take()
+            self._leave_locked_file()
+            self._connect()
+
+    def _connect(self) -> None:
         try:
             self._connection = sqlite3.connect(
                 self.path, timeout=0.0, isolation_level=None, check_same_thread=False
@@ -76,16 +102,23 @@ class Journal:
 
         Raises:
             JournalError: nothing was written; a later call may succeed.
+            TakenOverError: nothing was written, and nothing ever will be.
         """
         durable = [fact for fact in facts if is_durable(fact)]
         if not durable:
+            if self._claim.due():
+                self._claim.check()
             return
         now_s = time.time()
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             for fact in durable:
                 self._write(fact, now_s)
+            self._claim.check()
             self._connection.execute("COMMIT")
+        except TakenOverError:
+            self._rollback()
+            raise
         except sqlite3.Error as error:
             self._rollback()
             raise JournalError(
@@ -109,12 +142,18 @@ class Journal:
             ) from None
 
     def fold(self) -> Iterator[Fact]:
-        """All facts in the order they were appended, then each worker's latest reply.
+        """The latest snapshot, the facts after it in order, then each worker's latest reply.
 
         Raises:
             JournalError: the file is damaged.
+            TakenOverError: another conductor writes it now.
         """
+        self._claim.check()
         try:
+            images = [Image(*row) for row in self._connection.execute("SELECT * FROM snapshot")]
+            if images:
+                yield Snapshot(images=images)
+                del images
             for row, data in self._connection.execute("SELECT id, fact FROM facts ORDER BY id"):
                 yield self._decode(data, f"fact {row}")
             for worker, data in self._connection.execute("SELECT worker, reply FROM replies"):
@@ -124,6 +163,7 @@ class Journal:
 
     def close(self) -> None:
         """Release the lock; the file is complete at any time, also without this call."""
+        self._claim.release()
         with contextlib.suppress(sqlite3.Error):
             self._connection.close()
 
@@ -138,11 +178,38 @@ class Journal:
         execute("INSERT OR IGNORE INTO meta VALUES ('version', ?)", (str(VERSION),))
         execute("COMMIT")
         (version,) = execute("SELECT value FROM meta WHERE name = 'version'").fetchone()
-        if version != str(VERSION):
+        if version == "1":
+            # Facts of version 1 lack fields that have defaults; the new table is there by now.
+            execute("UPDATE meta SET value = ? WHERE name = 'version'", (str(VERSION),))
+        elif version != str(VERSION):
             raise UsageError(
                 f"{self.path}: written by version {version} of the journal, this program knows "
                 f"{VERSION}; choose another folder or the program that wrote it"
             )
+
+        self._claim_folder()
+
+    def _claim_folder(self) -> None:
+        try:
+            self._claim.take()
+        except OSError as error:
+            raise UsageError(f"{self.path}: {error.strerror}; choose another folder") from None
+        self._connection.execute(
+            "INSERT OR REPLACE INTO meta VALUES ('owner', ?)",
+            (msgspec.json.encode(self._claim.me).decode(),),
+        )
+
+    def _leave_locked_file(self) -> None:
+        """Go on with a copy: whoever still holds the old file's lock writes where nobody reads.
+
+        A crash in between leaves the new file beside the old log, which are the same bytes.
+        """
+        for suffix in ("", "-wal"):
+            path = self.path.with_name(self.path.name + suffix)
+            copy = path.with_name(f".{path.name}.{self._claim.me.id}.tmp")
+            if path.exists():
+                shutil.copyfile(path, copy)
+                copy.replace(path)
 
     def _write(self, fact: Fact, now_s: float) -> None:
         if isinstance(fact, Replied):
@@ -150,6 +217,13 @@ class Journal:
                 "INSERT OR REPLACE INTO replies VALUES (?, ?, ?)",
                 (fact.worker, fact.seq, encode(fact)),
             )
+            return
+        if isinstance(fact, Snapshot):
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO snapshot VALUES (?, ?)",
+                ((image.key, image.data) for image in fact.images),
+            )
+            self._connection.execute("DELETE FROM facts")
             return
         if isinstance(fact, WorkerLeft):
             self._connection.execute("DELETE FROM replies WHERE worker = ?", (fact.worker,))

@@ -48,7 +48,7 @@ class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the committed attempt."""
     attempts: int = 0
     charges: list[str] = []
-    """Why attempts were charged to the case."""
+    """Why attempts were charged to the case, and on which worker."""
     kpi_sha256: str = ""
     manifest_sha256: str = ""
     device_class: str = ""
@@ -76,9 +76,36 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     cases: dict[str, CaseOutcome]
 
 
+def encode_campaign(campaign: CampaignState) -> bytearray:
+    """The outcomes as they stand as JSON, a line per case; never all cases in memory at once."""
+    ends = (case.end for case in campaign.ordered)
+    classes = {end.device_class for end in ends if isinstance(end, Committed)}
+    head = msgspec.structs.replace(
+        _head(campaign), device_classes=sorted(classes - {""}), complete=not campaign.left
+    )
+    text = bytearray(msgspec.json.format(msgspec.json.encode(head), indent=1))
+    start = text.rindex(b"{") + 1  # of the cases, which come last
+    after = bytes(text[start:])
+    del text[start:]
+    for number, (name, case) in enumerate(campaign.cases.items()):
+        text += b",\n  " if number else b"\n  "
+        text += msgspec.json.encode(name) + b": " + msgspec.json.encode(_case(case))
+    text += b"\n " + after.lstrip() + b"\n"
+    return text
+
+
 def outcomes_of(campaign: CampaignState) -> Outcomes:
     """The outcomes as they stand."""
     cases = {name: _case(case) for name, case in campaign.cases.items()}
+    return msgspec.structs.replace(
+        _head(campaign),
+        device_classes=sorted({c.device_class for c in cases.values() if c.device_class}),
+        complete=not campaign.left,
+        cases=cases,
+    )
+
+
+def _head(campaign: CampaignState) -> Outcomes:
     return Outcomes(
         campaign=campaign.campaign.campaign,
         digest=campaign.digest,
@@ -86,9 +113,9 @@ def outcomes_of(campaign: CampaignState) -> Outcomes:
         simulator=campaign.campaign.simulator,
         software=campaign.software,
         device=campaign.campaign.device,
-        device_classes=sorted({c.device_class for c in cases.values() if c.device_class}),
-        complete=not campaign.left,
-        cases=cases,
+        device_classes=[],
+        complete=False,
+        cases={},
     )
 
 
@@ -123,7 +150,9 @@ def read_outcomes(folder: Path) -> Outcomes:
 
 def _case(case: CaseState) -> CaseOutcome:
     end = case.end
-    common = CaseOutcome(outcome="", attempts=len(case.issued), charges=case.charges)
+    common = CaseOutcome(
+        outcome="", attempts=len(case.issued), charges=[str(charge) for charge in case.charges]
+    )
     if end is None:
         return common
     result = end.result if isinstance(end, Committed) else None

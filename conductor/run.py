@@ -90,7 +90,11 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
             _execute(campaign, options, cases, console)
             result = _conclude(campaign, options)
         except Interrupted as stop:
-            console.print(f"stopped by {stop}; the same command goes on: {again()}", markup=False)
+            console.print(
+                f"stopped by {stop}; the same command goes on: {again()}",
+                markup=False,
+                soft_wrap=True,
+            )
             return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
     outcomes, digest = result
     return _tell(campaign, options, outcomes, digest, time.monotonic() - started)
@@ -113,11 +117,17 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
             raise UsageError(reply.error)
         row = _row(conductor, campaign)
         if not row["left"]:
-            console.print(f"{options.out}: all {cases} cases have ended already", markup=False)
+            console.print(
+                f"{options.out}: all {cases} cases have ended already", markup=False, soft_wrap=True
+            )
             return
         if row["left"] < cases:
             done = cases - row["left"]
-            console.print(f"{options.out}: going on, {done} of {cases} cases done", markup=False)
+            console.print(
+                f"{options.out}: going on, {done} of {cases} cases done",
+                markup=False,
+                soft_wrap=True,
+            )
         _check_software(row, options)
         count = _worker_count(options, row["left"])
         try:
@@ -151,7 +161,11 @@ def _wait(
     conductor: Conductor, campaign: Campaign, workers: LocalWorkers, console: Console
 ) -> None:
     if not workers.count:
-        console.print(f"waiting for workers: twin worker --state {conductor.folder}", markup=False)
+        console.print(
+            f"waiting for workers: twin worker --state {conductor.folder}",
+            markup=False,
+            soft_wrap=True,
+        )
     storage = ""
     told: list[str] = []
     with _progress(console) as progress:
@@ -173,11 +187,11 @@ def _wait(
             for line in found["notes"]:
                 if line not in told:
                     told.append(line)
-                    progress.console.print(line, markup=False)
+                    progress.console.print(line, markup=False, soft_wrap=True)
             if found["notes"] and not row["leased"] and len(found["notes"]) >= workers.count > 0:
                 raise UsageError("no worker may run what is left; see the lines above")
             for line in workers.look():
-                progress.console.print(line, markup=False)
+                progress.console.print(line, markup=False, soft_wrap=True)
             if workers.died > RESTARTS_MAX:
                 raise InfrastructureError(
                     f"{workers.died} workers died one after the other; see {workers.folder}/logs"

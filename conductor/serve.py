@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import signal
 import threading
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from conductor.shell import Conductor
@@ -12,12 +15,30 @@ from conductor.state import Config
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
 
 
-def serve_folder(folder: Path, listen: str, namespace: str, *, by_batch: bool) -> int:
-    """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code."""
+def serve_folder(
+    folder: Path,
+    listen: str,
+    namespace: str,
+    *,
+    by_batch: bool = False,
+    ttl_s: float | None = None,
+    metrics: str = "",
+) -> int:
+    """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
+
+    Args:
+        folder: state folder.
+        listen: endpoint.
+        namespace: prefix of every key.
+        by_batch: run a campaign's batches one after the other.
+        ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
+        metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
+    """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
-    conductor = Conductor(
-        folder, listen=listen, namespace=namespace, config=Config(by_batch=by_batch)
-    )
+    config = Config(by_batch=by_batch)
+    if ttl_s is not None:
+        config = replace(config, ttl_ns=int(ttl_s * 1e9))
+    conductor = Conductor(folder, listen=listen, namespace=namespace, config=config)
     received: list[int] = []
 
     def on_signal(number: int, _frame: object) -> None:
@@ -27,11 +48,24 @@ def serve_folder(folder: Path, listen: str, namespace: str, *, by_batch: bool) -
     signal.signal(signal.SIGTERM, on_signal)
     signal.signal(signal.SIGINT, on_signal)
     threading.Thread(target=_announce, args=(conductor, namespace), daemon=True).start()
-    conductor.serve()
+    with _metrics(metrics, conductor):
+        conductor.serve()
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
     left = any(c["left"] for c in conductor.snapshot().get("campaigns", {}).values())
     return EXIT_UNFINISHED if left else EXIT_PASS
+
+
+@contextlib.contextmanager
+def _metrics(address: str, conductor: Conductor) -> Iterator[None]:
+    if not address:
+        yield
+        return
+    from conductor.metrics import serving_metrics
+
+    with serving_metrics(address, conductor.snapshot) as url:
+        print(f"metrics at {url}", flush=True)
+        yield
 
 
 def _announce(conductor: Conductor, namespace: str) -> None:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from conductor.facts import AttemptEnded, CaseEnded, Committed, LateAttempt
-from conductor.lease import POLICIES, expired, next_expiry_ns
-from conductor.state import LiveLease
+from collections.abc import Sequence
+
+from conductor.facts import ALONE, AttemptEnded, CaseEnded, Charge, Committed, LateAttempt
+from conductor.lease import POLICIES, expired, first_expiry_ns
+from conductor.state import CaseState, LiveLease, State
 from conductor.turn import Turn
 from schemas.messages import Release, Result
 
 DETAIL_CHARS_MAX = 2000
 """Longest reason kept of an attempt [characters]."""
+LOSSES_ANYWAY = 4
+"""So many times the usual number of losses quarantine a case even if others died as well."""
 
 
 def expire(turn: Turn) -> None:
     """Leases whose time is over are lost."""
     over = expired(turn.state, turn.now_ns)
+    by_worker: dict[str, list[LiveLease]] = {}
     for lease in over:
-        end_attempt(turn, lease, "lost", "no sign of life from the worker")
+        by_worker.setdefault(lease.worker, []).append(lease)
+    for worker, leases in by_worker.items():
+        _lose(turn, worker, leases)
     if over or turn.now_ns >= turn.state.expiry_floor_ns:
-        turn.state.expiry_floor_ns = next_expiry_ns(turn.state)
+        turn.state.expiry_floor_ns = first_expiry_ns(turn.state)
 
 
 def commit(turn: Turn, result: Result, worker: str) -> bool:
@@ -56,25 +63,105 @@ def commit(turn: Turn, result: Result, worker: str) -> bool:
 
 def end_attempt(turn: Turn, lease: LiveLease, reason: Release, detail: str) -> None:
     """The lease ends without a result; the last charge ends the case as well."""
+    policy = POLICIES[reason]
+    case = turn.state.campaigns[lease.key[0]].cases[lease.key[1]]
+    group = ALONE if policy.alone else case.group
+    _emit_end(turn, lease, reason, detail, group)
+
+
+def end_suspects(turn: Turn, leases: Sequence[LiveLease], reason: Release, detail: str) -> None:
+    """The cases of one rig that died: uncharged, and leased again in two halves.
+
+    A half shares its next rig with nobody else, so that the guilty case dies alone in the end and
+    is the only one that is charged.
+    """
+    middle = (len(leases) + 1) // 2
+    for half in (leases[:middle], leases[middle:]):
+        group = turn.state.groups + 1 if len(half) > 1 else ALONE
+        for lease in half:
+            _emit_end(turn, lease, reason, detail, group, evidence=reason == "lost")
+
+
+def _lose(turn: Turn, worker: str, leases: list[LiveLease]) -> None:
+    """A worker fell silent; if it alone did, what it ran may be the reason."""
+    state = turn.state
+    whole = len(leases) == len(state.workers[worker].tokens)
+    vanished = state.workers[worker].vanished
+    detail = "its session vanished" if vanished else "no sign of life from the worker"
+    cases = [state.campaigns[lease.key[0]].cases[lease.key[1]] for lease in leases]
+    # Those that died with one of these cases are no alibi for it.
+    apart = {worker}.union(*(case.lost for case in cases))
+    if whole and _others_live(state, apart, turn.now_ns):
+        end_suspects(turn, leases, "lost", detail)
+    else:
+        for lease in leases:
+            end_attempt(turn, lease, "lost", detail)
+    if whole and len(leases) == 1:
+        _judge_loss(turn, leases[0])
+
+
+def _others_live(state: State, apart: set[str], now_ns: int) -> bool:
+    """No other worker fell silent of late: a storm, a dead node, the end of an allocation."""
+    for name, other in state.workers.items():
+        silent_ns = now_ns - other.seen_ns
+        if name in apart or silent_ns > 3 * state.config.ttl_ns:
+            continue
+        if other.vanished or 2 * silent_ns > state.config.ttl_ns:
+            return False
+    return True
+
+
+def _emit_end(
+    turn: Turn, lease: LiveLease, reason: Release, detail: str, group: int, evidence: bool = False
+) -> None:
     campaign = turn.state.campaigns[lease.key[0]]
     case = campaign.cases[lease.key[1]]
-    policy = POLICIES[reason]
     turn.emit(
         AttemptEnded(
             campaign=lease.key[0],
             case=lease.key[1],
             token=lease.token,
             reason=reason,
-            charged=policy.charged,
-            alone=policy.alone or case.alone,
+            charged=POLICIES[reason].charged,
+            alone=group == ALONE,
             detail=detail[:DETAIL_CHARS_MAX],
+            group=group,
+            evidence=evidence,
         )
     )
     if not case.live and len(case.charges) >= campaign.campaign.attempts_max:
-        count = len(case.charges)
-        text = (
-            f"{count} charged attempt{'s' if count > 1 else ''}, the last one: {case.charges[-1]}"
+        _quarantine(turn, lease, case, _told("charged attempt", case.charges))
+
+
+def _judge_loss(turn: Turn, lease: LiveLease) -> None:
+    """Workers are killed for many reasons: one or two that died with a case prove nothing."""
+    campaign = turn.state.campaigns[lease.key[0]]
+    case = campaign.cases[lease.key[1]]
+    if case.live or case.ended:
+        return
+    least = max(campaign.campaign.attempts_max, turn.state.config.losses_min)
+    if len({loss.worker for loss in case.losses}) >= least:
+        _quarantine(turn, lease, case, _told("loss", case.losses, "losses"))
+    elif len(case.lost) >= LOSSES_ANYWAY * least:
+        _quarantine(turn, lease, case, f"lost with its worker {len(case.lost)} times")
+
+
+def _quarantine(turn: Turn, lease: LiveLease, case: CaseState, text: str) -> None:
+    turn.emit(
+        CaseEnded(
+            campaign=lease.key[0],
+            case=lease.key[1],
+            outcome="unresolved",
+            reason=f"quarantined: {text}",
+            evidence=[*case.charges, *case.losses],
         )
-        turn.emit(
-            CaseEnded(campaign=lease.key[0], case=lease.key[1], outcome="unresolved", reason=text)
-        )
+    )
+
+
+def _told(one: str, charges: Sequence[Charge], many: str = "") -> str:
+    workers = len({charge.worker for charge in charges})
+    noun = one if len(charges) == 1 else many or f"{one}s"
+    return (
+        f"{len(charges)} {noun} on {workers} worker{'s' if workers > 1 else ''}, "
+        f"the last one: {charges[-1]}"
+    )

@@ -17,25 +17,34 @@ from typing import Any
 
 import msgspec
 
-from conductor.engine import Engine, Message, Turn
-from conductor.facts import CaseEnded, Committed, Fact, Pinned, Replied, Submitted, is_durable
+from conductor.engine import Engine, Turn
+from conductor.facts import (
+    CaseEnded,
+    Committed,
+    Fact,
+    Pinned,
+    Replied,
+    Snapshot,
+    Submitted,
+    is_durable,
+)
 from conductor.folders import Folders
+from conductor.inbox import Inbox, Item
 from conductor.journal import FolderLockedError, Journal
 from conductor.state import Config
 from conductor.status import status
-from schemas import SCHEMA_VERSION, topics
+from conductor.timed_store import TimedStore
+from schemas import topics
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
-from twin.fabric.bus import Bus, Respond
+from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
 
-GROUP_MAX = 64
-"""Most messages in one transaction."""
-INBOX_MAX = 10_000
-"""Most messages waiting for their turn; more are refused and asked again."""
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
+FROZEN_MIN_S = 1.0
+"""The loop was frozen when a turn of it took longer than this, and than ttl/4 [s]."""
 LINGER_S = 5.0
 """After draining, how long workers are given to hear of it and say bye [s]."""
 
@@ -77,13 +86,10 @@ class Conductor:
         self.endpoint = ""
         """Where it listens, once started."""
         self.started = threading.Event()
-        self.refused = 0
-        """Requests turned away because too many were waiting."""
         self._listen = listen
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
-        # Reentrant, so that a signal handler may call stop() in the middle of a get().
-        self._inbox: queue.SimpleQueue[tuple[Message, Respond] | None] = queue.SimpleQueue()
+        self._inbox = Inbox()
         self._folders = Folders(self.folder)
         self._lock = threading.Lock()
         self._stopping = False
@@ -101,6 +107,8 @@ class Conductor:
         try:
             self.startup()
             self.main_loop()
+            assert self._engine is not None
+            self._engine.close()
         finally:
             self.shutdown()
 
@@ -118,10 +126,17 @@ class Conductor:
             raise UsageError(
                 f"{error}{owner}; stop it with `conductor stop` or choose another folder"
             ) from None
-        self._engine = Engine(self._journal, self._config, time.monotonic_ns(), self._check_folder)
+        self._store = TimedStore(self._journal)
+        self._engine = Engine(
+            self._store,
+            self._config,
+            time.monotonic_ns(),
+            self._check_folder,
+            lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
+        )
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
-        self._bus.serve(topics.RPC.key, self._receive)
+        self._bus.serve(topics.RPC.key, self._inbox.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
         self._folders.announce(
             ConductorFile(
@@ -138,9 +153,17 @@ class Conductor:
 
     def main_loop(self) -> None:
         """Serve until :meth:`stop`, or until a drain has come to its end."""
+        assert self._engine is not None
+        frozen_ns = max(self._config.ttl_ns // 4, int(FROZEN_MIN_S * 1e9))
+        before_ns = time.monotonic_ns()
         while not self._stopping:
-            group = self._group()
+            group = self._inbox.group(self._patience_s())
+            now_ns = time.monotonic_ns()
             with self._lock:
+                if now_ns - before_ns > frozen_ns:
+                    _log.warning("stood still for %.1f s", (now_ns - before_ns) / 1e9)
+                    self._engine.woke(now_ns)
+                before_ns = now_ns
                 turn = self._turn(group)
                 self._keep_files(turn.facts)
             self._answer(group, turn)
@@ -164,7 +187,7 @@ class Conductor:
         May be called from any thread and from a signal handler.
         """
         self._stopping = True
-        self._inbox.put(None)
+        self._inbox.wake()
 
     def request(self, request: Request, timeout_s: float = 60.0) -> Reply:
         """Ask from inside the process, as a client on the bus would.
@@ -173,7 +196,7 @@ class Conductor:
             InfrastructureError: no answer in time.
         """
         answers: queue.Queue[bytes] = queue.Queue()
-        self._receive(encode(request), answers.put)
+        self._inbox.receive(encode(request), answers.put)
         try:
             return decode(answers.get(timeout=timeout_s), Reply)
         except queue.Empty:
@@ -189,36 +212,16 @@ class Conductor:
         with self._lock:
             if self._engine is None:
                 return {}
-            found = status(self._engine.state, time.monotonic_ns())
-            counters = self._engine.counters
-            found["storage_error"] = self._engine.storage_error
-            found["counters"] = {
-                name: getattr(counters, name) for name in counters.__dataclass_fields__
-            }
-            return found
+            return status(self._engine.state, time.monotonic_ns()) | self._engine.health()
 
     # --- the loop, step by step -----------------------------------------------------------------
-
-    def _group(self) -> list[tuple[Message, Respond]]:
-        """Wait for messages; up to GROUP_MAX of those that are there."""
-        group = []
-        try:
-            item = self._inbox.get(timeout=self._patience_s())
-            while item is not None:
-                group.append(item)
-                if len(group) == GROUP_MAX:
-                    break
-                item = self._inbox.get_nowait()
-        except queue.Empty:
-            pass
-        return group
 
     def _patience_s(self) -> float:
         assert self._engine is not None
         until_s = (self._engine.next_expiry_ns() - time.monotonic_ns()) / 1e9
         return min(max(until_s, 0.001), IDLE_S)
 
-    def _turn(self, group: list[tuple[Message, Respond]]) -> Turn:
+    def _turn(self, group: list[Item]) -> Turn:
         assert self._engine is not None
         if group:
             return self._engine.turn([message for message, _ in group])
@@ -240,7 +243,7 @@ class Conductor:
                 self._folders.record(campaigns[name])
         self._folders.flush()
 
-    def _answer(self, group: list[tuple[Message, Respond]], turn: Turn) -> None:
+    def _answer(self, group: list[Item], turn: Turn) -> None:
         for (_, respond), reply in zip(group, turn.replies, strict=False):
             if reply is None:
                 continue
@@ -251,8 +254,10 @@ class Conductor:
 
     def _publish(self, facts: list[Fact]) -> None:
         assert self._bus is not None
+        if not facts or not self._bus.wanted(topics.EVENT.key):
+            return
         for fact in facts:
-            if not is_durable(fact) or isinstance(fact, Replied):
+            if not is_durable(fact) or isinstance(fact, Replied | Snapshot):
                 continue
             # The cases of a large campaign do not belong into an event.
             event = msgspec.structs.replace(fact, cases=[]) if isinstance(fact, Submitted) else fact
@@ -278,18 +283,9 @@ class Conductor:
 
     # --- called on the bus's threads ------------------------------------------------------------
 
-    def _receive(self, payload: bytes, respond: Respond) -> None:
-        if self._inbox.qsize() < INBOX_MAX:
-            self._inbox.put((Message(payload, time.monotonic_ns()), respond))
-            return
-        self.refused += 1
-        error = f"busy: {INBOX_MAX} requests are waiting; retry"
-        respond(encode(Reply(v=SCHEMA_VERSION, epoch=0, error=error, retry_after_s=1.0)))
-
     def _hint(self, key: str, alive: bool) -> None:
         if not alive:
-            message = Message(b"", time.monotonic_ns(), vanished=key.rpartition("/")[2])
-            self._inbox.put((message, lambda _: None))
+            self._inbox.hint(key.rpartition("/")[2])
 
     # --- startup --------------------------------------------------------------------------------
 

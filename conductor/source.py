@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from schemas.campaign import Campaign, expand, parse_campaign
+from schemas.campaign import Campaign, Case, parse_cases
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -68,10 +68,10 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
 
 def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
     """Every mistake of a campaign's content, also about things outside the file."""
-    campaign, mistakes = parse_campaign(data)
+    campaign, cases, mistakes = parse_cases(data)
     if campaign is None:
         return None, mistakes
-    mistakes = _missing_files(campaign)
+    mistakes = _missing_files(cases)
     module = campaign.autonomy.stack.split(":")[0]
     if not _importable(module):
         mistakes.append(
@@ -80,11 +80,11 @@ def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
     return (None, mistakes) if mistakes else (campaign, [])
 
 
-def _missing_files(campaign: Campaign) -> list[Mistake]:
+def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
     for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
         names = _simulator_files(folder)
-        for given in sorted({getattr(case.scenario, field) for case in expand(campaign)}):
+        for given in sorted({getattr(case.scenario, field) for case in cases}):
             if given not in names and not Path(given).is_file():
                 mistakes.append(
                     Mistake(

@@ -9,15 +9,34 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
+
 from conductor.backlog import Backlog
-from conductor.facts import CaseEnded, Committed, LateAttempt, Replied, WorkerJoined
+from conductor.durations import Durations
+from conductor.facts import (
+    ALONE,
+    SHARED,
+    CaseEnded,
+    Charge,
+    Committed,
+    LateAttempt,
+    Replied,
+    Submitted,
+    WorkerJoined,
+)
 from schemas.campaign import Campaign, Case
 
+IMAGE_CASES = 1000
+"""Cases in one image of a snapshot."""
 FAR_NS = 2**62
 """A time that never comes [ns]."""
 
 CaseKey = tuple[str, str]
 """(campaign name, case id)."""
+
+
+_seal = msgspec.msgpack.Encoder().encode
+_unseal = msgspec.msgpack.Decoder(Committed | CaseEnded).decode
 
 
 def _volatile(default: Any) -> Any:
@@ -40,6 +59,20 @@ class Config:
     """The same with no cases left [s]."""
     by_batch: bool = False
     """Grant only cases of a campaign's lowest batch that has not ended."""
+    walltime_margin_s: float = 10.0
+    """A case is granted if its estimate and this fit into the asker's walltime [s]."""
+    losses_min: int = 3
+    """Fewest workers that a case must take down before it is quarantined."""
+    speculate: bool = True
+    """Idle workers get a second lease of cases that take too long."""
+    speculate_factor: float = 2.0
+    """A case takes too long after this many times the estimate."""
+    speculate_min_ns: int = 5_000_000_000
+    """And never before this [ns]."""
+    snapshot_facts: int = 50_000
+    """A snapshot is taken after this many facts, so that a restart reads no more of them."""
+    snapshot_close_facts: int = 2000
+    """At a clean end, fewer facts are not worth a snapshot."""
     folder: str = ""
     """State folder, absolute; a campaign without ``out`` gets a folder below it."""
 
@@ -52,31 +85,73 @@ class LiveLease:
     key: CaseKey
     worker: str
     attempt: int
-    alone: bool
+    group: int
+    """As the case was leased."""
+    speculative: bool = False
+    granted_ns: int = _volatile(0)
+    """When it was granted, or when this process learned of it [ns]."""
     expiry_ns: int = _volatile(0)
     progress: int = _volatile(0)
     """Case ticks, as the worker last reported."""
 
+    @property
+    def alone(self) -> bool:
+        """It runs alone in its rig."""
+        return self.group == ALONE
+
 
 @dataclass(slots=True)
 class CaseState:
-    """One case. It waits while it has neither a live token nor an end."""
+    """One case. It waits while it has neither a live token nor an end, and is not paused.
+
+    Tuples, because there may be a hundred thousand and nearly all of these are empty.
+    """
 
     case: Case
     order: int
     """Position in its campaign."""
     rig: str
     """Rig key: cases with equal keys may share a rig."""
-    alone: bool = False
-    """Its next lease runs alone."""
-    issued: list[int] = field(default_factory=list)
+    group: int = SHARED
+    """With whom its next lease may share a rig; see :mod:`conductor.facts`."""
+    paused: bool = False
+    issued: tuple[int, ...] = ()
     """Every token ever granted; its length is the number of attempts."""
-    live: list[int] = field(default_factory=list)
-    """Live tokens."""
-    charges: list[str] = field(default_factory=list)
-    """Reasons of the attempts charged to the case."""
-    end: Committed | CaseEnded | None = None
-    late: list[LateAttempt] = field(default_factory=list)
+    live: tuple[int, ...] = ()
+    """Live tokens; the second one is speculative."""
+    charges: tuple[Charge, ...] = ()
+    """Attempts charged to the case."""
+    losses: tuple[Charge, ...] = ()
+    """Workers that died with it while all others lived."""
+    lost: tuple[str, ...] = ()
+    """Workers that fell silent with it, whatever the reason."""
+    sealed: bytes = b""
+    """The fact that ended it, packed: unpacked they are most of the conductor's memory."""
+    late: tuple[LateAttempt, ...] = ()
+
+    @property
+    def alone(self) -> bool:
+        """Its next lease runs alone."""
+        return self.group == ALONE
+
+    @property
+    def ended(self) -> bool:
+        """It has an outcome."""
+        return bool(self.sealed)
+
+    @property
+    def end(self) -> Committed | CaseEnded | None:
+        """The fact that ended it; ask :attr:`ended` where speed matters."""
+        return _unseal(self.sealed) if self.sealed else None
+
+    @end.setter
+    def end(self, fact: Committed | CaseEnded | None) -> None:
+        self.sealed = _seal(fact) if fact is not None else b""
+
+    @property
+    def waits(self) -> bool:
+        """It stands in the backlog."""
+        return not self.sealed and not self.live and not self.paused
 
 
 @dataclass(slots=True)
@@ -92,6 +167,12 @@ class CampaignState:
     backlog: Backlog
     open_batches: dict[int, int]
     """Batch label -> cases not yet ended; ended batches are removed."""
+    order: int
+    """Position among the campaigns."""
+    priority: int = 0
+    paused: bool = False
+    durations: Durations = field(default_factory=Durations)
+    """Of the committed cases."""
     pinned: bool = False
     """A lease was granted: software and device class are decided."""
     software: str = ""
@@ -105,16 +186,28 @@ class CampaignState:
     attempts: int = 0
     disagreements: int = 0
     """Late attempts whose result differs from the committed one: determinism is broken."""
+    left: int = 0
+    """Cases without an outcome."""
+
+    submitted: Submitted | None = field(default=None, compare=False, repr=False)
+    """The fact that brought it, until a snapshot has it."""
+    _lowest: int = _volatile(0)
+
+    def lowest_batch(self) -> int:
+        """Label of the first batch with a case that has not ended."""
+        if self._lowest not in self.open_batches:
+            self._lowest = min(self.open_batches, default=0)
+        return self._lowest
+
+    def reopen(self, batch: int) -> None:
+        """A case of ``batch`` has no outcome any more."""
+        self.open_batches[batch] = self.open_batches.get(batch, 0) + 1
+        self._lowest = -1
 
     @property
-    def ended_count(self) -> int:
-        """Cases with an outcome."""
-        return sum(self.ended.values())
-
-    @property
-    def left(self) -> int:
-        """Cases without an outcome."""
-        return len(self.cases) - self.ended_count
+    def waiting(self) -> int:
+        """Cases with neither a live token nor an outcome, paused ones included."""
+        return self.left - self.leased
 
 
 @dataclass(slots=True)
@@ -125,7 +218,13 @@ class WorkerState:
     tokens: dict[int, None] = field(default_factory=dict)
     """Live tokens in the order they were granted."""
     replied: Replied | None = None
+    draining: bool = False
+    """Asked to finish."""
     seen_ns: int = _volatile(0)
+    remaining_s: float | None = _volatile(None)
+    """Walltime left, as it last said [s]."""
+    vanished: bool = _volatile(False)
+    """Its session is gone; not heard of since."""
 
 
 @dataclass(slots=True)
@@ -136,19 +235,22 @@ class State:
     epoch: int = 0
     granted: int = 0
     """Leases of this epoch; the low half of the last token."""
+    groups: int = 0
+    """The latest group of suspects."""
+    left: int = 0
+    """Cases without an outcome, over all campaigns."""
     campaigns: dict[str, CampaignState] = field(default_factory=dict)
     workers: dict[str, WorkerState] = field(default_factory=dict)
     departed: set[str] = field(default_factory=set)
     """Ids of workers that left; an id is one incarnation and never comes back."""
     leases: dict[int, LiveLease] = field(default_factory=dict)
     draining: bool = _volatile(False)
+    tail: int = _volatile(0)
+    """Facts since the latest snapshot."""
+    dirty: set[tuple[str, int]] = field(default_factory=set, compare=False, repr=False)
+    """(campaign, position / IMAGE_CASES) of cases that changed since the latest snapshot."""
     expiry_floor_ns: int = _volatile(FAR_NS)
     """No live lease expires before this; spares scanning them at every turn [ns]."""
-
-    @property
-    def left(self) -> int:
-        """Cases without an outcome, over all campaigns."""
-        return sum(campaign.left for campaign in self.campaigns.values())
 
     def case(self, key: CaseKey) -> CaseState | None:
         """The case named by ``key``, or None."""

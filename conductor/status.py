@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from conductor.grant import mismatches
+from conductor.grant import mismatches, present
 from conductor.state import CampaignState, State, WorkerState
 
 
@@ -19,7 +19,7 @@ def status(state: State, now_ns: int) -> dict[str, Any]:
         "notes": [
             line
             for worker in state.workers.values()
-            if _present(state, worker, now_ns)
+            if present(state, worker, now_ns)
             for line in mismatches(state, worker.joined)
         ],
     }
@@ -34,7 +34,9 @@ def _campaign(campaign: CampaignState) -> dict[str, Any]:
         "digest": campaign.digest,
         "simulator": campaign.campaign.simulator,
         "cases": len(campaign.cases),
-        "waiting": len(campaign.backlog),
+        "priority": campaign.priority,
+        "paused": campaign.paused,
+        "waiting": campaign.waiting,
         "leased": campaign.leased,
         "committed": passed + not_passed + failed,
         "passed": passed,
@@ -45,14 +47,10 @@ def _campaign(campaign: CampaignState) -> dict[str, Any]:
         "attempts": campaign.attempts,
         "disagreements": campaign.disagreements,
         "left": campaign.left,
+        "p95_s": campaign.durations.p95_s(),
         "software": campaign.software,
         "device_class": campaign.device_class,
     }
-
-
-def _present(state: State, worker: WorkerState, now_ns: int) -> bool:
-    """Spoke within a time to live; a silent worker is still welcome when it comes back."""
-    return now_ns - worker.seen_ns < state.config.ttl_ns
 
 
 def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
@@ -61,8 +59,9 @@ def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
         "host": worker.joined.host,
         "device_class": worker.joined.device_class,
         "slots": worker.joined.slots,
+        "draining": worker.draining,
         "held": len(worker.tokens),
         "progress": sum(state.leases[token].progress for token in worker.tokens),
         "age_s": max(0, now_ns - worker.seen_ns) / 1e9,
-        "present": _present(state, worker, now_ns),
+        "present": present(state, worker, now_ns),
     }

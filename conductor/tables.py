@@ -1,34 +1,76 @@
-"""Tables for people, on standard output."""
+"""Tables for people: a conductor's status."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
+from rich.text import Text
+
+from conductor.pace import Pace, shown_time
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
+_COUNTS_IF_ANY = ("cancelled", "quarantined")
 
 
 def status_tables(found: dict[str, Any]) -> None:
-    """Campaigns, workers and notes of a conductor."""
-    console = Console()
-    campaigns = Table("campaign", *(name.replace("_", " ") for name in _COUNTS), "folder")
+    """Print campaigns, workers, notes and alarms of a conductor."""
+    Console().print(status_view(found))
+
+
+def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
+    """Campaigns, workers, notes and alarms; with throughput and remaining time if ``paces``."""
+    parts: list[RenderableType] = [_campaigns(found["campaigns"], paces), _workers(found)]
+    parts += [Text(note) for note in found["notes"]]
+    parts += [Text(alarm, style="bold red") for alarm in alarms(found)]
+    return Group(*parts)
+
+
+def alarms(found: dict[str, Any]) -> list[str]:
+    """What must not happen: attempts that disagree, and storage that refuses; one line each."""
+    lines = []
     for name, row in found["campaigns"].items():
-        campaigns.add_row(name, *(str(row[count]) for count in _COUNTS), row["out"])
-    console.print(campaigns)
-    workers = Table("worker", "host", "device", "slots", "held", "last seen")
+        count = row.get("disagreements", 0)
+        if count:
+            lines.append(
+                f"alarm: campaign '{name}': {count} late attempt{'s' if count > 1 else ''} of "
+                f"ended cases came to another result; see `conductor report {row['out']}`"
+            )
+    if found.get("storage_error"):
+        lines.append(f"storage: {found['storage_error']}")
+    return lines
+
+
+def _campaigns(rows: dict[str, Any], paces: Mapping[str, Pace] | None) -> Table:
+    counts = _COUNTS + tuple(
+        name for name in _COUNTS_IF_ANY if any(row.get(name) for row in rows.values())
+    )
+    heads = [name.replace("_", " ") for name in counts]
+    table = Table("campaign", *heads, *(("cases/s", "ETA") if paces is not None else ()), "folder")
+    for name, row in rows.items():
+        cells = [str(row.get(count, 0)) for count in counts]
+        if paces is not None:
+            pace = paces.get(name) or Pace()
+            rate = "-" if pace.per_s is None else f"{pace.per_s:.2f}"
+            cells += [rate, shown_time(pace.eta_s(row["left"]))]
+        label = f"{name} (paused)" if row.get("paused") else name
+        table.add_row(label, *cells, row["out"])
+    return table
+
+
+def _workers(found: dict[str, Any]) -> Table:
+    table = Table("worker", "host", "device", "slots", "held", "progress", "last seen")
     for row in found["workers"]:
-        workers.add_row(
+        seen = f"{row['age_s']:.1f} s ago"
+        table.add_row(
             row["id"],
             row["host"],
             row["device_class"],
             str(row["slots"]),
             str(row["held"]),
-            f"{row['age_s']:.1f} s ago",
+            str(row["progress"]),
+            seen if row["present"] else f"{seen}, silent",
         )
-    console.print(workers)
-    for note in found["notes"]:
-        console.print(note, markup=False)
-    if found.get("storage_error"):
-        console.print(f"storage: {found['storage_error']}", style="red", markup=False)
+    return table

@@ -6,7 +6,7 @@ from typing import Any
 
 from conductor.facts import Fact
 from conductor.fold import apply
-from conductor.state import State
+from conductor.state import State, WorkerState
 from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
 
@@ -26,13 +26,13 @@ class Turn:
         apply(self.state, fact)
         self.facts.append(fact)
 
-    def reply(self, **fields: Any) -> Reply:
-        """A reply with the fields that every reply has."""
+    def reply(self, worker: WorkerState | None = None, **fields: Any) -> Reply:
+        """A reply with the fields that every reply has; ``worker``: to whom, if to one."""
         return Reply(
             v=SCHEMA_VERSION,
             epoch=self.state.epoch,
             ttl_s=self.state.config.ttl_ns / 1e9,
             left=self.state.left,
-            drain=self.state.draining,
+            drain=self.state.draining or (worker is not None and worker.draining),
             **fields,
         )

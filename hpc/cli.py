@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+
+# isort: split
 import sys
 from enum import StrEnum
 from pathlib import Path

@@ -178,13 +178,20 @@ def axes_allowed() -> list[str]:
 
 def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
     """Plain data (of a YAML file) -> campaign, with every mistake found, cross checks included."""
+    campaign, _, mistakes = parse_cases(data)
+    return campaign, mistakes
+
+
+def parse_cases(data: Any) -> tuple[Campaign | None, list[Case], list[Mistake]]:
+    """Like :func:`parse_campaign`, with the cases, which are expanded to find mistakes anyway."""
     campaign, mistakes = convert_all(data, Campaign)
     if campaign is None:
-        return None, mistakes
+        return None, [], mistakes
     mistakes = _cross_checks(campaign)
+    cases: list[Case] = []
     if not mistakes:
-        _, mistakes = _expand(campaign)
-    return (None, mistakes) if mistakes else (campaign, [])
+        cases, mistakes = _expand(campaign)
+    return (None, [], mistakes) if mistakes else (campaign, cases, [])
 
 
 def expand(campaign: Campaign) -> list[Case]:
@@ -253,8 +260,9 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     kept += [(f"cases[{index}]", dict(point)) for index, point in enumerate(campaign.cases)]
     cases: dict[str, Case] = {}
     size = campaign.batch.size if campaign.batch else 0
+    memo: _Memo = {}
     for index, (where, point) in enumerate(kept):
-        case, found = _case(campaign, point, where, index // size + 1 if size else 0)
+        case, found = _case(campaign, point, where, index // size + 1 if size else 0, memo)
         mistakes += [m for m in found if m not in mistakes]
         if case is None:
             continue
@@ -266,8 +274,12 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     return list(cases.values()), mistakes
 
 
+_Memo = dict[tuple[Any, ...], tuple[Any, list[Mistake]]]
+"""What a value of an axis was checked to be: a hundred thousand cases hold few different ones."""
+
+
 def _case(
-    campaign: Campaign, point: dict[str, Any], where: str, batch: int
+    campaign: Campaign, point: dict[str, Any], where: str, batch: int, memo: _Memo
 ) -> tuple[Case | None, list[Mistake]]:
     variants = campaign.autonomy.perception
     default_model = next(iter(variants)) if len(variants) == 1 else None
@@ -279,15 +291,15 @@ def _case(
         mistakes.append(
             Mistake(f"{where}.model", f"given {model!r}; {suggest(str(model), list(variants))}")
         )
-    time_of_day, found = _one(point, "time_of_day", TimeOfDay, "12:00", where)
+    time_of_day, found = _one(point, "time_of_day", where, memo)
     mistakes += found
-    weather, found = _one(point, "weather", Weather, "clear", where)
+    weather, found = _one(point, "weather", where, memo)
     mistakes += found
-    repeat, found = _one(point, "repeat", Annotated[int, Meta(ge=0)], 0, where)
+    repeat, found = _one(point, "repeat", where, memo)
     mistakes += found
-    scenario, found = _section(campaign.scenario, "scenario", point, where)
+    scenario, found = _section(campaign.scenario, "scenario", point, where, memo)
     mistakes += found
-    camera, found = _section(campaign.camera, "camera", point, where)
+    camera, found = _section(campaign.camera, "camera", point, where, memo)
     mistakes += found
     if mistakes:
         return None, mistakes
@@ -336,23 +348,39 @@ def _rates(control_hz: int, camera_hz: int) -> list[Mistake]:
     return mistakes
 
 
-def _one(
-    point: dict[str, Any], axis: str, type_: Any, default: Any, where: str
-) -> tuple[Any, list[Mistake]]:
-    value, found = convert_all({axis: point.get(axis, default)}, dict[str, type_])
+_AXES: dict[str, tuple[Any, Any]] = {
+    "time_of_day": (dict[str, TimeOfDay], "12:00"),
+    "weather": (dict[str, Weather], "clear"),
+    "repeat": (dict[str, Annotated[int, Meta(ge=0)]], 0),
+}
+"""Axis -> type of a mapping with its value, and default."""
+
+
+def _one(point: dict[str, Any], axis: str, where: str, memo: _Memo) -> tuple[Any, list[Mistake]]:
+    type_, default = _AXES[axis]
+    given = point.get(axis, default)
+    if axis == "repeat" and type(given) is int and given >= 0:
+        return given, []  # the one axis that may have a hundred thousand values
+    key = (axis, type(given), given)  # 1, 1.0 and True are equal
+    if key not in memo:
+        memo[key] = convert_all({axis: given}, type_)
+    value, found = memo[key]
     if value is None:
         return None, [Mistake(f"{where}.{axis}", m.message) for m in found]
     return value[axis], []
 
 
 def _section(
-    section: Any, name: str, point: dict[str, Any], where: str
+    section: Any, name: str, point: dict[str, Any], where: str, memo: _Memo
 ) -> tuple[Any, list[Mistake]]:
-    changes = {k.split(".", 1)[1]: v for k, v in point.items() if k.startswith(f"{name}.")}
+    prefix = f"{name}."
+    changes = {k[len(prefix) :]: v for k, v in point.items() if k.startswith(prefix)}
     if not changes:
         return section, []
-    data = {**msgspec.to_builtins(section), **changes}
-    value, found = convert_all(data, type(section))
+    key = (name, *((k, type(v), v) for k, v in changes.items()))
+    if key not in memo:
+        memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
+    value, found = memo[key]
     return value, [Mistake(f"{where}.{name}.{m.path}", m.message) for m in found]
 
 

@@ -37,6 +37,27 @@ def rig_key(case: Case) -> str:
     Perception variants, times and weathers differ per slot; simulator, scene, vehicle, sensors,
     rates, stack and its parameters do not.
     """
+    parts = (
+        *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
+        *(case.camera, case.stack, case.parameters, case.placement),
+    )
+    # The cases of a campaign have few different keys, and the digest is the slow part.
+    packed = msgspec.msgpack.encode(parts)
+    found = _rig_keys.get(packed)
+    if found is None:
+        if len(_rig_keys) >= RIG_KEYS_MAX:
+            _rig_keys.clear()
+        found = _rig_keys[packed] = _rig_key(case)
+    return found
+
+
+RIG_KEYS_MAX = 4096
+"""Most keys remembered."""
+
+_rig_keys: dict[bytes, str] = {}
+
+
+def _rig_key(case: Case) -> str:
     shared = {
         "simulator": case.simulator,
         "control_hz": case.control_hz,

@@ -251,6 +251,8 @@ class Next(Struct, frozen=True, tag_field="verb", tag="next"):
     ended: list[Ended] = []
     held: list[int] = []
     """Tokens in hand; a lease of this worker that is not listed was lost on the way."""
+    remaining_s: float | None = None
+    """Walltime left for cases [s]; None: no end is known."""
 
 
 class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
@@ -279,6 +281,26 @@ class Submit(Struct, frozen=True, tag_field="verb", tag="submit"):
     software: str = ""
     out: str = ""
     """Campaign folder, absolute; empty: a folder of the campaign's name in the state folder."""
+    priority: int = 0
+    """Campaigns of a higher one are served first; equals share the workers."""
+
+
+class Control(Struct, frozen=True, tag_field="verb", tag="control"):
+    """Act on a campaign, one case of it (``case`` not empty), or a worker (``drain``)."""
+
+    v: int
+    action: Literal["pause", "resume", "cancel", "retry", "drain"]
+    campaign: str = ""
+    case: str = ""
+    worker: str = ""
+
+
+class Explain(Struct, frozen=True, tag_field="verb", tag="explain"):
+    """Ask why a case waits, runs or ended; the answer is ``Reply.status["explain"]``, a list."""
+
+    v: int
+    campaign: str
+    case: str
 
 
 class StatusRequest(Struct, frozen=True, tag_field="verb", tag="status"):
@@ -293,7 +315,7 @@ class Stop(Struct, frozen=True, tag_field="verb", tag="stop"):
     v: int
 
 
-Request = Hello | Next | Beat | Bye | Submit | StatusRequest | Stop
+Request = Hello | Next | Beat | Bye | Submit | Control | Explain | StatusRequest | Stop
 
 
 class Reply(Struct, frozen=True):

@@ -13,7 +13,9 @@ from schemas import SCHEMA_VERSION as V
 from schemas.messages import (
     Beat,
     Bye,
+    Control,
     Ended,
+    Explain,
     Hello,
     Lease,
     Next,
@@ -118,6 +120,16 @@ class Bench:
 
     def bye(self, worker: str = "w1") -> Reply:
         return self.ask(Bye(v=V, worker=worker))
+
+    def control(self, action: Any, campaign: str = "alpha", **fields: str) -> Reply:
+        return self.ask(Control(v=V, action=action, campaign=campaign, **fields))
+
+    def explain(self, case: str, campaign: str = "alpha") -> list[str]:
+        lines: list[str] = self.ask_explain(case, campaign).status["explain"]
+        return lines
+
+    def ask_explain(self, case: str, campaign: str = "alpha") -> Reply:
+        return self.ask(Explain(v=V, campaign=campaign, case=case))
 
     def status(self) -> dict[str, Any]:
         return self.ask(StatusRequest(v=V)).status

@@ -3,6 +3,7 @@
 import os
 import pty
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -161,19 +162,18 @@ def test_the_same_folder_twice_at_once(marked, tmp_path):
     assert first.returncode == 1, err
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5])
+@pytest.mark.parametrize("after_s", [0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.5])
 def test_ctrl_c_at_every_stage(marked, tmp_path, after_s):
     """Wherever it hits: 130, no traceback, nothing left, and the next run finishes."""
     folder = tmp_path / "c"
     child = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
     wait_for(lambda: marked.processes("run"), "the process")
     with pytest.raises(subprocess.TimeoutExpired):
-        child.wait(after_s or 0.001)
+        child.wait(after_s)
     interrupt(child)
     _, err = child.communicate()
-    assert child.returncode in (130, -2), err  # -2: before Python could take the signal
-    if child.returncode == 130:
-        assert "Traceback" not in err
+    assert child.returncode in (130, -signal.SIGINT), err  # the latter while modules load
+    assert "Traceback" not in err
     again = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
     assert again.returncode == 1, again.stderr
     assert len(outcomes(folder)) == 16
@@ -186,7 +186,7 @@ def test_other_pythons(marked, quiet, tmp_path, version):
     if f"{sys.version_info.major}.{sys.version_info.minor}" == version:
         pytest.skip(f"the other tests run on Python {version}")
     found = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python3"))
-    python = shutil.which(f"python{version}") or (str(found[-1]) if found else None)
+    python = str(found[-1]) if found else shutil.which(f"python{version}")
     if python is None:
         pytest.skip(f"needs python{version} (Debian, or pyenv)")
     environment = tmp_path / "venv"

@@ -23,7 +23,8 @@ from hypothesis.stateful import (
 import conductor.core
 import conductor.settle
 from conductor.core import worker_lost
-from conductor.facts import CaseEnded, Committed
+from conductor.facts import CaseEnded, Committed, Retried
+from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Next, Reply
 
@@ -41,16 +42,36 @@ class Model:
     expiry_ns: dict[int, int] = field(default_factory=dict)
     committed: dict[str, int] = field(default_factory=dict)
     """Case -> token."""
-    charges: dict[str, int] = field(default_factory=dict)
+    charges: dict[str, list[str]] = field(default_factory=dict)
+    """Case -> workers."""
     unresolved: set[str] = field(default_factory=set)
     granted: set[int] = field(default_factory=set)
+    halves: list[set[str]] = field(default_factory=list)
+    """Suspects that may share a rig with nobody else."""
+    paused: set[str] = field(default_factory=set)
 
     def kill(self, token: int, charged: bool = False) -> None:
-        _, case = self.live.pop(token)
+        worker, case = self.live.pop(token)
         if charged:
-            self.charges[case] = self.charges.get(case, 0) + 1
-            if self.charges[case] == ATTEMPTS_MAX:
-                self.unresolved.add(case)
+            self.charges.setdefault(case, []).append(worker)
+        if len(self.charges.get(case, ())) >= ATTEMPTS_MAX and not self.runs(case):
+            self.unresolved.add(case)
+
+    def runs(self, case: str) -> int:
+        return sum(case == running for _, running in self.live.values())
+
+    def suspect(self, cases: list[str]) -> None:
+        middle = (len(cases) + 1) // 2
+        for half in (cases[:middle], cases[middle:]):
+            self.halves.append(set(half))
+
+    def may_share(self, cases: set[str]) -> bool:
+        """Whoever was suspected last with only some of ``cases`` is not in a rig with all."""
+        for case in cases:
+            latest = next((half for half in reversed(self.halves) if case in half), None)
+            if latest is not None and not cases <= latest:
+                return False
+        return True
 
     def expire(self, now_ns: int) -> None:
         for token in [t for t in self.live if self.expiry_ns[t] <= now_ns]:
@@ -65,7 +86,8 @@ class ConductorMachine(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
-        self.bench = Bench()
+        # What kills workers is tested with exact numbers.
+        self.bench = Bench(Config(folder="/state", losses_min=1000))
         self.bench.ask(submit(cases=CASES, attempts_max=ATTEMPTS_MAX))
         self.model = Model()
         self.leases: list[Lease] = []
@@ -83,13 +105,18 @@ class ConductorMachine(RuleBasedStateMachine):
         model = self.model
         model.expire(self.bench.now_ns)
         some = st.lists(st.sampled_from(self.leases), max_size=2) if self.leases else st.just([])
+        more = st.lists(st.sampled_from(self.leases), max_size=4) if self.leases else st.just([])
         finished = data.draw(some, label="finished")
-        given_up = data.draw(some, label="given up")
+        given_up = data.draw(more, label="given up")
         reason = data.draw(st.sampled_from(["crash", "suspect", "walltime"]), label="reason")
         fenced = [lease.token for lease in finished if not self._commit(lease)]
-        for lease in given_up:
-            if model.live.get(lease.token, ("", ""))[0] == worker:
-                model.kill(lease.token, charged=reason == "crash")
+        tokens = sorted({x.token for x in given_up if x.token in model.held_by(worker)})
+        if reason == "suspect" and tokens:
+            model.suspect([model.live[token][1] for token in tokens])
+        for token in tokens:
+            if reason == "crash":
+                model.suspect([model.live[token][1]])
+            model.kill(token, charged=reason == "crash")
         held = [] if forget else model.held_by(worker)
         for token in model.held_by(worker):
             if token not in held:
@@ -108,7 +135,8 @@ class ConductorMachine(RuleBasedStateMachine):
     def _commit(self, lease: Lease) -> bool:
         model = self.model
         if lease.token in model.live:
-            del model.live[lease.token]
+            for token in [t for t, (_, c) in model.live.items() if c == lease.case.id]:
+                del model.live[token]
             model.committed[lease.case.id] = lease.token
             return True
         return model.committed.get(lease.case.id) == lease.token
@@ -121,19 +149,37 @@ class ConductorMachine(RuleBasedStateMachine):
             assert lease.token not in model.granted
             assert case not in model.committed
             assert case not in model.unresolved
-            assert case not in {c for _, c in model.live.values()}
+            assert case not in model.paused
+            if model.runs(case):  # a second lease, for who has nothing else to do
+                assert model.runs(case) == 1
+                assert not held
+                assert len(reply.leases) == 1
+                assert not model.charges.get(case)
+                assert not self._waiting(worker)
             assert not lease.alone or (len(reply.leases) == 1 and not held)
             model.granted.add(lease.token)
             model.live[lease.token] = (worker, case)
             self.leases.append(lease)
         for token in model.held_by(worker):
             model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
-        waiting = CASES - len(model.committed) - len(model.unresolved) - len(model.live)
+        assert model.may_share({model.live[t][1] for t in model.held_by(worker)})
         assert reply.left == CASES - len(model.committed) - len(model.unresolved)
-        if k and not held:
-            assert reply.leases or not waiting, "a case waits and an empty worker got none"
+        if k and not held and not reply.leases:
+            assert not self._waiting(worker), "a case waits and an empty worker got none"
         request = Next(v=V, worker=worker, seq=self.bench.seqs[worker], k=k)
         self.last[worker] = (request, reply)
+
+    def _waiting(self, worker: str) -> set[str]:
+        """Cases that wait for ``worker`` (another one should confirm a charge of its own)."""
+        model = self.model
+        done = {*model.committed, *model.unresolved, *model.paused}
+        own = {case for case, workers in model.charges.items() if set(workers) == {worker}}
+        return (
+            {f"repeat_{i}" for i in range(CASES)}
+            - done
+            - own
+            - {case for _, case in model.live.values()}
+        )
 
     @rule(worker=st.sampled_from(WORKERS))
     def repeat_next(self, worker: str) -> None:
@@ -158,6 +204,30 @@ class ConductorMachine(RuleBasedStateMachine):
         assert sorted(reply.lost) == sorted(set(named) - set(own))
         for token in own:
             model.expiry_ns[token] = self.bench.now_ns + self.bench.config.ttl_ns
+
+    @rule(number=st.integers(0, CASES - 1), action=st.sampled_from(["pause", "resume"]))
+    def pause(self, number: int, action: str) -> None:
+        self.model.expire(self.bench.now_ns)
+        case = f"repeat_{number}"
+        ended_already = case in self.model.committed or case in self.model.unresolved
+        reply = self.bench.control(action, case=case)
+        assert bool(reply.error) == ended_already
+        if not ended_already:
+            (self.model.paused.add if action == "pause" else self.model.paused.discard)(case)
+
+    @rule(number=st.integers(0, CASES - 1))
+    def retry(self, number: int) -> None:
+        model = self.model
+        model.expire(self.bench.now_ns)
+        case = f"repeat_{number}"
+        reply = self.bench.control("retry", case=case)
+        assert bool(reply.error) == (case in model.committed)
+        if case in model.unresolved:
+            model.unresolved.discard(case)
+            model.charges.pop(case)
+            model.paused.discard(case)
+            for half in model.halves:
+                half.discard(case)
 
     @rule(seconds=st.sampled_from([0.001, 1, 3, 7, 15]))
     def wait(self, seconds: float) -> None:
@@ -188,7 +258,9 @@ class ConductorMachine(RuleBasedStateMachine):
         results = [fact.result for fact in self.bench.facts(Committed)]
         assert {r.case: r.token for r in results} == self.model.committed
         assert len(results) == len(self.model.committed)
-        assert sorted(f.case for f in self.bench.facts(CaseEnded)) == sorted(self.model.unresolved)
+        retried = [fact.case for fact in self.bench.facts(Retried)]
+        quarantined = [fact.case for fact in self.bench.facts(CaseEnded)]
+        assert sorted(quarantined) == sorted([*self.model.unresolved, *retried])
 
 
 _SETTINGS = settings(

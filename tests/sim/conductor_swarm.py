@@ -24,9 +24,12 @@ from conductor.facts import (
     Committed,
     Durable,
     Fact,
+    Image,
     LateAttempt,
     Leased,
     Replied,
+    Retried,
+    Snapshot,
     WorkerLeft,
     is_durable,
 )
@@ -35,7 +38,7 @@ from conductor.invariants import check
 from conductor.journal import JournalError
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Reply, Submit
+from schemas.messages import Control, Reply, Submit
 from schemas.wire import decode, encode
 
 MS = 1_000_000
@@ -64,7 +67,9 @@ class Rates:
     crash_reply: float = 0.01
     worker_crash: float = 0.02
     worker_freeze: float = 0.03
-    attempt: float = 0.15
+    attempt: float = 0.06
+    rig_death: float = 0.08
+    meddle: float = 0.3
 
 
 @dataclass(slots=True)
@@ -73,6 +78,7 @@ class Disk:
 
     swarm: Swarm
     facts: list[bytes] = field(default_factory=list)
+    images: dict[str, bytes] = field(default_factory=dict)
     replies: dict[str, bytes] = field(default_factory=dict)
 
     def append(self, facts: Sequence[Fact]) -> None:
@@ -86,6 +92,11 @@ class Disk:
         for fact in durable:
             if isinstance(fact, Replied):
                 self.replies[fact.worker] = encode(fact)
+                continue
+            if isinstance(fact, Snapshot):
+                self.swarm.counts["snapshots"] += 1
+                self.images.update({image.key: image.data for image in fact.images})
+                self.facts.clear()
                 continue
             if isinstance(fact, WorkerLeft):
                 self.replies.pop(fact.worker, None)
@@ -102,6 +113,8 @@ class Disk:
             raise JournalError("storage: still no space left; retry")
 
     def fold(self) -> Iterator[Fact]:
+        if self.images:
+            yield Snapshot(images=[Image(key, data) for key, data in self.images.items()])
         for data in [*self.facts, *self.replies.values()]:
             yield decode(data, Durable)
 
@@ -111,6 +124,7 @@ class Oracle:
     """What is on disk, and whether replies and later facts keep to it."""
 
     leased: dict[int, str] = field(default_factory=dict)
+    live: dict[str, set[int]] = field(default_factory=dict)
     dead: set[int] = field(default_factory=set)
     ends: dict[str, Fact] = field(default_factory=dict)
     answers: dict[tuple[str, int], bytes] = field(default_factory=dict)
@@ -123,21 +137,36 @@ class Oracle:
                 assert fact.token not in self.leased, f"token {fact.token} granted twice"
                 assert fact.case not in self.ends, f"{fact.case} granted after its end"
                 self.leased[fact.token] = fact.case
+                live = self.live.setdefault(fact.case, set())
+                assert len(live) == fact.speculative, f"{fact.case} granted beside {live}"
+                live.add(fact.token)
+                self.kinds["speculative"] += fact.speculative
             case Committed():
                 token, case = fact.result.token, fact.result.case
                 assert self.leased.get(token) == case, f"{case} committed with a foreign token"
                 assert token not in self.dead, f"{case} committed with a dead token"
                 assert case not in self.ends, f"{case} committed twice"
-                self.dead.add(token)
-                self.ends[case] = fact
+                self._end(case, fact)
             case AttemptEnded():
                 assert fact.token not in self.dead, f"token {fact.token} died twice"
+                assert not (fact.charged and fact.reason == "suspect"), "a suspect is charged"
                 self.dead.add(fact.token)
+                self.live[fact.case].discard(fact.token)
+                self.kinds["in_halves"] += fact.group > 0
+                self.kinds["evidence"] += fact.evidence
             case CaseEnded():
                 assert fact.case not in self.ends, f"{fact.case} ended twice"
-                self.ends[fact.case] = fact
+                self._end(fact.case, fact)
+                self.kinds[fact.outcome] += 1
+                self.kinds["quarantined_by_losses"] += "losses" in fact.reason
+            case Retried():
+                assert isinstance(self.ends.pop(fact.case, None), CaseEnded), "a result is undone"
             case LateAttempt():
                 assert fact.result.token in self.dead, "a live token was fenced"
+
+    def _end(self, case: str, fact: Fact) -> None:
+        self.ends[case] = fact
+        self.dead |= self.live.pop(case, set())
 
     def replied(self, worker: str, data: bytes) -> None:
         reply = decode(data, Reply)
@@ -166,13 +195,16 @@ class Swarm:
         self.counts: Counter[str] = Counter()
         self.oracle = Oracle()
         self.disk = Disk(self)
-        self.config = Config(folder="/state", ttl_ns=4 * S, vanished_ns=S)
+        self.config = Config(folder="/state", ttl_ns=4 * S, vanished_ns=S, snapshot_facts=40)
         self.engine: Engine | None = None
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._count = itertools.count()
         self._inbox: list[tuple[Message, Worker, str]] = []
         self._turn_due = False
         self._submitter = Worker(self, "submitter")
+        # Some cases kill whatever runs them, to the very end.
+        self.kills_rig = {0: {"repeat_3", "repeat_4"}, 1: {"repeat_9"}}.get(seed % 4, set())
+        self.kills_worker = {"repeat_7"} if seed % 4 == 2 else set()
 
     def run(self) -> Swarm:
         """Safety phase, then liveness phase.
@@ -185,6 +217,7 @@ class Swarm:
         for number in range(WORKERS):
             self.after(self.random.randint(0, S), Worker(self, f"w{number}").boot)
         self.after(S, self._tick)
+        self.after(S, self._meddle)
         self.after(FAULTS_S * S, self._calm)
         end_ns = (FAULTS_S + PATIENCE_S) * S
         while self.faulty or self.engine is None or len(self.oracle.ends) < CASES:
@@ -194,6 +227,8 @@ class Swarm:
             action()
         self._compare()
         assert self.engine.state.campaigns["alpha"].disagreements == 0
+        for case in self.kills_rig | self.kills_worker:
+            assert isinstance(self.oracle.ends[case], CaseEnded), f"{case} kills all and passed"
         return self
 
     def chance(self, fault: str) -> bool:
@@ -296,6 +331,31 @@ class Swarm:
                 self._submitter, encode(Submit(v=V, campaign=campaign(cases=CASES, attempts_max=2)))
             )
             self.after(S, self._submit)
+
+    def _meddle(self) -> None:
+        """People pause, cancel, retry and drain; in the end they let everything go on."""
+        campaign = self.engine.state.campaigns.get("alpha") if self.engine else None
+        if campaign is not None and self.chance("meddle"):
+            action = self.random.choice(["pause", "resume", "cancel", "retry", "drain"])
+            case = f"repeat_{self.random.randrange(CASES)}"
+            whole = self.random.random() < 0.2 and action not in ("cancel", "retry")
+            self._control(action, "" if whole else case)
+        if not self.faulty and campaign is not None:
+            if campaign.paused:
+                self._control("resume", "")
+            for state in campaign.ordered:
+                if state.paused and state.end is None:
+                    self._control("resume", state.case.id)
+        self.after(S, self._meddle)
+
+    def _control(self, action: str, case: str) -> None:
+        worker = ""
+        if action == "drain":
+            assert self.engine is not None
+            worker = self.random.choice([*self.engine.state.workers, "nobody"])
+            case = ""
+        request = Control(v=V, action=action, campaign="alpha", case=case, worker=worker)  # type: ignore[arg-type]
+        self.ask(self._submitter, encode(request))
 
     def _calm(self) -> None:
         self.faulty = False

@@ -29,7 +29,11 @@ class Worker:
         """A new incarnation."""
         self.incarnation += 1
         self.name = f"{self.place}-{self.incarnation}"
+        spool = [*self._results, *(self._pending.results if self._pending else [])]
         self._reset()
+        if self.swarm.random.random() < 0.5:  # otherwise it starts on another disk
+            self._results = spool
+            self.swarm.counts["spooled"] += len(spool)
         self._after(0, self._say_hello)
         self._after(S, self._live)
 
@@ -43,6 +47,11 @@ class Worker:
             return
         if reply.error:
             assert "hello" not in reply.error, f"{name} was forgotten"
+            return
+        if reply.drain and self._joined and not self._held and not self._results:
+            self.swarm.counts["drained"] += 1
+            self.swarm.ask(self, encode(Bye(v=V, worker=self.name)))
+            self._gone()
             return
         for token in reply.lost:
             self._held.pop(token, None)
@@ -146,12 +155,28 @@ class Worker:
         lease = self._held.pop(token, None)
         if lease is None:
             return
-        if self.swarm.chance("attempt"):
-            reason = self.swarm.random.choice(
-                ["crash", "deadline", "suspect", "walltime", "released"]
-            )
-            self._ended.append(
-                Ended(campaign="alpha", case=lease.case.id, token=token, reason=reason)  # type: ignore[arg-type]
-            )
+        swarm = self.swarm
+        if lease.case.id in swarm.kills_worker:
+            swarm.counts["poisoned_workers"] += 1
+            swarm.ask(self, b"", vanished=self.name)
+            self._gone()
+        elif lease.case.id in swarm.kills_rig or swarm.chance("rig_death"):
+            self._rig_died({token: lease, **self._held})
+        elif swarm.chance("attempt"):
+            self._give_up(lease, swarm.random.choice(["walltime", "released"]))
         else:
-            self._results.append(result(lease))
+            wall_s = swarm.random.uniform(0.2, 4.0)
+            self._results.append(result(lease, wall_s=wall_s))
+
+    def _rig_died(self, leases: dict[int, Lease]) -> None:
+        several = len(leases) > 1
+        self.swarm.counts["rigs_died_with_several"] += several
+        reason = "suspect" if several else self.swarm.random.choice(["crash", "deadline"])
+        for lease in leases.values():
+            self._give_up(lease, reason)
+        self._held.clear()
+
+    def _give_up(self, lease: Lease, reason: str) -> None:
+        self._ended.append(
+            Ended(campaign="alpha", case=lease.case.id, token=lease.token, reason=reason)  # type: ignore[arg-type]
+        )

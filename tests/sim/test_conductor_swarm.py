@@ -13,12 +13,16 @@ from typing import Any
 import pytest
 from conductor_swarm import Swarm
 
+import conductor.control
 import conductor.core
 import conductor.fold
+import conductor.grant
 import conductor.settle
 from conductor.engine import Engine, Turn
-from conductor.facts import Committed, Fact
+from conductor.facts import SHARED, Committed, Fact, Retried, Snapshot
 from conductor.journal import JournalError
+from conductor.lease import Policy
+from conductor.state import CaseState, LiveLease, State
 from conductor.turn import Turn as CoreTurn
 from schemas.messages import Result
 
@@ -45,10 +49,14 @@ def test_every_case_ends_exactly_once_whatever_fails() -> None:
     if only:
         return
     # A swarm that never drove a path proves nothing about it.
-    for name in (*Swarm(0).rates.__dataclass_fields__, "requests", "conductor_deaths", "byes"):
+    driven = ["requests", "conductor_deaths", "byes", "drained"]
+    driven += ["spooled", "snapshots", "poisoned_workers", "rigs_died_with_several"]
+    for name in (*Swarm(0).rates.__dataclass_fields__, *driven):
         assert counts[name] > 0, f"no {name} in {SEEDS} seeds: {counts}"
     kinds = {"EpochRaised", "Submitted", "Pinned", "WorkerJoined", "WorkerLeft", "Leased"}
     kinds |= {"Committed", "AttemptEnded", "CaseEnded", "LateAttempt"}
+    kinds |= {"WorkerDraining", "Paused", "Retried", "speculative", "in_halves", "evidence"}
+    kinds |= {"cancelled", "unresolved", "quarantined_by_losses"}
     assert set(facts) == kinds, f"facts never made: {kinds - set(facts)}"
 
 
@@ -78,22 +86,99 @@ def test_planted_a_stale_token_is_accepted(monkeypatch: pytest.MonkeyPatch) -> N
         return commit(turn, result, worker)
 
     def committed(state: Any, fact: Committed) -> None:
-        campaign = state.campaigns[fact.result.campaign]
-        case = campaign.cases[fact.result.case]
-        if not case.live:
-            campaign.backlog.remove(case.rig, case.order, case.alone)
-        for token in list(case.live):
-            conductor.fold._drop(state, campaign, case, token)
-        conductor.fold._end(campaign, case, fact)
+        campaign, case = conductor.fold._find(state, fact.result.campaign, fact.result.case)
+        conductor.fold._end(state, campaign, case, fact)
+        campaign.durations.add(fact.result.wall_s)
 
     monkeypatch.setattr(conductor.core, "commit", forgiving)
-    monkeypatch.setattr(conductor.fold, "_committed", committed)
+    monkeypatch.setitem(conductor.fold._FOLDS, Committed, committed)
     assert "committed with a dead token" in _caught()
 
 
 def test_planted_leases_never_expire(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conductor.core, "expire", lambda turn: None)
     assert "never ended" in _caught()
+
+
+def test_planted_suspects_are_charged(monkeypatch: pytest.MonkeyPatch) -> None:
+    charged = Policy(charged=True, alone=True)
+    monkeypatch.setitem(conductor.settle.POLICIES, "suspect", charged)
+    assert "a suspect is charged" in _caught()
+
+
+def test_planted_suspects_are_not_separated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def together(turn: CoreTurn, leases: Sequence[LiveLease], reason: Any, detail: str) -> None:
+        for lease in leases:
+            conductor.settle._emit_end(turn, lease, reason, detail, SHARED)
+
+    monkeypatch.setattr(conductor.core, "end_suspects", together)
+    monkeypatch.setattr(conductor.settle, "end_suspects", together)
+    assert "never ended" in _caught()
+
+
+def test_planted_halves_share_a_rig_with_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    fill = conductor.grant._fill
+
+    def generous(asker: Any, ranked: Any, rig: str, group: int, count: int) -> list[CaseState]:
+        cases = fill(asker, ranked, rig, group, count)
+        return cases + fill(asker, ranked, rig, SHARED, count - len(cases)) if group else cases
+
+    monkeypatch.setattr(conductor.grant, "_fill", generous)
+    assert "mixes groups" in _caught()
+
+
+def test_planted_a_case_that_kills_workers_is_never_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conductor.settle, "_judge_loss", lambda turn, lease: None)
+    assert "never ended" in _caught()
+
+
+def test_planted_the_loser_of_a_race_stays_alive(monkeypatch: pytest.MonkeyPatch) -> None:
+    def committed(state: Any, fact: Committed) -> None:
+        campaign, case = conductor.fold._find(state, fact.result.campaign, fact.result.case)
+        others = tuple(token for token in case.live if token != fact.result.token)
+        case.live = (fact.result.token,)
+        conductor.fold._end(state, campaign, case, fact)
+        case.live = others
+        campaign.durations.add(fact.result.wall_s)
+
+    monkeypatch.setitem(conductor.fold._FOLDS, Committed, committed)
+    found = _caught()
+    assert "ended and leased" in found or "contradicted itself" in found
+
+
+def test_planted_a_race_has_no_end_of_runners(monkeypatch: pytest.MonkeyPatch) -> None:
+    def anyone(state: State, request: Any, worker: Any, now_ns: int) -> CaseState | None:
+        if request.held or request.k < 1:
+            return None
+        leases = [x for x in state.leases.values() if x.worker != worker.joined.worker]
+        every = [state.campaigns[x.key[0]].cases[x.key[1]] for x in leases]
+        cases = [case for case in every if case.group == SHARED]
+        return next((case for case in cases if len(case.live) == 2), None) or next(
+            iter(cases), None
+        )
+
+    monkeypatch.setattr(conductor.core, "straggler", anyone)
+    assert "the core contradicted itself" in _caught()
+
+
+def test_planted_a_snapshot_forgets_what_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def short(state: State) -> Snapshot:
+        images = take(state).images
+        return Snapshot(images=[image for image in images if not image.key.startswith("2/")])
+
+    take = conductor.core.take
+    monkeypatch.setattr(conductor.core, "take", short)
+    assert _caught()  # by whatever finds the contradiction first
+
+
+def test_planted_a_result_is_retried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def retry(turn: CoreTurn, campaign: Any, case: Any) -> tuple[str, int]:
+        if case is not None and case.end is not None:
+            turn.emit(Retried(campaign="alpha", case=case.case.id))
+        return "", 1
+
+    monkeypatch.setattr(conductor.control, "_retry", retry)
+    assert "the core contradicted itself" in _caught()
 
 
 def test_planted_memory_runs_ahead_of_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,6 +53,9 @@ def make_app(name: str, help_text: str) -> typer.Typer:
     return app
 
 
+_INTERRUPTED = "interrupted; run the same command again to go on"
+
+
 def _version(value: bool) -> None:
     if value:
         print(f"drivetwin {importlib.metadata.version('drivetwin')}")
@@ -61,6 +64,13 @@ def _version(value: bool) -> None:
 
 def run(app: Callable[[], object], name: str) -> None:
     """Run an app; user errors become one line on stderr and their exit code."""
+    interrupted = []
+
+    def on_interrupt(number: int, _frame: object) -> None:
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, on_interrupt)
     try:
         check_packages()
         app()
@@ -69,7 +79,7 @@ def run(app: Callable[[], object], name: str) -> None:
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
-        _fail(name, "interrupted; run the same command again to go on", EXIT_INTERRUPTED)
+        _fail(name, _INTERRUPTED, EXIT_INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output left (``| head``); Python would complain once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -79,6 +89,11 @@ def run(app: Callable[[], object], name: str) -> None:
         _fail(name, str(failure), failure.exit_code)
     except MemoryError:
         _fail(name, "out of memory; use fewer slots or workers", EXIT_INFRASTRUCTURE)
+    except Exception:
+        # An interrupt in the middle of an import or a callback comes out as something else.
+        if not interrupted:
+            raise
+        _fail(name, _INTERRUPTED, EXIT_INTERRUPTED)
 
 
 def _fail(name: str, line: str, code: int) -> None:

@@ -22,6 +22,7 @@ from schemas.messages import (
     Request,
     Result,
 )
+from twin.worker.spool import pack, unpack
 
 SECOND_NS = 1_000_000_000
 RETRY_NS = SECOND_NS // 4
@@ -84,7 +85,24 @@ class Leave:
     error: str = ""
 
 
-Effect = Ask | StartRig | StopRig | AssignLease | AbandonToken | Say | Leave
+@dataclass(frozen=True, slots=True)
+class SpoolWrite:
+    """Keep a result that the conductor has not got yet; a later incarnation delivers it."""
+
+    token: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SpoolForget:
+    """The conductor has settled this result."""
+
+    token: int
+
+
+Effect = (
+    Ask | StartRig | StopRig | AssignLease | AbandonToken | Say | Leave | SpoolWrite | SpoolForget
+)
 
 
 # --- state --------------------------------------------------------------------------------------
@@ -115,7 +133,12 @@ class Core:
     hello: Hello
     until_done: bool = False
     """Leave when the conductor has no case left."""
-    phase: Literal["joining", "working", "draining", "left"] = "joining"
+    drain_ns: int = 0
+    """How long running cases may go on after a drain began; 0: they are given back at once [ns]."""
+    walltime_end_ns: int | None = None
+    """When the worker must be gone, on the clock of the events; None: no end is known [ns]."""
+    phase: Literal["joining", "working", "finishing", "draining", "left"] = "joining"
+    """``finishing``: no new cases, running ones go on; ``draining``: only goodbyes are left."""
     held: dict[int, Held] = field(default_factory=dict)
     results: list[Result] = field(default_factory=list)
     ended: list[Ended] = field(default_factory=list)
@@ -131,13 +154,20 @@ class Core:
     broken: int = 0
     """Rigs that died since the last result."""
     unanswered: int = 0
+    refused: int = 0
+    """Goodbyes that the conductor refused."""
     reachable: bool = True
+    spooled: set[int] = field(default_factory=set)
+    """Tokens of results that lie in the spool."""
+    drain_reason: Release = "released"
+    drain_detail: str = ""
+    drain_until_ns: int = 0
 
     # --- events -----------------------------------------------------------------------------
 
     def on_time(self, now_ns: int) -> list[Effect]:
         """Time has passed: stalled rigs, heartbeats, requests."""
-        effects = self._stalled(now_ns)
+        effects = self._stalled(now_ns) + self._drained(now_ns)
         if self.phase == "left" or self.asking:
             return effects
         request = self._request(now_ns)
@@ -164,7 +194,8 @@ class Core:
         if reply.error:
             return effects + self._refused(reply, now_ns)
         if isinstance(request, Beat):
-            return effects + self._forget(reply.lost, now_ns)
+            effects += self._forget(reply.lost, now_ns)
+            return effects + (self._asked_to_drain(now_ns) if reply.drain else [])
         assert isinstance(request, Next)
         return effects + self._next_reply(request, reply, now_ns)
 
@@ -191,7 +222,20 @@ class Core:
         self.results.append(result)
         self.broken = 0
         self.ask_at_ns = now_ns
-        return []
+        return [] if self.reachable else self._spool([result])
+
+    def on_spool(self, contents: list[bytes]) -> list[Effect]:
+        """What earlier incarnations left behind: delivered with the next request."""
+        found = [result for data in contents if (result := unpack(data)) is not None]
+        self.results += found
+        self.spooled |= {result.token for result in found}
+        damaged = len(contents) - len(found)
+        said: list[Effect] = []
+        if found:
+            said.append(Say(f"{len(found)} results of earlier workers are delivered"))
+        if damaged:
+            said.append(Say(f"{damaged} files of the spool are damaged and ignored"))
+        return said
 
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
         """The rig ended by itself: one case alone is charged, several are suspects."""
@@ -206,21 +250,70 @@ class Core:
         self.ask_at_ns = now_ns + (pause_ns if self.broken > 1 else 0)
         return [StopRig(), Say(f"rig ended ({reason}): {detail}")]
 
-    def on_drain(self, detail: str, now_ns: int) -> list[Effect]:
-        """Give everything back and leave."""
+    def on_drain(self, detail: str, now_ns: int, reason: Release = "released") -> list[Effect]:
+        """Take no new cases and leave; running ones may go on for ``drain_ns``.
+
+        A second call while they do gives them back at once.
+        """
         if self.phase in ("draining", "left"):
             return []
-        joined = self.phase == "working"
-        self.phase = "draining" if joined else "left"
-        for token, held in self.held.items():
-            self.ended.append(self._end_of(token, held, "released", detail))
-        self.held.clear()
-        self.ask_at_ns = now_ns
-        effects: list[Effect] = [StopRig()] if self.rig else []
-        self.rig = None
-        return effects if joined else [*effects, Leave()]
+        if self.phase == "joining":
+            self.phase = "left"
+            return [*self._end_all("released", detail), Leave()]
+        if self.phase == "finishing":
+            return self._release(now_ns)
+        self.phase = "finishing"
+        self.drain_reason, self.drain_detail = reason, detail
+        self.drain_until_ns = now_ns + self.drain_ns
+        if self.walltime_end_ns is not None:
+            self.drain_until_ns = min(self.drain_until_ns, max(self.walltime_end_ns, now_ns))
+        effects = self._drained(now_ns)
+        if self.phase == "finishing":
+            limit_s = (self.drain_until_ns - now_ns) / SECOND_NS
+            effects.append(Say(f"{detail}: {len(self.held)} cases may end within {limit_s:g} s"))
+        return effects
 
     # --- decisions --------------------------------------------------------------------------
+
+    def _drained(self, now_ns: int) -> list[Effect]:
+        """Walltime and the end of a drain."""
+        effects: list[Effect] = []
+        if self.phase == "working" and self.walltime_end_ns is not None:
+            if now_ns < self.walltime_end_ns - self.drain_ns:
+                return []
+            return self.on_drain("the walltime ends", now_ns, "walltime")
+        if self.phase == "finishing" and (not self.held or now_ns >= self.drain_until_ns):
+            effects += self._release(now_ns)
+        return effects
+
+    def _release(self, now_ns: int) -> list[Effect]:
+        self.phase = "draining"
+        self.ask_at_ns = now_ns
+        return self._end_all(self.drain_reason, self.drain_detail)
+
+    def _end_all(self, reason: Release, detail: str) -> list[Effect]:
+        """Give every case back and stop the rig."""
+        for token, held in self.held.items():
+            self.ended.append(self._end_of(token, held, reason, detail))
+        self.held.clear()
+        effects: list[Effect] = [StopRig()] if self.rig else []
+        self.rig = None
+        return effects
+
+    def _asked_to_drain(self, now_ns: int) -> list[Effect]:
+        if self.phase != "working":
+            return []
+        return self.on_drain("conductor asked to drain", now_ns)
+
+    def _leave(self) -> list[Effect]:
+        """Leave without a goodbye; what was not delivered waits in the spool."""
+        self.phase = "left"
+        return [*self._spool(self.results), Leave()]
+
+    def _spool(self, results: list[Result]) -> list[Effect]:
+        fresh = [result for result in results if result.token not in self.spooled]
+        self.spooled |= {result.token for result in fresh}
+        return [SpoolWrite(result.token, pack(result)) for result in fresh]
 
     def _request(self, now_ns: int) -> Request | None:
         if now_ns < self.ask_at_ns:
@@ -238,6 +331,7 @@ class Core:
                 results=self.results[:],
                 ended=self.ended[:],
                 held=list(self.held),
+                remaining_s=self._remaining_s(now_ns),
             )
         if self.pending is not None:
             return self.pending
@@ -246,11 +340,18 @@ class Core:
         return self._beat(now_ns)
 
     def _beat(self, now_ns: int) -> Beat | None:
-        if self.phase != "working" or now_ns < self.beat_at_ns or not self.reachable:
+        if self.phase not in ("working", "finishing") or now_ns < self.beat_at_ns:
+            return None
+        if not self.reachable:
             return None
         self.beat_at_ns = now_ns + self.ttl_ns // 4
         progress = {str(token): held.progress for token, held in self.held.items()}
         return Beat(v=SCHEMA_VERSION, worker=self.hello.worker, held=progress)
+
+    def _remaining_s(self, now_ns: int) -> float | None:
+        if self.walltime_end_ns is None:
+            return None
+        return max(0.0, (self.walltime_end_ns - self.drain_ns - now_ns) / SECOND_NS)
 
     def _free(self) -> int:
         if self.phase != "working":
@@ -272,31 +373,39 @@ class Core:
 
     def _refused(self, reply: Reply, now_ns: int) -> list[Effect]:
         """The conductor does not know us (its journal is older) or cannot write: try again."""
+        said: list[Effect] = [Say(f"conductor: {reply.error}")]
+        self.ask_at_ns = now_ns + IDLE_NS
         if "hello" in reply.error and self.phase == "working":
             self.phase = "joining"
-        self.ask_at_ns = now_ns + IDLE_NS
-        return [Say(f"conductor: {reply.error}")]
+        if self.phase == "draining":
+            self.refused += 1
+            if self.refused >= GOODBYE_TRIES:
+                return said + self._leave()
+        return said
 
     def _unanswered(self, now_ns: int) -> list[Effect]:
         self.unanswered += 1
         self.ask_at_ns = now_ns + RETRY_NS
         if self.phase == "draining" and self.unanswered >= GOODBYE_TRIES:
-            self.phase = "left"
-            return [Leave()]
+            return self._leave()
         if self.reachable and self.unanswered > 1:
             self.reachable = False
-            return [Say("conductor does not answer; cases go on, results wait")]
+            said = Say("conductor does not answer; cases go on, results wait")
+            return [said, *self._spool(self.results)]
         return []
 
     def _next_reply(self, request: Next, reply: Reply, now_ns: int) -> list[Effect]:
         if self.pending is None or request.seq != self.pending.seq:
             return []  # an older repeat
         self.pending = None
+        settled = [r.token for r in request.results if r.token in self.spooled]
+        self.spooled.difference_update(settled)
         self.results = self.results[len(request.results) :]
         self.ended = self.ended[len(request.ended) :]
-        effects = self._forget(reply.lost, now_ns)
+        effects: list[Effect] = [SpoolForget(token) for token in settled]
+        effects += self._forget(reply.lost, now_ns)
         if reply.drain or (self.until_done and reply.left == 0 and not reply.leases):
-            return effects + self.on_drain("conductor asked to drain", now_ns)
+            effects += self._asked_to_drain(now_ns)
         if self.phase != "working":
             # Granted while we were about to leave: hand them back.
             self.ended += [

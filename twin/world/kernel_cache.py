@@ -21,6 +21,8 @@ def prepare_kernels() -> None:
     kept for the next run: a folder per process would be left behind by a process that is killed.
     """
     wp.config.quiet = True
+    # They are compiled into a temporary folder per process, which a killed process leaves behind.
+    wp.config.use_precompiled_headers = False
     wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is nothing to warn about
     folder = _usual()
     if _writable(folder):

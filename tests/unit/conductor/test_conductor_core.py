@@ -58,6 +58,16 @@ def test_a_late_result_must_agree(kpi: str, disagreements: int, late_first: bool
     assert bench.status()["campaigns"]["alpha"]["disagreements"] == disagreements
 
 
+def test_a_result_is_taken_by_its_token_from_any_worker() -> None:
+    """A worker delivers what lay in the spool of an incarnation before it."""
+    bench = started(cases=1, workers=2)
+    (lease,) = bench.lease("w1")
+    assert bench.next("w2", k=0, results=[result(lease)]).fenced == []
+    (fact,) = bench.facts(Committed)
+    assert fact.worker == "w1"
+    assert bench.beat("w1", lease.token).lost == [lease.token]
+
+
 @pytest.mark.parametrize(
     "changes",
     [{"token": 12345}, {"case": "repeat_1"}, {"case": "nothing"}, {"campaign": "nothing"}],
@@ -129,7 +139,9 @@ def test_the_last_charge_ends_the_case_exactly(reason: str) -> None:
         bench.next(k=0, ended=[ended(lease, reason, "signal 11")])
     (end,) = bench.facts(CaseEnded)
     assert end.outcome == "unresolved"
-    assert end.reason == f"3 charged attempts, the last one: {reason}: signal 11"
+    last = f"{reason}: signal 11 (worker w1)"
+    assert end.reason == f"quarantined: 3 charged attempts on 1 worker, the last one: {last}"
+    assert [str(charge) for charge in end.evidence] == [last] * 3
     assert bench.lease() == []
     assert bench.status()["campaigns"]["alpha"]["unresolved"] == 1
 
@@ -311,14 +323,14 @@ def test_every_mistake_of_a_campaign_is_a_line() -> None:
     assert [line.split(": ")[1] for line in lines] == ["seeds", "control_hz"]
 
 
-def test_cases_are_granted_in_submission_order_over_campaigns() -> None:
+def test_cases_are_granted_in_submission_order_and_campaigns_take_turns() -> None:
     bench = started(cases=2)
     bench.ask(submit("beta", cases=2))
     leases = bench.lease(k=3)
     assert [(x.case.campaign, x.case.id) for x in leases] == [
         ("alpha", "repeat_0"),
-        ("alpha", "repeat_1"),
         ("beta", "repeat_0"),
+        ("alpha", "repeat_1"),
     ]
 
 

@@ -12,6 +12,7 @@ import msgspec
 import pytest
 from conductor_bench import hello, result, submit
 
+import conductor.inbox
 import conductor.shell
 from conductor.outcomes import read_outcomes
 from conductor.shell import Conductor
@@ -263,8 +264,8 @@ def test_too_many_requests_are_refused_at_once(
 ) -> None:
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     replies: list[bytes] = []
-    for _ in range(conductor.shell.INBOX_MAX + 1):
-        served._receive(b"", replies.append)
+    for _ in range(conductor.inbox.WAITING_MAX + 1):
+        served._inbox.receive(b"", replies.append)
     assert len(replies) == 1
     assert "busy" in decode(replies[0], Reply).error
-    assert served.refused == 1
+    assert served._inbox.turned_away == 1

@@ -18,9 +18,12 @@ from twin.worker.core import (
     Core,
     Leave,
     Say,
+    SpoolForget,
+    SpoolWrite,
     StartRig,
     StopRig,
 )
+from twin.worker.spool import pack, unpack
 
 CAMPAIGN, _ = parse_campaign(
     {"campaign": "c", "deadline_s": 5, "matrix": {"weather": ["clear", "cloudy", "heavy_fog"]}}
@@ -269,3 +272,159 @@ def test_noop_cases_end_at_once():
     (ask,) = core.on_time(3)
     assert isinstance(ask, Ask)
     assert [(r.token, r.verdict) for r in ask.request.results] == [(5, "pass")]
+
+
+def draining(drain_s, walltime_end_ns=None):
+    core = working()
+    core.drain_ns = drain_s * SECOND_NS
+    core.walltime_end_ns = walltime_end_ns
+    return core
+
+
+def test_a_drain_lets_running_cases_end():
+    core = draining(10)
+    assert core.on_drain("SIGTERM", 0) == [Say("SIGTERM: 2 cases may end within 10 s")]
+    assert core.phase == "finishing"
+    core.on_done(result(1), SECOND_NS)
+    (ask,) = core.on_time(SECOND_NS)
+    assert (ask.request.k, ask.request.held) == (0, [2])
+    core.on_reply(ask.request, reply(seq=2, drain=True), SECOND_NS)
+    (ask,) = core.on_time(4 * SECOND_NS)
+    assert isinstance(ask.request, Beat), "the other case still lives"
+    core.on_reply(ask.request, reply(drain=True), 4 * SECOND_NS)
+    core.on_done(result(2), 5 * SECOND_NS)
+    assert core.on_time(5 * SECOND_NS)[0] == StopRig()
+    assert core.phase == "draining"
+    assert core.ended == []
+
+
+@pytest.mark.parametrize(("now_ns", "over"), [(10 * SECOND_NS - 1, False), (10 * SECOND_NS, True)])
+def test_the_end_of_a_drain_is_exact(now_ns, over):
+    core = draining(10)
+    core.on_drain("SIGTERM", 0)
+    for token, held in core.held.items():
+        core.on_progress([token], [7], 9 * SECOND_NS)
+        assert held.progress == 7
+    core.asking = True
+    assert (StopRig() in core.on_time(now_ns)) is over
+    assert [e.reason for e in core.ended] == (["released"] * 2 if over else [])
+
+
+def test_a_second_signal_gives_back_at_once():
+    core = draining(10)
+    core.on_drain("SIGTERM", 0)
+    assert core.on_drain("SIGTERM", 1) == [StopRig()]
+    assert len(core.ended) == 2
+
+
+def test_without_running_cases_a_drain_ends_at_once():
+    core, _ = joined()
+    core.drain_ns = SECOND_NS
+    assert core.on_drain("SIGUSR1", 0) == []
+    assert core.phase == "draining"
+
+
+@pytest.mark.parametrize(("now_ns", "drains"), [(SECOND_NS - 1, False), (SECOND_NS, True)])
+def test_the_walltime_begins_a_drain(now_ns, drains):
+    core = draining(4, walltime_end_ns=5 * SECOND_NS)
+    core.asking = True
+    core.on_time(now_ns)
+    assert (core.phase == "finishing") is drains
+
+
+def test_the_walltime_gives_back_with_its_own_reason():
+    core = draining(0, walltime_end_ns=2 * SECOND_NS)
+    core.asking = True
+    assert core.on_time(2 * SECOND_NS - 1) == []
+    assert core.on_time(2 * SECOND_NS) == [StopRig()]
+    assert [e.reason for e in core.ended] == ["walltime"] * 2
+
+
+def test_a_drain_never_outlasts_the_walltime():
+    core = draining(10, walltime_end_ns=100 * SECOND_NS)
+    core.on_drain("SIGTERM", 95 * SECOND_NS)
+    assert core.drain_until_ns == 100 * SECOND_NS
+
+
+def test_requests_say_how_much_walltime_is_left():
+    core = draining(2, walltime_end_ns=10 * SECOND_NS)
+    core.on_done(result(1), SECOND_NS)
+    (ask,) = core.on_time(SECOND_NS)
+    assert ask.request.remaining_s == 7.0
+    core, request = joined()
+    assert request.remaining_s is None
+
+
+def test_a_heartbeat_may_ask_to_drain():
+    core = working()
+    (ask,) = core.on_time(15 * SECOND_NS // 4)
+    assert core.on_reply(ask.request, reply(drain=True), 15 * SECOND_NS // 4) == [StopRig()]
+    assert core.phase == "draining"
+
+
+def test_results_that_wait_are_spooled_and_forgotten_when_settled():
+    core = working()
+    core.on_done(result(1), 0)
+    (ask,) = core.on_time(0)
+    assert core.on_reply(ask.request, None, 0) == []
+    (ask,) = core.on_time(RETRY_NS)
+    _, written = core.on_reply(ask.request, None, RETRY_NS)
+    assert written == SpoolWrite(1, pack(result(1)))
+    assert core.on_done(result(2), RETRY_NS) == [SpoolWrite(2, pack(result(2)))]
+    (ask,) = core.on_time(2 * RETRY_NS)
+    effects = core.on_reply(ask.request, reply(seq=2), 2 * RETRY_NS)
+    assert SpoolForget(1) in effects
+    assert SpoolForget(2) not in effects
+    (ask,) = core.on_time(2 * RETRY_NS + IDLE_NS)
+    assert SpoolForget(2) in core.on_reply(ask.request, reply(seq=3), 3 * RETRY_NS)
+    assert core.spooled == set()
+
+
+def test_a_worker_that_leaves_unheard_leaves_its_results_in_the_spool():
+    core = working()
+    core.on_done(result(1), 0)
+    core.on_drain("SIGTERM", 0)
+    core.reachable = True
+    core.unanswered = 0
+    now = 0
+    effects = []
+    for _ in range(GOODBYE_TRIES):
+        now = max(now, core.ask_at_ns)
+        (ask,) = core.on_time(now)
+        effects += core.on_reply(ask.request, None, now)
+    assert [e for e in effects if isinstance(e, SpoolWrite)] == [SpoolWrite(1, pack(result(1)))]
+    assert effects[-1] == Leave()
+
+
+def test_a_refused_goodbye_ends_as_well():
+    core = working()
+    core.on_done(result(1), 0)
+    core.on_drain("SIGTERM", 0)
+    now = 0
+    for _ in range(GOODBYE_TRIES):
+        now = max(now, core.ask_at_ns)
+        (ask,) = core.on_time(now)
+        effects = core.on_reply(ask.request, reply(error="unknown worker, say hello"), now)
+    assert effects[-2:] == [SpoolWrite(1, pack(result(1))), Leave()]
+
+
+def test_results_of_an_earlier_incarnation_are_delivered():
+    core = Core(hello())
+    torn = pack(result(8))[:-1]
+    said = core.on_spool([pack(result(7)), torn, b""])
+    assert said == [
+        Say("1 results of earlier workers are delivered"),
+        Say("2 files of the spool are damaged and ignored"),
+    ]
+    (ask,) = core.on_time(0)
+    core.on_reply(ask.request, reply(), 0)
+    (ask,) = core.on_time(0)
+    assert [r.token for r in ask.request.results] == [7]
+    assert SpoolForget(7) in core.on_reply(ask.request, reply(seq=1, fenced=[7]), 1)
+
+
+def test_the_spool_keeps_a_result_as_it_is():
+    kept = Result("c", "x", 5, "verdict", "pass", True, {"a": 1.5, "b": None}, ["r"], wall_s=2.5)
+    assert unpack(pack(kept)) == kept
+    assert unpack(b"") is None
+    assert unpack(pack(kept)[1:]) is None

@@ -1,0 +1,88 @@
+"""Processes of the bench: started, waited for, and ended with it."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from twin.fabric.discovery import find_conductor, probe
+from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.process import end, how_it_ended, last_lines, spawn
+
+START_S = 30.0
+"""Longest wait for a process of ours to be ready [s]."""
+
+
+class Child:
+    """A Python module in a process of its own; its log is shown when it fails."""
+
+    def __init__(self, *arguments: str) -> None:
+        self._name = " ".join(arguments[:2])
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        self.process: subprocess.Popen[bytes] = spawn(
+            [sys.executable, "-m", *arguments], log=self._log, pipe_output=True
+        )
+
+    def line(self) -> str:
+        """The next line of its standard output.
+
+        Raises:
+            InfrastructureError: it ended instead, with its last words.
+        """
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line:
+            code = self.process.wait()
+            raise InfrastructureError(
+                f"{self._name}: {how_it_ended(code)}: {last_lines(self._log, 5)}"
+            )
+        return line.decode().rstrip("\n")
+
+    def tell(self, line: str) -> None:
+        """Write a line to its standard input."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(line.encode() + b"\n")
+
+    def stop(self) -> None:
+        """End it and its log."""
+        end(self.process, grace_s=10.0)
+        self._log.close()
+
+
+@contextlib.contextmanager
+def child(*arguments: str) -> Iterator[Child]:
+    """A :class:`Child` for the block."""
+    made = Child(*arguments)
+    try:
+        yield made
+    finally:
+        made.stop()
+
+
+@contextlib.contextmanager
+def serving(folder: Path) -> Iterator[tuple[str, int]]:
+    """A conductor on ``folder``; yields its endpoint and process id."""
+    with child("conductor.bench.server", str(folder)) as server:
+        yield _await(folder, server), server.process.pid
+
+
+def _await(folder: Path, server: Child) -> str:
+    until_s = time.monotonic() + START_S
+    while time.monotonic() < until_s:
+        try:
+            found = find_conductor(folder)
+            if found.pid == server.process.pid:
+                probe(found.endpoint)
+                return found.endpoint
+        except TwinError:
+            pass
+        if server.process.poll() is not None:
+            server.line()
+        time.sleep(0.01)
+    raise InfrastructureError(f"{folder}: the conductor did not start in {START_S:g} s")

@@ -1,0 +1,112 @@
+"""The comparison: every scheduler in turn, several times over, in one run.
+
+The machine's load changes from minute to minute; what is interleaved suffers alike. Rates are
+medians, and a ratio is the median of the ratios of each round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from conductor.bench.own import K_MANY, Measured, measure
+from conductor.bench.peers import PACKAGES, measure_peer, missing
+
+TARGETS = {"ratio_dask_k8": 10.0, "ratio_hyperqueue_k8": 5.0, "ratio_dask_k1": 3.0}
+"""Least ratio of our rate to a peer's."""
+
+AIMS = {"k8": 10_000.0, "k1": 2_000.0}
+"""Rates to aim for on two idle cores [cases/s]; reported, not checked: machines differ."""
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Runs of each scheduler, one per round: ``k8``, ``k1``, and the peers."""
+
+    runs: dict[str, list[Measured]] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    """One line per peer that cannot run."""
+
+    def rate(self, name: str) -> float | None:
+        """Median rate of a scheduler; None if it did not run [cases/s]."""
+        runs = self.runs.get(name)
+        return median(run.rate for run in runs) if runs else None
+
+    def ratio(self, ours: str, peer: str) -> float | None:
+        """Median over the rounds of our rate to the peer's."""
+        if not self.runs.get(peer):
+            return None
+        pairs = zip(self.runs[ours], self.runs[peer], strict=True)
+        return median(own.rate / other.rate for own, other in pairs)
+
+    def ratios(self) -> dict[str, float | None]:
+        """The ratios that have targets."""
+        return {
+            "ratio_dask_k8": self.ratio("k8", "dask"),
+            "ratio_hyperqueue_k8": self.ratio("k8", "hyperqueue"),
+            "ratio_dask_k1": self.ratio("k1", "dask"),
+        }
+
+    def misses(self) -> list[str]:
+        """Targets that were missed, one line each; a missing peer misses its targets."""
+        lines = list(self.missing)
+        for name, found in self.ratios().items():
+            if found is not None and found < TARGETS[name]:
+                lines.append(f"{name} is {found:.1f}, the target is {TARGETS[name]:g}")
+        return lines
+
+    def to_json(self) -> dict[str, Any]:
+        """Ratios, medians and every single rate."""
+        return {
+            **{name: _rounded(found) for name, found in self.ratios().items()},
+            **{f"{name}_cases_per_s": _rounded(self.rate(name)) for name in SCHEDULERS},
+            "rates": {
+                name: [_rounded(run.rate) for run in runs] for name, runs in self.runs.items()
+            },
+            "cases": {name: runs[0].cases for name, runs in self.runs.items() if runs},
+            "submit_s": {
+                name: [_rounded(run.submit_s) for run in self.runs[name]] for name in ("k8", "k1")
+            },
+            "missing": self.missing,
+        }
+
+
+SCHEDULERS = ("k8", "k1", *PACKAGES)
+"""Names of the rows."""
+
+
+def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -> Comparison:
+    """Run all schedulers ``rounds`` times with ``cases`` cases or tasks each.
+
+    Args:
+        cases: cases per run, the same for everyone.
+        rounds: how often.
+        folder: on a real disk.
+        say: told about every run, one line each.
+    """
+    found = Comparison({name: [] for name in SCHEDULERS})
+    peers = []
+    for peer in PACKAGES:
+        reason = missing(peer)
+        if reason:
+            found.missing.append(reason)
+        else:
+            peers.append(peer)
+    for number in range(1, rounds + 1):
+        steps: list[tuple[str, Callable[[], Measured]]] = [
+            ("k8", lambda: measure(cases, K_MANY, folder)),
+            ("k1", lambda: measure(cases, 1, folder)),
+            *((peer, lambda p=peer: measure_peer(p, cases, folder)) for peer in peers),
+        ]
+        for name, step in steps:
+            run = step()
+            found.runs[name].append(run)
+            say(f"round {number} of {rounds}: {name} {run.rate:.0f}/s")
+    return found
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)

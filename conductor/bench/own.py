@@ -1,0 +1,110 @@
+"""Our side of the comparison: durable lease and commit of cases that simulate nothing.
+
+One conductor process (SQLite, ``synchronous=FULL``, on a real disk) and two client processes that
+speak the worker's protocol over Zenoh on loopback. Counted is the time from the start of both
+clients until every case is committed on disk; the submission is timed by itself.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from conductor.bench.children import child, serving
+from conductor.client import Client
+from schemas.campaign import Campaign
+from twin.fabric.errors import InfrastructureError, UsageError
+
+CLIENTS = 2
+"""Worker processes, as many as the peers get."""
+
+K_MANY = 8
+"""Cases per request of the comparison in batches."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One run of one scheduler."""
+
+    cases: int
+    wall_s: float
+    submit_s: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Cases per second."""
+        return self.cases / self.wall_s
+
+
+def noop_campaign(cases: int, name: str = "bench") -> Campaign:
+    """``cases`` cases that simulate nothing."""
+    data = {
+        "campaign": name,
+        "simulator": "noop",
+        "matrix": {"repeat": list(range(cases))},
+    }
+    return msgspec.convert(data, Campaign)
+
+
+def measure(cases: int, k: int, folder: Path) -> Measured:
+    """Commit ``cases`` cases with ``k`` per request, in a new state folder below ``folder``."""
+    state = Path(tempfile.mkdtemp(prefix="bench-", dir=folder))
+    try:
+        with ExitStack() as stack:
+            endpoint, _ = stack.enter_context(serving(state))
+            client = stack.enter_context(Client(endpoint, None, "bench"))
+            before_s = time.perf_counter()
+            client.submit(noop_campaign(cases), "")
+            submit_s = time.perf_counter() - before_s
+            wall_s = work(endpoint, cases, k)
+            left = client.status()["left"]
+        if left:
+            raise InfrastructureError(f"{left} of {cases} cases are left")
+        return Measured(cases, wall_s, submit_s)
+    finally:
+        shutil.rmtree(state)
+
+
+def work(endpoint: str, cases: int, k: int) -> float:
+    """Two clients commit the ``cases`` cases of the conductor at ``endpoint``; how long it took."""
+    with ExitStack() as stack:
+        clients = [
+            stack.enter_context(child("conductor.bench.client", endpoint, f"w{i}", str(k)))
+            for i in range(CLIENTS)
+        ]
+        for each in clients:
+            each.line()
+        started_s = time.perf_counter()
+        for each in clients:
+            each.tell("go")
+        found = [json.loads(each.line()) for each in clients]
+        wall_s = time.perf_counter() - started_s
+    done = sum(each["cases"] for each in found)
+    if done != cases:
+        raise InfrastructureError(f"{done} of {cases} cases were committed by the clients")
+    return wall_s
+
+
+def check_disk(folder: Path) -> None:
+    """Refuse a folder in memory: nothing is durable there.
+
+    Raises:
+        UsageError: ``folder`` lies on a tmpfs or ramfs.
+    """
+    where = folder.resolve()
+    best, kind = "", ""
+    for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines():
+        _, mount, found, *_ = line.split()
+        if where.is_relative_to(mount) and len(mount) >= len(best):
+            best, kind = mount, found
+    if kind in ("tmpfs", "ramfs"):
+        raise UsageError(
+            f"{folder}: {kind}, nothing is durable there; choose a folder on a disk with --folder"
+        )

@@ -1,0 +1,228 @@
+"""Who gets which case: priority, fair share, walltime, and what people ask for."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from conductor_bench import Bench, S, ended, hello, result, started, submit
+
+from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDraining
+from conductor.state import Config
+from schemas import SCHEMA_VERSION as V
+from schemas.messages import Lease, Submit
+
+
+def _prioritised(name: str, priority: int, cases: int = 4, width: int = 640) -> Submit:
+    camera = {"width": width}
+    return Submit(
+        v=V,
+        campaign={"campaign": name, "camera": camera, "matrix": {"repeat": list(range(cases))}},
+        priority=priority,
+    )
+
+
+def _campaigns(leases: list[Lease]) -> list[str]:
+    return [lease.case.campaign for lease in leases]
+
+
+def test_a_higher_priority_comes_first() -> None:
+    bench = Bench()
+    for name, priority in (("low", -1), ("first", 0), ("second", 0), ("high", 7)):
+        bench.ask(_prioritised(name, priority, cases=2))
+    bench.ask(hello())
+    names = _campaigns(bench.lease(k=8))
+    assert names == ["high", "high", "first", "second", "first", "second", "low", "low"]
+
+
+def test_a_rig_runs_dry_for_a_higher_priority_that_it_does_not_fit() -> None:
+    bench = Bench()
+    bench.ask(_prioritised("low", 0))
+    bench.ask(hello())
+    leases = bench.lease(k=2)
+    held = [lease.token for lease in leases]
+    bench.ask(_prioritised("high", 1, width=320))
+    assert bench.lease(k=2, held=held) == []
+    assert bench.lease(k=3, held=held[:1], results=[result(leases[1])]) == []
+    assert _campaigns(bench.lease(k=4, results=[result(leases[0])], rig="any")) == ["high"] * 4
+
+
+def test_equals_share_the_workers_without_restarting_rigs_for_it() -> None:
+    bench = Bench()
+    bench.ask(_prioritised("one", 0, cases=99))
+    held: dict[str, list[Lease]] = {}
+    for number in range(4):
+        bench.ask(hello(f"w{number}", slots=1))
+        held[f"w{number}"] = bench.lease(f"w{number}")
+    bench.ask(_prioritised("two", 0, cases=99, width=320))
+    for _ in range(5):
+        for worker, leases in held.items():
+            rig = bench.state.campaigns[leases[0].case.campaign].ordered[0].rig
+            held[worker] = bench.lease(worker, results=[result(leases[0])], rig=rig)
+    now = [leases[0].case.campaign for leases in held.values()]
+    assert sorted(now) == ["one", "one", "two", "two"]
+    attempts = bench.facts(Leased)
+    switches = sum(
+        a.campaign != b.campaign
+        for worker in held
+        for mine in [[fact for fact in attempts if fact.worker == worker]]
+        for a, b in itertools.pairwise(mine)
+    )
+    assert switches == 2
+
+
+def test_one_worker_ends_a_campaign_before_it_restarts_for_the_next() -> None:
+    bench = Bench()
+    bench.ask(_prioritised("one", 0, cases=3))
+    bench.ask(_prioritised("two", 0, cases=3, width=320))
+    bench.ask(hello(slots=1))
+    order = []
+    leases = bench.lease()
+    while leases:
+        order += _campaigns(leases)
+        rig = bench.state.campaigns[order[-1]].ordered[0].rig
+        leases = bench.lease(results=[result(leases[0])], rig=rig)
+    assert order == ["one"] * 3 + ["two"] * 3
+
+
+@pytest.mark.parametrize(("remaining_s", "granted"), [(20.0, False), (20.001, True), (None, True)])
+def test_a_case_must_fit_into_the_walltime(remaining_s: float | None, granted: bool) -> None:
+    bench = started(cases=2)
+    (lease,) = bench.lease()
+    # 0.001 s * 2^(n/4) is 10 s for no whole n: a limit that is met exactly needs a power.
+    wall_s = 0.001 * 2.0**13
+    bench.next(k=0, results=[result(lease, wall_s=wall_s)])
+    assert bench.state.campaigns["alpha"].durations.p95_s() == wall_s
+    margin_s = 20.0 - wall_s
+    bench.state.config = Config(folder="/state", walltime_margin_s=margin_s)
+    assert bool(bench.lease(remaining_s=remaining_s)) == granted
+    if not granted:
+        assert "walltime left" in bench.explain("repeat_1")[0]
+
+
+@pytest.mark.parametrize(("remaining_s", "granted"), [(10.0, False), (10.001, True)])
+def test_without_an_estimate_only_the_margin_counts(remaining_s: float, granted: bool) -> None:
+    assert bool(started().lease(remaining_s=remaining_s)) == granted
+
+
+def test_a_paused_campaign_grants_nothing_and_goes_on_later() -> None:
+    bench = started(cases=2)
+    (lease,) = bench.lease()
+    for changed in (2, 0):
+        assert bench.control("pause").status == {"changed": changed}
+    reply = bench.next(results=[result(lease)])
+    assert (reply.leases, reply.acks, reply.fenced) == ([], [lease.token], [])
+    bench.restart()
+    assert bench.lease() == []
+    assert bench.explain("repeat_1")[0] == "waits: the campaign is paused"
+    assert bench.status()["campaigns"]["alpha"]["paused"] is True
+    bench.control("resume")
+    assert len(bench.lease()) == 1
+
+
+def test_a_paused_case_is_passed_over() -> None:
+    bench = started(cases=3, workers=2)
+    (lease,) = bench.lease("w2")
+    bench.control("pause", case="repeat_0")
+    bench.control("pause", case="repeat_1")
+    assert [x.case.id for x in bench.lease(k=4)] == ["repeat_2"]
+    bench.next("w2", k=0, ended=[ended(lease, "released")])
+    assert bench.state.campaigns["alpha"].waiting == 2
+    assert bench.lease("w2", k=4) == []
+    bench.restart()
+    bench.control("resume", case="repeat_0")
+    assert [x.case.id for x in bench.lease("w2", k=4)] == ["repeat_0"]
+
+
+def test_cancel_ends_what_has_not_ended_and_fences_what_runs() -> None:
+    bench = started(cases=4)
+    done, running = bench.lease(k=2)
+    bench.next(k=0, results=[result(done)], held=[running.token])
+    assert bench.control("cancel").status == {"changed": 3}
+    assert bench.control("cancel").status == {"changed": 0}
+    assert {end.outcome for end in bench.facts(CaseEnded)} == {"cancelled"}
+    assert bench.beat("w1", running.token).lost == [running.token]
+    assert bench.next(k=0, results=[result(running)]).fenced == [running.token]
+    assert len(bench.facts(Committed)) == 1
+    assert len(bench.facts(LateAttempt)) == 1
+    counts = bench.status()["campaigns"]["alpha"]
+    assert (counts["cancelled"], counts["left"], counts["waiting"]) == (3, 0, 0)
+
+
+def test_retry_brings_back_what_has_no_result() -> None:
+    bench = started(cases=3, attempts_max=1)
+    a, b = bench.lease(k=2)
+    bench.next(k=0, results=[result(a)], ended=[ended(b, "crash")])
+    bench.control("cancel", case="repeat_2")
+    assert bench.state.left == 0
+    assert "committed result, which stays" in bench.control("retry", case="repeat_0").error
+    assert bench.control("retry").status == {"changed": 2}
+    assert bench.state.left == 2
+    bench.restart()
+    leases = bench.lease(k=3)
+    assert [(x.case.id, x.attempt, x.alone) for x in leases] == [
+        ("repeat_1", 2, False),
+        ("repeat_2", 1, False),
+    ]
+    assert bench.next(k=0, results=[result(x) for x in leases]).left == 0
+    # A late result of the attempt before the retry stays evidence.
+    assert bench.next(k=0, results=[result(b)]).fenced == [b.token]
+
+
+def test_retry_of_what_has_not_ended_changes_nothing() -> None:
+    bench = started(cases=1)
+    assert bench.control("retry", case="repeat_0").status == {"changed": 0}
+
+
+def test_a_retried_batch_is_open_again() -> None:
+    bench = Bench(Config(folder="/state", by_batch=True))
+    bench.ask(submit(cases=4, batch={"size": 2}))
+    bench.ask(hello())
+    bench.control("cancel", case="repeat_0")
+    bench.control("cancel", case="repeat_1")
+    (later,) = bench.lease(k=1)
+    assert later.case.batch == 2
+    bench.control("retry", case="repeat_1")
+    assert [x.case.id for x in bench.lease(k=4, held=[later.token])] == ["repeat_1"]
+    assert "waits: batch 2 is not open" in bench.explain("repeat_3")[0]
+
+
+def test_a_drained_worker_is_told_and_gets_nothing_more() -> None:
+    bench = started(workers=2)
+    (lease,) = bench.lease("w1")
+    assert bench.control("drain", worker="w1").status == {"changed": 1}
+    assert bench.control("drain", worker="w1").status == {"changed": 0}
+    assert bench.beat("w1", lease.token).drain
+    assert not bench.beat("w2").drain
+    bench.restart()
+    reply = bench.next("w1", k=3, held=[lease.token])
+    assert (reply.drain, reply.leases) == (True, [])
+    assert len(bench.lease("w2", k=9)) == 3
+    assert len(bench.facts(WorkerDraining)) == 1
+    assert bench.next("w1", k=0, results=[result(lease)]).fenced == []
+
+
+@pytest.mark.parametrize(
+    ("action", "fields", "error"),
+    [
+        ("pause", {"campaign": "omega"}, "no campaign 'omega' here; campaigns: alpha"),
+        ("cancel", {"case": "x"}, "alpha: no case 'x' here; cases: repeat_0, repeat_1"),
+        ("drain", {"worker": "w9"}, "no worker 'w9' here; workers: w1"),
+    ],
+)
+def test_names_that_do_not_exist(action: str, fields: dict[str, str], error: str) -> None:
+    assert started(cases=2).control(action, **fields).error == error
+
+
+@pytest.mark.parametrize("action", ["pause", "resume", "cancel"])
+def test_what_has_ended_stays(action: str) -> None:
+    bench = started(cases=1)
+    (lease,) = bench.lease()
+    bench.next(k=0, results=[result(lease)])
+    assert "has ended" in bench.control(action, case="repeat_0").error
+
+
+def test_time_is_no_argument_for_cancelled_and_unknown_cases() -> None:
+    bench = started(cases=1)
+    bench.now_ns += 10 * S
+    assert "no case 'x' of a campaign 'alpha'" in bench.ask_explain("x").error

@@ -1,0 +1,210 @@
+"""Snapshots: when they are taken, what they hold, and journals of version 1."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from conductor_bench import Bench, ended, hello, result, started, submit
+
+from conductor.core import close, decide, start
+from conductor.facts import Fact, Image, Snapshot
+from conductor.fold import fold, revive
+from conductor.invariants import check
+from conductor.journal import Journal
+from conductor.outcomes import Outcomes, encode_campaign, encode_outcomes, outcomes_of
+from conductor.snapshot import take
+from conductor.state import IMAGE_CASES, Config, State
+from schemas import SCHEMA_VERSION as V
+from schemas.messages import Next
+
+DATA = Path(__file__).parent / "data"
+
+
+def _eventful() -> Bench:
+    """Two campaigns with something of everything."""
+    bench = started(cases=12, workers=3, attempts_max=2, batch={"size": 5})
+    bench.ask(submit("beta", cases=2))
+    leases = bench.lease("w1", k=6)
+    bench.next(
+        "w1",
+        k=0,
+        results=[result(leases[0]), result(leases[1], passed=False, wall_s=3.0)],
+        ended=[ended(lease, "suspect", "signal 9") for lease in leases[2:]],
+    )
+    (crashed,) = bench.lease("w2")
+    bench.next("w2", k=0, ended=[ended(crashed, "crash")])
+    bench.next("w2", k=1, results=[result(leases[0], kpi="other")])
+    bench.control("pause", case="repeat_7")
+    bench.control("cancel", case="repeat_9")
+    bench.control("pause", campaign="beta")
+    bench.control("drain", worker="w3")
+    bench.bye("w1")
+    return bench
+
+
+def _restored(facts: list[Fact]) -> State:
+    """What a restart would make of the snapshot alone."""
+    images = {
+        image.key: image for fact in facts if isinstance(fact, Snapshot) for image in fact.images
+    }
+    state = fold([Snapshot(images=list(images.values()))], Config(folder="/state"))
+    check(state)
+    return state
+
+
+def _no_replies(state: State) -> State:
+    for worker in state.workers.values():
+        worker.replied = None  # they are kept beside the facts
+    return state
+
+
+def test_a_snapshot_is_the_state() -> None:
+    bench = _eventful()
+    taken = take(bench.state)
+    assert _restored([taken]) == _no_replies(bench.state)
+
+
+def test_a_later_snapshot_holds_what_changed_only() -> None:
+    bench = started(cases=2 * IMAGE_CASES + 1)
+    bench.config = bench.state.config
+    facts: list[Fact] = [take(bench.state)]
+    assert [image.key for image in facts[0].images] == ["0", "1/000000"]  # type: ignore[union-attr]
+    bench._keep(close_at(bench, 0))
+    bench.control("cancel", case=f"repeat_{IMAGE_CASES}")
+    later = close_at(bench, 0)
+    assert [image.key for image in later[0].images] == ["0", "2/alpha/000001"]  # type: ignore[union-attr]
+    assert _restored([*facts, *later]) == _no_replies(bench.state)
+
+
+def close_at(bench: Bench, facts: int) -> list[Fact]:
+    """The facts of a clean end if ``facts`` are worth a snapshot."""
+    bench.state.config = replace(bench.state.config, snapshot_close_facts=facts)
+    return close(bench.state)
+
+
+@pytest.mark.parametrize(("limit", "taken"), [(4, True), (5, False)])
+def test_the_number_of_facts_is_exact(limit: int, taken: bool) -> None:
+    bench = Bench(Config(folder="/state", snapshot_facts=limit))  # 1: the epoch
+    bench.ask(submit(cases=2))
+    bench.ask(hello())
+    assert not bench.facts(Snapshot)
+    bench.control("pause")
+    assert bool(bench.facts(Snapshot)) == taken
+    assert bench.state.tail == (0 if taken else 4)
+
+
+@pytest.mark.parametrize(("facts", "taken"), [(3, True), (4, False)])
+def test_a_clean_end_takes_one_if_it_is_worth_it(facts: int, taken: bool) -> None:
+    bench = started(cases=2)
+    assert bench.state.tail == 3
+    assert bool(close_at(bench, facts)) == taken
+
+
+def test_the_journal_keeps_the_snapshot_and_what_came_after(tmp_path: Path) -> None:
+    config = Config(folder="/state", snapshot_facts=10)
+    bench = Bench(config)
+    journal = Journal(tmp_path)
+    mark = 0
+
+    def keep() -> None:
+        nonlocal mark
+        journal.append(bench.journal[mark:])
+        mark = len(bench.journal)
+
+    bench.ask(submit(cases=9))
+    bench.ask(hello())
+    keep()
+    leases = bench.lease(k=5)
+    keep()
+    bench.next(k=3, results=[result(lease) for lease in leases])
+    keep()
+    bench.next(k=0, held=[9])
+    keep()
+    assert len(bench.facts(Snapshot)) == 1
+    journal.close()
+    journal = Journal(tmp_path)
+    found = list(journal.fold())
+    assert isinstance(found[0], Snapshot)
+    assert len(found) < 10
+    state = fold(found, config)
+    assert state == bench.state
+    assert state.tail == bench.state.tail
+    # The same answer to the same request, though its leases are references now.
+    journal.append(start(state))
+    revive(state, bench.now_ns)
+    journal.close()
+    again = Next(v=V, worker="w1", seq=bench.seqs["w1"], k=0, held=[9])
+    _, reply = decide(state, again, bench.now_ns)
+    assert (reply.error, reply.seq) == ("", again.seq)
+
+
+def test_a_damaged_image_is_an_error(tmp_path: Path) -> None:
+    state = started().state
+    taken = take(state)
+    bad = Snapshot(images=[Image(image.key, image.data[:-3]) for image in taken.images])
+    with pytest.raises(msgspec.MsgspecError):
+        fold([bad])
+    with pytest.raises(AssertionError, match="without its head"):
+        fold([Snapshot(images=[])])
+
+
+def test_a_journal_of_version_1_is_brought_forward(tmp_path: Path) -> None:
+    shutil.copy(DATA / "journal-v1.db", tmp_path / "conductor.db")
+    expected = json.loads((DATA / "journal-v1.json").read_text())
+    for _ in range(2):  # the second time it is of today's version
+        journal = Journal(tmp_path)
+        state = fold(journal.fold(), Config(folder="/state"))
+        check(state)
+        _is_as_it_was(state, expected)
+        journal.close()
+    with closing(sqlite3.connect(tmp_path / "conductor.db")) as connection:
+        rows = connection.execute("SELECT value FROM meta WHERE name = 'version'").fetchall()
+    assert rows == [("2",)]
+
+
+def test_a_journal_of_version_1_goes_on_and_is_compacted(tmp_path: Path) -> None:
+    shutil.copy(DATA / "journal-v1.db", tmp_path / "conductor.db")
+    expected = json.loads((DATA / "journal-v1.json").read_text())
+    journal = Journal(tmp_path)
+    state = fold(journal.fold(), Config(folder="/state", snapshot_close_facts=0))
+    journal.append(close(state))
+    journal.close()
+    journal = Journal(tmp_path)
+    again = fold(journal.fold(), state.config)
+    journal.close()
+    assert again == state
+    _is_as_it_was(again, expected)
+
+
+def _is_as_it_was(state: State, expected: dict[str, object]) -> None:
+    alpha = state.campaigns["alpha"]
+    assert (state.epoch, state.granted) == (expected["epoch"], expected["granted"])
+    live = {str(token): [*x.key, x.worker] for token, x in state.leases.items()}
+    assert live == expected["live"]
+    found = json.loads(encode_outcomes(outcomes_of(alpha)))
+    for row in found["cases"].values():  # charges name their worker since version 2
+        row["charges"] = [text.removesuffix(" (worker w1)") for text in row["charges"]]
+    assert found == expected["outcomes"]
+    assert list(state.workers) == expected["workers"]
+    assert sorted(state.departed) == expected["departed"]
+    replied = state.workers["w3"].replied
+    assert replied is not None
+    assert [replied.seq, [lease.token for lease in replied.reply.leases]] == expected["replied"]
+    waiting = [case.case.id for case in alpha.ordered if case.waits]
+    assert waiting == expected["waiting"]
+    assert [case.case.id for case in alpha.ordered if case.alone] == expected["alone"]
+
+
+@pytest.mark.parametrize("cases", [1, 12])
+def test_outcomes_are_written_line_by_line(cases: int) -> None:
+    alpha = (_eventful() if cases > 1 else started(cases=1)).state.campaigns["alpha"]
+    text = bytes(encode_campaign(alpha))
+    assert msgspec.json.decode(text, type=Outcomes) == outcomes_of(alpha)
+    assert len([line for line in text.splitlines() if b'"outcome":' in line]) == cases

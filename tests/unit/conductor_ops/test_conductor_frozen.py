@@ -1,0 +1,42 @@
+"""A conductor that was frozen itself must not take it out on its workers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conductor_bench import CONFIG, S, V, hello, submit
+from ops_bench import running_hub, serving
+
+import conductor.shell
+from conductor.engine import Engine, Message
+from conductor.journal import Journal
+from conductor.state import Config
+from schemas.messages import Next, Reply
+from schemas.wire import decode, encode
+
+
+def test_leases_get_a_full_time_to_live_after_waking_up(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    engine = Engine(journal, CONFIG, 0)
+    engine.turn([Message(encode(request), S) for request in (submit(), hello())])
+    turn = engine.turn([Message(encode(Next(v=V, worker="w1", seq=1, k=1)), S)])
+    (lease,) = decode(turn.replies[0] or b"", Reply).leases
+    engine.woke(100 * S)
+    ttl_ns = CONFIG.ttl_ns
+    engine.tick(100 * S + ttl_ns - 1)
+    assert lease.token in engine.state.leases
+    engine.tick(100 * S + ttl_ns)
+    assert lease.token not in engine.state.leases
+    journal.close()
+
+
+def test_the_loop_notices(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every turn counts as frozen: leases never expire, and the log says why."""
+    monkeypatch.setattr(conductor.shell, "FROZEN_MIN_S", -1.0)
+    monkeypatch.setattr(conductor.shell, "IDLE_S", 0.01)
+    with running_hub() as hub, serving(tmp_path, hub, config=Config(ttl_ns=0)) as served:
+        served.request(submit())
+    assert "stood still for" in caplog.text
