@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from conductor.operate import Connect, Namespace, State, add_commands
 from schemas.view import ViewMode
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
@@ -34,14 +35,9 @@ app = make_app(
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
 OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
-Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")]
-State = Annotated[
-    Path | None, typer.Option(help="Or: the conductor's state folder (holds conductor.json).")
-]
 Listen = Annotated[
     str, typer.Option(help="Where to listen; port 0 takes a free one. Loopback unless asked.")
 ]
-Namespace = Annotated[str, typer.Option(help="Prefix of every key of this fabric.")]
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
 ]
@@ -121,6 +117,9 @@ def submit(
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+    priority: Annotated[
+        int, typer.Option(help="Higher ones are served first; equals share the workers.")
+    ] = 0,
 ) -> None:
     """Submit a campaign to a conductor that serves."""
     from conductor.client import Client
@@ -128,7 +127,7 @@ def submit(
 
     loaded = load(campaign, seed=seed)
     with Client(connect, state, namespace) as client:
-        folder = client.submit(loaded, str(out.absolute()) if out else "")
+        folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 
 
@@ -168,6 +167,9 @@ def stop(connect: Connect = "", state: State = None, namespace: Namespace = "twi
     with Client(connect, state, namespace) as client:
         client.stop()
     print("draining; run `conductor serve` again to go on")
+
+
+add_commands(app)
 
 
 @app.command()

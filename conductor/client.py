@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import msgspec
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign
-from schemas.messages import Reply, Request, StatusRequest, Stop, Submit
+from schemas.messages import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire import decode, encode
 from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -50,10 +50,15 @@ class Client:
     ) -> None:
         self._bus.close()
 
-    def submit(self, campaign: Campaign, out: str) -> str:
+    def submit(self, campaign: Campaign, out: str, priority: int = 0) -> str:
         """Submit; returns the campaign folder, as the conductor sees it."""
-        data = msgspec.to_builtins(campaign)
-        request = Submit(v=SCHEMA_VERSION, campaign=data, software=software_digest(), out=out)
+        request = Submit(
+            v=SCHEMA_VERSION,
+            campaign=msgspec.to_builtins(campaign),
+            software=software_digest(),
+            out=out,
+            priority=priority,
+        )
         self._ask(request, timeout_s=30.0)
         return str(self.status()["campaigns"][campaign.campaign]["out"])
 
@@ -64,6 +69,25 @@ class Client:
     def on_event(self, handler: Callable[[], None]) -> None:
         """Call ``handler`` whenever the conductor publishes a fact, on a thread of the bus."""
         self._bus.subscribe(topics.EVENT.key, lambda _: handler())
+
+    def explain(self, campaign: str, case: str) -> list[str]:
+        """Sentences about why a case waits, runs or ended."""
+        found = self._ask(Explain(v=SCHEMA_VERSION, campaign=campaign, case=case)).status
+        return [str(line) for line in found["explain"]]
+
+    def control(
+        self,
+        action: Literal["pause", "resume", "cancel", "retry", "drain"],
+        *,
+        campaign: str = "",
+        case: str = "",
+        worker: str = "",
+    ) -> int:
+        """Act on a campaign, a case or a worker; returns how many were changed."""
+        request = Control(
+            v=SCHEMA_VERSION, action=action, campaign=campaign, case=case, worker=worker
+        )
+        return int(self._ask(request).status["changed"])
 
     def stop(self) -> None:
         """Drain."""

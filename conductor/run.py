@@ -138,6 +138,7 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
             *("--connect", conductor.endpoint, "--slots", str(options.slots)),
             *("--device", options.device, "--view", options.view.value),
             *("--join-dir", str(conductor.folder / "rigs")),
+            *("--spool", str(conductor.folder / "spool")),
         ]
         workers = LocalWorkers(worker_options, conductor.folder, count)
         try:

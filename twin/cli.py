@@ -49,6 +49,13 @@ def worker(
     until_done: Annotated[
         bool, typer.Option("--until-done", help="Leave when no case is left.")
     ] = False,
+    drain_s: Annotated[
+        float, typer.Option(min=0, help="After SIGTERM, running cases may go on this long [s].")
+    ] = 0.0,
+    spool: Annotated[
+        Path | None,
+        typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
+    ] = None,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
     from twin.fabric.discovery import await_conductor
@@ -60,6 +67,7 @@ def worker(
                 "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER "
                 "(`conductor serve` prints both)"
             )
+        spool = spool or state / "spool"
         found = await_conductor(state, wait)
         connect, namespace = found.endpoint, found.namespace
     options = WorkerOptions(
@@ -71,6 +79,8 @@ def worker(
         join_dir=join_dir,
         view=view,
         until_done=until_done,
+        drain_s=drain_s,
+        spool=spool,
     )
     raise typer.Exit(Worker(options).serve())
 

@@ -1,5 +1,6 @@
 """A conductor that is killed and started again goes on; commands by hand in three terminals."""
 
+import json
 from collections import Counter
 
 from processes import committed, outcomes, wait_for
@@ -105,3 +106,73 @@ def test_stop_of_a_run_is_unfinished(marked, tmp_path):
     _, err = child.communicate()
     assert child.returncode == 75, err
     assert "the same command goes on" in err
+
+
+def test_results_outlive_both_conductor_and_worker(marked, quiet, tmp_path):
+    """Finished while the conductor was away, by a worker that is gone: its successor delivers."""
+    state = tmp_path / "state"
+    campaign = state / "chaos-16"
+    first = serve(marked, state)
+    submitted = marked.run("conductor", "submit", "chaos-16", "--state", str(state))
+    assert submitted.returncode == 0, submitted.stderr
+    worker = marked.start("twin", "worker", "--state", str(state), "--slots", "4")
+    wait_for(lambda: committed(campaign) >= 1, "a case")
+    first.kill()
+    first.wait()
+    wait_for(lambda: list(state.glob("spool/*.result")), "a result in the spool")
+    marked.one("sim").suspend()  # so that what is spooled stays what there is
+    spooled = {int(path.stem) for path in state.glob("spool/*.result")}
+    worker.kill()
+    worker.wait()
+    second = serve(marked, state)
+    successor = marked.start(
+        *("twin", "worker", "--state", str(state), "--slots", "4", "--until-done")
+    )
+    _, said = successor.communicate()
+    assert successor.returncode == 0, said
+    assert f"{len(spooled)} results of earlier workers are delivered" in said
+    second.terminate()
+    second.wait()
+    assert fingerprint(campaign).sha256 == quiet["fingerprint"]
+    assert not (state / "spool").exists()
+    journal = Journal(state)
+    try:
+        tokens = {f.result.token for f in journal.fold() if isinstance(f, Committed)}
+    finally:
+        journal.close()
+    assert spooled <= tokens
+
+
+def test_control_by_hand(marked, tmp_path):
+    """Pause, explain, cancel, retry, drain: what people type."""
+    state = tmp_path / "state"
+    server = serve(marked, state)
+    here = ("--state", str(state))
+    assert marked.run("conductor", "submit", "chaos-16", *here).returncode == 0
+    paused = marked.run("conductor", "pause", "chaos-16", *here)
+    assert paused.stdout == "pause chaos-16: 16 case(s)\n"
+    case = "yolov3-0500-clear"
+    assert "paused" in marked.run("conductor", "explain", "chaos-16", case, *here).stdout
+    unknown = marked.run("conductor", "explain", "chaos-16", "nope", *here)
+    assert unknown.returncode == 2
+    assert "nope" in unknown.stderr
+    cancelled = marked.run("conductor", "cancel", "chaos-16", case, *here)
+    assert cancelled.stdout == f"cancel chaos-16 {case}: 1 case(s)\n"
+    assert "cancelled" in marked.run("conductor", "explain", "chaos-16", case, *here).stdout
+    assert marked.run("conductor", "retry", "chaos-16", case, *here).stdout.endswith("1 case(s)\n")
+    worker = marked.start("twin", "worker", *here)
+    wait_for(lambda: workers(marked, here), "the worker")
+    (name,) = workers(marked, here)
+    assert not list(state.glob("chaos-16/cases/*")), "a paused campaign is not leased"
+    assert marked.run("conductor", "drain", name, *here).returncode == 0
+    worker.communicate()
+    assert worker.returncode == 0
+    server.terminate()
+    server.communicate()
+    assert server.returncode == 75, "unfinished"
+
+
+def workers(marked, here):
+    """Ids of the workers that the conductor knows."""
+    found = json.loads(marked.run("conductor", "status", *here, "--output", "json").stdout)
+    return [row["id"] for row in found["workers"]]

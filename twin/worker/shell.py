@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from schemas import SCHEMA_VERSION, topics
@@ -18,13 +19,14 @@ from schemas.messages import Hello, Reply, Request
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.process import bind_to_parent
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
+from twin.worker.spool_folder import SpoolFolder
 
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""
@@ -49,6 +51,10 @@ class WorkerOptions:
     view: ViewMode = ViewMode.live
     """What simulators show; see :class:`schemas.view.ViewMode`."""
     until_done: bool = False
+    drain_s: float = 0.0
+    """How long running cases may go on after SIGTERM [s]."""
+    spool: Path | None = None
+    """Folder for results that the conductor has not got yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +77,7 @@ class Worker:
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._rig: RigProcess | None = None
         self._bus: Bus | None = None
+        self._spool = SpoolFolder(options.spool)
         self._error = ""
         self._left = False
         host = socket.gethostname()
@@ -86,6 +93,7 @@ class Worker:
                 slots=options.slots,
             ),
             until_done=options.until_done,
+            drain_ns=int(options.drain_s * decisions.SECOND_NS),
         )
 
     def serve(self) -> int:
@@ -109,6 +117,7 @@ class Worker:
         )
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
+        self._carry_out(self._core.on_spool(self._spool.read()))
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
 
     def _shutdown(self) -> None:
@@ -193,6 +202,13 @@ class Worker:
                         self._rig.abandon(token)
                 case decisions.Say(line):
                     _log(line)
+                case decisions.SpoolWrite(token, data):
+                    try:
+                        self._spool.write(token, data)
+                    except OSError as error:
+                        _log(f"{storage_error(error, 'spool')}; results wait in memory")
+                case decisions.SpoolForget(token):
+                    self._spool.forget(token)
                 case decisions.Leave(error):
                     self._error = error
                     self._left = True

@@ -1,0 +1,110 @@
+"""Commands that act on a conductor that serves: explain, pause, resume, cancel, retry, drain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from conductor.client import Client
+
+Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")]
+State = Annotated[
+    Path | None, typer.Option(help="Or: the conductor's state folder (holds conductor.json).")
+]
+Namespace = Annotated[str, typer.Option(help="Prefix of every key of this fabric.")]
+CampaignName = Annotated[str, typer.Argument(help="Name of the campaign.")]
+CaseName = Annotated[str, typer.Argument(help="One case of it; default: all.")]
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands to ``app``."""
+    app.command()(explain)
+    app.command()(pause)
+    app.command()(resume)
+    app.command()(cancel)
+    app.command()(retry)
+    app.command()(drain)
+
+
+def explain(
+    campaign: CampaignName,
+    case: Annotated[str, typer.Argument(help="The case.")],
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """Say why a case waits, runs or ended."""
+    with Client(connect, state, namespace) as client:
+        for line in client.explain(campaign, case):
+            print(line)
+
+
+def pause(
+    campaign: CampaignName,
+    case: CaseName = "",
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """Lease no more of a campaign or case; what runs goes on."""
+    _act("pause", campaign, case, connect, state, namespace)
+
+
+def resume(
+    campaign: CampaignName,
+    case: CaseName = "",
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """Lease a paused campaign or case again."""
+    _act("resume", campaign, case, connect, state, namespace)
+
+
+def cancel(
+    campaign: CampaignName,
+    case: CaseName = "",
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """End what has not ended; outcomes that are there stay."""
+    _act("cancel", campaign, case, connect, state, namespace)
+
+
+def retry(
+    campaign: CampaignName,
+    case: CaseName = "",
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """Run cases that are unresolved or cancelled once more."""
+    _act("retry", campaign, case, connect, state, namespace)
+
+
+def drain(
+    worker: Annotated[str, typer.Argument(help="The worker, as `conductor status` names it.")],
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+) -> None:
+    """Let a worker give its cases back and leave."""
+    with Client(connect, state, namespace) as client:
+        client.control("drain", worker=worker)
+    print(f"{worker}: draining")
+
+
+def _act(
+    action: Literal["pause", "resume", "cancel", "retry"],
+    campaign: str,
+    case: str,
+    connect: str,
+    state: Path | None,
+    namespace: str,
+) -> None:
+    with Client(connect, state, namespace) as client:
+        changed = client.control(action, campaign=campaign, case=case)
+    print(f"{action} {campaign}{f' {case}' if case else ''}: {changed} case(s)")
