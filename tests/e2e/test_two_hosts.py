@@ -89,3 +89,28 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
     assert fingerprint(state / "chaos-16").sha256 == quiet["fingerprint"]
     for process in marked.processes("host"):
         process.terminate()
+
+
+def test_worker_on_another_host(marked, quiet, tmp_path, hosts):
+    """Conductor here, worker there: control over TCP, rig on the worker's own loopback."""
+    (here, address), (there, _) = hosts
+    state = tmp_path / "state"
+    inside, outside = ("ip", "netns", "exec", here), ("ip", "netns", "exec", there)
+    server = marked.start(
+        *("conductor", "serve", "--state", str(state), "--listen", f"tcp/{address}:0"),
+        prefix=inside,
+    )
+    wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
+    endpoint = find_conductor(state).endpoint
+    assert address in endpoint
+    connect = ("--connect", endpoint)
+    submit = marked.start("conductor", "submit", "chaos-16", *connect, prefix=outside)
+    assert submit.communicate()[0].startswith("submitted")
+    worker = marked.start(
+        *("twin", "worker", *connect, "--slots", "2", "--until-done"), prefix=outside
+    )
+    _, err = worker.communicate()
+    assert worker.returncode == 0, err
+    server.terminate()
+    server.communicate()
+    assert fingerprint(state / "chaos-16").sha256 == quiet["fingerprint"]

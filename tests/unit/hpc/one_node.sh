@@ -22,7 +22,7 @@
 
 # --- Names. All nodes must see these paths.
 campaign=aeb-256
-out=/work/runs/x
+out=/project/runs/x
 bin=/opt/drivetwin/bin
 restarts_max=20
 cd /work || exit 2

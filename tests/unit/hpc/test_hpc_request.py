@@ -10,9 +10,9 @@ def request(**changes):
     """A good request with changes."""
     values = {
         "campaign": "aeb-demo",
-        "out": "/work/runs/aeb-demo",
+        "out": "/project/runs/aeb-demo",
         "folder": "/work",
-        "bin_folder": "/work/venv/bin",
+        "bin_folder": "/project/venv/bin",
         "walltime_min": 60,
         "workers": 2,
         **changes,

@@ -14,7 +14,7 @@ HOSTILE = '/data/a b/it\'s "quoted" $(touch pwned) `id` ; & | * \\ é'
 PLACE = {"folder": "/work", "bin_folder": "/opt/drivetwin/bin", "walltime_min": 60}
 REQUESTS = {
     "two_cpu_workers": JobRequest(
-        campaign="aeb-demo", out="/work/runs/aeb-demo", workers=2, **PLACE
+        campaign="aeb-demo", out="/project/runs/aeb-demo", workers=2, **PLACE
     ),
     "gpus_with_everything": JobRequest(
         campaign="/home/me/night campaign.yaml",
@@ -30,7 +30,7 @@ REQUESTS = {
         address="10.1.2.3",
         **PLACE,
     ),
-    "one_node": JobRequest(campaign="aeb-256", out="/work/runs/x", gpus=4, nodes=1, **PLACE),
+    "one_node": JobRequest(campaign="aeb-256", out="/project/runs/x", gpus=4, nodes=1, **PLACE),
     "hostile": JobRequest(
         campaign=f"{HOSTILE}.yaml",
         out=HOSTILE,

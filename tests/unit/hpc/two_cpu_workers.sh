@@ -20,7 +20,7 @@
 
 # --- Names. All nodes must see these paths.
 campaign=aeb-demo
-out=/work/runs/aeb-demo
+out=/project/runs/aeb-demo
 bin=/opt/drivetwin/bin
 restarts_max=20
 cd /work || exit 2
