@@ -75,7 +75,11 @@ def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
     module = campaign.autonomy.stack.split(":")[0]
     if not _importable(module):
         mistakes.append(
-            Mistake("autonomy.stack", f"given '{campaign.autonomy.stack}', no module '{module}'")
+            Mistake(
+                "autonomy.stack",
+                f"given '{campaign.autonomy.stack}', no module '{module}'; "
+                "install it or put its folder on PYTHONPATH",
+            )
         )
     return (None, mistakes) if mistakes else (campaign, [])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +18,9 @@ _COUNTS_IF_ANY = ("cancelled", "quarantined")
 
 def status_tables(found: dict[str, Any]) -> None:
     """Print campaigns, workers, notes and alarms of a conductor."""
-    Console().print(status_view(found))
+    # Without a terminal rich assumes 80 columns, which cuts ids and folders.
+    wide = None if sys.stdout.isatty() else 180
+    Console(width=wide).print(status_view(found))
 
 
 def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
