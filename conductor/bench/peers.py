@@ -106,6 +106,8 @@ _RUN: dict[str, Callable[[int, Path], float]] = {"dask": _dask, "hyperqueue": _h
 
 def _main() -> None:
     peer, tasks, scratch = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
+    # HyperQueue leaves a folder below the temporary one for each cluster.
+    os.environ["TMPDIR"] = str(scratch)
     # Peers print to descriptor 1, also from native code; the result alone goes there.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
