@@ -21,29 +21,11 @@ from schemas.yaml_file import dump_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.discovery import ConductorFile
 from twin.fabric.errors import storage_error
+from twin.fabric.files import write_atomic
 
 CAMPAIGN_FILE = "campaign.yaml"
 
 _log = logging.getLogger(__name__)
-
-
-def write_atomic(path: Path, data: bytes | bytearray) -> None:
-    """Write a file that is complete or absent, also after a power cut."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 class Folders:

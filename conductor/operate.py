@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,14 +18,22 @@ Namespace = Annotated[str, typer.Option(help="Prefix of every key of this fabric
 CampaignName = Annotated[str, typer.Argument(help="Name of the campaign.")]
 CaseName = Annotated[str, typer.Argument(help="One case of it; default: all.")]
 
+Action = Literal["pause", "resume", "cancel", "retry"]
+
+ACTIONS: dict[Action, str] = {
+    "pause": "Lease no more of a campaign or case; what runs goes on.",
+    "resume": "Lease a paused campaign or case again.",
+    "cancel": "End what has not ended; outcomes that are there stay.",
+    "retry": "Run cases that are unresolved or cancelled once more.",
+}
+"""What may be done to a campaign or one of its cases: command -> help."""
+
 
 def add_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command()(explain)
-    app.command()(pause)
-    app.command()(resume)
-    app.command()(cancel)
-    app.command()(retry)
+    for action, text in ACTIONS.items():
+        app.command(action, help=text)(_command(action))
     app.command()(drain)
 
 
@@ -41,50 +50,6 @@ def explain(
             print(line)
 
 
-def pause(
-    campaign: CampaignName,
-    case: CaseName = "",
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-) -> None:
-    """Lease no more of a campaign or case; what runs goes on."""
-    _act("pause", campaign, case, connect, state, namespace)
-
-
-def resume(
-    campaign: CampaignName,
-    case: CaseName = "",
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-) -> None:
-    """Lease a paused campaign or case again."""
-    _act("resume", campaign, case, connect, state, namespace)
-
-
-def cancel(
-    campaign: CampaignName,
-    case: CaseName = "",
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-) -> None:
-    """End what has not ended; outcomes that are there stay."""
-    _act("cancel", campaign, case, connect, state, namespace)
-
-
-def retry(
-    campaign: CampaignName,
-    case: CaseName = "",
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-) -> None:
-    """Run cases that are unresolved or cancelled once more."""
-    _act("retry", campaign, case, connect, state, namespace)
-
-
 def drain(
     worker: Annotated[str, typer.Argument(help="The worker, as `conductor status` names it.")],
     connect: Connect = "",
@@ -97,14 +62,18 @@ def drain(
     print(f"{worker}: draining")
 
 
-def _act(
-    action: Literal["pause", "resume", "cancel", "retry"],
-    campaign: str,
-    case: str,
-    connect: str,
-    state: Path | None,
-    namespace: str,
-) -> None:
-    with Client(connect, state, namespace) as client:
-        changed = client.control(action, campaign=campaign, case=case)
-    print(f"{action} {campaign}{f' {case}' if case else ''}: {changed} case(s)")
+def _command(action: Action) -> Callable[..., None]:
+    """The command of an action on a campaign or one of its cases."""
+
+    def act(
+        campaign: CampaignName,
+        case: CaseName = "",
+        connect: Connect = "",
+        state: State = None,
+        namespace: Namespace = "twin",
+    ) -> None:
+        with Client(connect, state, namespace) as client:
+            changed = client.control(action, campaign=campaign, case=case)
+        print(f"{action} {campaign}{f' {case}' if case else ''}: {changed} case(s)")
+
+    return act

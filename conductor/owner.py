@@ -19,6 +19,7 @@ from pathlib import Path
 import msgspec
 
 from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.files import write_atomic
 
 FILE_NAME = "conductor.owner"
 BEAT_S = 1.0
@@ -103,12 +104,7 @@ class Claim:
         Raises:
             OSError: the file cannot be written.
         """
-        temporary = self._path.with_name(f".{FILE_NAME}.{self.me.id}.tmp")
-        with temporary.open("wb") as file:
-            file.write(msgspec.json.encode(self.me) + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self._path)
+        write_atomic(self._path, msgspec.json.encode(self.me) + b"\n")
         self._mine = True
 
     def check(self) -> None:

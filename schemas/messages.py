@@ -224,6 +224,18 @@ class Lease(Struct, frozen=True):
     """Run it alone in a fresh rig (its last rig died)."""
 
 
+def noop_result(lease: Lease) -> Result:
+    """What ``simulator: noop`` says of a case: a test of the scheduling, which reports refuse."""
+    return Result(
+        campaign=lease.case.campaign,
+        case=lease.case.id,
+        token=lease.token,
+        outcome="verdict",
+        verdict="pass",
+        passed=True,
+    )
+
+
 class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """A worker introduces itself: one incarnation, never reused."""
 

@@ -39,12 +39,13 @@ EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
 
-VIEW_START = Topic("view/{campaign}/{case}/start", "msgpack", "CaseStart", False, True)
-VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", False, True)
-VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", False, True)
-VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", False, True)
+# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
+VIEW_START = Topic("view/{campaign}/{case}/start", "msgpack", "CaseStart", True, True)
+VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", True, True)
+VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", True, True)
+VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", True, True)
 VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False, False)
-FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", False, False)
+FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True, False)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
 
 TOPICS: tuple[Topic, ...] = (

@@ -12,7 +12,7 @@ import sys
 import time
 
 from schemas import SCHEMA_VERSION, topics
-from schemas.messages import Hello, Lease, Next, Reply, Request, Result
+from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.process import bind_to_parent
@@ -54,18 +54,7 @@ def _work(bus: Bus, worker: str, k: int) -> tuple[int, int]:
         cases += len(results)
         if reply.fenced or not reply.leases:
             return cases, seq
-        results = [_result(lease) for lease in reply.leases]
-
-
-def _result(lease: Lease) -> Result:
-    return Result(
-        campaign=lease.case.campaign,
-        case=lease.case.id,
-        token=lease.token,
-        outcome="verdict",
-        verdict="pass",
-        passed=True,
-    )
+        results = [noop_result(lease) for lease in reply.leases]
 
 
 def _ask(bus: Bus, request: Request) -> Reply:

@@ -6,13 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from conductor.folders import write_atomic
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
 from conductor.report.page import render
 from conductor.report.summary import write_summary_of
 from conductor.report.tables import case_record, verdict_table
 from twin.fabric.errors import storage_error
+from twin.fabric.files import write_atomic
 
 PAGE_FILE = "report.html"
 

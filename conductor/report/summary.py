@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from conductor.folders import write_atomic
 from conductor.report.axes import PLAIN, axis_value, further_axes
 from conductor.report.dossier import Dossier, open_dossier
 from schemas.kpi import SCALARS
 from twin.fabric.errors import storage_error
+from twin.fabric.files import write_atomic
 
 SUMMARY_FILE = "summary.parquet"
 CSV_FILE = "summary.csv"

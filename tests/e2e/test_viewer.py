@@ -63,7 +63,8 @@ def test_one_readable_recording_per_case(recorded, quiet):
         assert found.recording_id == f"chaos-16-{case}-1"
         assert found.properties["case"]["case"] == case
         assert found.properties["verdict"]["verdict"] == row["verdict"]
-        assert found.properties["verdict"]["complete"] is True
+        said = found.properties["verdict"]
+        assert said["complete"] is True, (said, note(folder, case))
         assert found.blueprints == 1
         assert note(folder, case)["complete"] is True
         # One row per KPI row; commands and pictures except at the last.

@@ -6,7 +6,7 @@ Fingerprints are over values, not over Parquet bytes: those differ with writer v
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
 from twin.fabric.errors import InfrastructureError, storage_error
+from twin.fabric.files import write_atomic
 
 _DETECTION = pa.struct(
     [(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS]
@@ -48,14 +49,11 @@ def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
 
 def write_kpi(table: pa.Table, path: Path) -> None:
     """Write atomically: the file is complete or absent."""
-    temporary = path.with_suffix(".tmp")
+    data = io.BytesIO()
+    pq.write_table(table, data, compression="zstd")
     try:
-        pq.write_table(table, temporary, compression="zstd")
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        write_atomic(path, data.getbuffer())
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise storage_error(error, str(path)) from None
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from pathlib import Path
 
 from schemas.identity import digest
 from schemas.messages import Lease, Result
 from twin.engine import Finished
 from twin.fabric.errors import storage_error
+from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 
@@ -22,18 +22,15 @@ def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
     relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
     folder = Path(lease.out) / relative
     table = kpi_table(finished.table.to_lists())
-    log = _log_text(lease, finished)
+    log = _log_text(lease, finished).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_kpi(table, folder / "kpi.parquet")
-        with (folder / "log.txt").open("w", encoding="utf-8") as file:
-            file.write(log)
-            file.flush()
-            os.fsync(file.fileno())
+        write_atomic(folder / "log.txt", log)
     except OSError as error:
         raise storage_error(error, str(folder)) from None
     sha = kpi_sha256(table)
-    log_sha = hashlib.sha256(log.encode()).hexdigest()
+    log_sha = hashlib.sha256(log).hexdigest()
     return Result(
         campaign=lease.case.campaign,
         case=lease.case.id,

@@ -21,6 +21,7 @@ from schemas.messages import (
     Reply,
     Request,
     Result,
+    noop_result,
 )
 from twin.worker.spool import pack, unpack
 
@@ -421,7 +422,7 @@ class Core:
         effects: list[Effect] = []
         for lease in leases:
             if lease.case.simulator == "noop":
-                self.results.append(_noop_result(lease))
+                self.results.append(noop_result(lease))
                 self.ask_at_ns = now_ns
                 continue
             key = rig_key(lease.case)
@@ -459,15 +460,3 @@ class Core:
     def _end_of(self, token: int, held: Held, reason: Release, detail: str) -> Ended:
         case = held.lease.case
         return Ended(case.campaign, case.id, token, reason, detail[:500])
-
-
-def _noop_result(lease: Lease) -> Result:
-    """``simulator: noop``: for tests of the scheduling only; reports refuse it."""
-    return Result(
-        campaign=lease.case.campaign,
-        case=lease.case.id,
-        token=lease.token,
-        outcome="verdict",
-        verdict="pass",
-        passed=True,
-    )

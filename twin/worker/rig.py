@@ -11,16 +11,23 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import psutil
+
 from schemas.messages import Lease, Release
+from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
 
-FEED_GRACE_S = 3.0
-"""Longest wait for a recorder that still gets samples, when its rig ends [s]."""
+FEED_GRACE_S = 8.0
+"""Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
+
+STOPPED_GRACE_S = 0.5
+"""How long a recorder may stand still by SIGSTOP meanwhile [s]."""
 
 FILE_GRACE_S = 1.0
 """After that: longest wait for it to finish its files without the rest [s]."""
@@ -174,7 +181,7 @@ class RigProcess:
         self._write(pack(Close()))
         try:
             if self._simulator.poll() is None:
-                recorder.wait(FEED_GRACE_S)
+                _wait_unless_stopped(recorder)
                 return
         except subprocess.TimeoutExpired:
             pass
@@ -187,9 +194,7 @@ class RigProcess:
         folder = Path(self._options.join_dir)
         folder.mkdir(parents=True, exist_ok=True)
         self._announced = folder / f"{self._id}.json"
-        temporary = self._announced.with_suffix(".tmp")
-        temporary.write_text(json.dumps({"arguments": arguments}), encoding="utf-8")
-        temporary.replace(self._announced)
+        write_atomic(self._announced, json.dumps({"arguments": arguments}).encode())
 
     def _watch_stack(self) -> None:
         assert self._stack is not None
@@ -204,3 +209,23 @@ class RigProcess:
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
         self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))
+
+
+def _wait_unless_stopped(recorder: subprocess.Popen[bytes]) -> None:
+    """Wait for the end of a recorder that is at work; a stopped one is not waited for.
+
+    Raises:
+        TimeoutExpired: it still runs.
+    """
+    stopped = 0.0
+    until_s = time.monotonic() + FEED_GRACE_S
+    while True:
+        try:
+            recorder.wait(STOPPED_GRACE_S / 5)
+            return
+        except subprocess.TimeoutExpired:
+            if time.monotonic() >= until_s or stopped >= STOPPED_GRACE_S:
+                raise
+        with contextlib.suppress(psutil.NoSuchProcess):
+            still = psutil.Process(recorder.pid).status() == psutil.STATUS_STOPPED
+            stopped = stopped + STOPPED_GRACE_S / 5 if still else 0.0

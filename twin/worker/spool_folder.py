@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from pathlib import Path
+
+from twin.fabric.files import write_atomic
 
 
 class SpoolFolder:
@@ -32,16 +33,7 @@ class SpoolFolder:
         if self._folder is None:
             return
         self._folder.mkdir(parents=True, exist_ok=True)
-        temporary = self._folder / f".{token}.{os.getpid()}.tmp"
-        try:
-            with temporary.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self._path(token))
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+        write_atomic(self._path(token), data)
 
     def forget(self, token: int) -> None:
         """The result is settled; an empty folder goes too."""

@@ -196,6 +196,8 @@ class ViewFeed:
             if run is None:
                 continue
             run.last_tick = int(engine.tick[slot])
+            # Numbers go on while the recorder is away: one that comes back sees what it missed.
+            seq = run.number(2 if "camera" in sensed else 1) if run.recorded else -1
             recorded = run.recorded and not self._recorder_gone
             due = shown and "camera" in sensed and now_s - run.shown_s >= THUMBNAIL_PERIOD_S
             if not (recorded or due):
@@ -203,9 +205,8 @@ class ViewFeed:
             if due:
                 run.shown_s = now_s
             seen = self._look(engine, sensed, slot, commands[slot])
-            seq = run.number(1 if seen.image is None else 2) if recorded else -1
             size = _TICK_BYTES + (0 if seen.image is None else seen.image.nbytes)
-            self._channel.offer(Ticked(run, seq, seen, due), size)
+            self._channel.offer(Ticked(run, seq if recorded else -1, seen, due), size)
 
     def end(self, finished: Finished) -> None:
         """See :class:`Feed`."""
@@ -278,12 +279,12 @@ class ViewFeed:
             case = item.run.lease.case
             for topic, payload, attachment in encoder.messages(item):
                 key = topic.key.format(campaign=case.campaign, case=case.id)
-                self._bus.publish(key, payload, attachment)
+                self._bus.publish(key, payload, attachment, block=topic.block)
             if isinstance(item, Ticked) and item.seen.image is not None and not item.thumbnail:
                 self._spare.append(item.seen.image)
             item = self._channel.take()
         end = FeedEnd(v=SCHEMA_VERSION, rig=self._rig)
-        self._bus.publish(topics.FEED_END.key.format(rig=self._rig), encode(end))
+        self._bus.publish(topics.FEED_END.key.format(rig=self._rig), encode(end), block=True)
         self._closed.set()
 
 

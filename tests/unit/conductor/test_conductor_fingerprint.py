@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from conductor.fingerprint import fingerprint
-from conductor.folders import write_atomic
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from schemas.kpi import KPI_COLUMNS
 from twin.fabric.errors import InfrastructureError, UnfinishedError, UsageError
+from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 _VALUES = {"bool": True, "int32": 3, "int64": 4, "float64": 0.5, "detections": []}
