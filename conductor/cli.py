@@ -61,6 +61,10 @@ def run_command(
         ViewMode,
         typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
     ] = ViewMode.live,
+    memory_gb: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
+    ] = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Serve, start local workers, wait, report: a whole campaign with one command.
@@ -80,6 +84,7 @@ def run_command(
         by_batch=by_batch,
         listen=listen,
         view=view,
+        memory_gb=memory_gb,
         json=output is Output.json,
     )
     raise typer.Exit(run_campaign(loaded, options))

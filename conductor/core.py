@@ -80,11 +80,19 @@ def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Rep
 
 
 def tick(state: State, now_ns: int) -> list[Fact]:
-    """What happens by itself: leases whose time is over are lost."""
+    """What happens by itself: leases whose time is over are lost, silent workers are forgotten."""
     turn = Turn(state, now_ns)
     expire(turn)
+    _forget(turn)
     _snapshot(turn, state.config.snapshot_facts)
     return turn.facts
+
+
+def _forget(turn: Turn) -> None:
+    """Workers that were killed say no goodbye; a conductor that runs for days has many of them."""
+    for name, worker in list(turn.state.workers.items()):
+        if not worker.tokens and turn.now_ns - worker.seen_ns >= turn.state.config.forget_ns:
+            turn.emit(WorkerLeft(worker=name, reason="silent for too long"))
 
 
 def close(state: State) -> list[Fact]:
@@ -125,6 +133,8 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         software=request.software,
         slots=request.slots,
         walltime_end_s=request.walltime_end_s,
+        memory_bytes=request.memory_bytes,
+        tags=request.tags,
     )
     known = state.workers.get(request.worker)
     if known is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conductor.facts import ALONE, SHARED, CaseEnded, Committed
-from conductor.grant import avoids, fits, mismatch, present
+from conductor.grant import avoids, fits, mismatch, present, shunned
 from conductor.state import CampaignState, CaseState, State, WorkerState
 
 
@@ -88,6 +88,9 @@ def _workers(
     if not serving:
         yield f"waits: all of {_count(len(matching), 'worker')} that may run it are draining"
         return
+    for worker in serving:
+        if shunned(state, campaign, worker, now_ns):
+            yield f"not on {worker.joined.worker}: too many different cases died on its host"
     short = [w for w in serving if not fits(state.config, campaign, w.remaining_s)]
     if len(short) == len(serving):
         yield (

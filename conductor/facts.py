@@ -72,6 +72,8 @@ class WorkerJoined(_Fact, frozen=True):
     software: str
     slots: int
     walltime_end_s: float | None = None
+    memory_bytes: int | None = None
+    tags: list[str] = []
 
 
 class WorkerLeft(_Fact, frozen=True):

@@ -173,6 +173,11 @@ def _leased(state: State, fact: Leased) -> None:
     )
 
 
+def _host(state: State, token: int) -> str:
+    """Where a live token is."""
+    return state.workers[state.leases[token].worker].joined.host
+
+
 def _drop(state: State, campaign: CampaignState, case: CaseState, token: int) -> None:
     """The token dies."""
     lease = state.leases.pop(token)
@@ -218,6 +223,7 @@ def _end(
 def _committed(state: State, fact: Committed) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
     _expect(not case.ended and fact.result.token in case.live, fact)
+    state.deaths.pop(_host(state, fact.result.token), None)
     _end(state, campaign, case, fact)
     campaign.durations.add(fact.result.wall_s)
     if case.late:
@@ -228,6 +234,10 @@ def _attempt_ended(state: State, fact: AttemptEnded) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
     _expect(not case.ended and fact.token in case.live, fact)
     charge = Charge(state.leases[fact.token].worker, fact.reason, fact.detail)
+    if fact.charged:
+        host, key = _host(state, fact.token), (fact.campaign, fact.case)
+        known = state.deaths.get(host, ())
+        state.deaths[host] = known if key in known else (*known, key)
     _drop(state, campaign, case, fact.token)
     if fact.charged:
         case.charges += (charge,)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 from pathlib import Path
 
 import msgspec
 
+from conductor.facts import Committed
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import encode_campaign
 from conductor.state import CampaignState, State
@@ -91,6 +93,19 @@ class Folders:
     def record(self, campaign: CampaignState) -> None:
         """Write the outcomes as they stand."""
         self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)
+
+    def sweep(self, campaign: CampaignState) -> None:
+        """Remove attempt folders of committed cases that no fact names: killed rigs left them.
+
+        Cases without a committed result keep everything, for whoever looks into them.
+        """
+        for name, case in campaign.cases.items():
+            if len(case.issued) < 2 or not isinstance(end := case.end, Committed):
+                continue
+            named = {end.result.attempt_dir, *(late.result.attempt_dir for late in case.late)}
+            for attempt in (Path(campaign.out) / "cases" / name).glob("attempt-*"):
+                if f"cases/{name}/{attempt.name}" not in named:
+                    shutil.rmtree(attempt, ignore_errors=True)
 
     def flush(self) -> None:
         """Write what is to be written; what fails stays for the next call."""

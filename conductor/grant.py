@@ -8,11 +8,12 @@ to end within the asker's walltime.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from conductor.facts import SHARED, WorkerJoined
 from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
+from schemas.campaign import Requirements
 from schemas.messages import Next
 
 
@@ -30,7 +31,24 @@ def mismatch(campaign: CampaignState, worker: WorkerJoined) -> str:
             f"{campaign.device_class} that campaign '{name}' began with; it gets no case of it, "
             "submit with 'device: any' to mix device classes"
         )
+    lacks = _lacks(campaign.campaign.requires, worker)
+    if lacks:
+        return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
+
+
+def _lacks(requires: Requirements, worker: WorkerJoined) -> str:
+    """What ``worker`` does not offer, or nothing."""
+    kind = worker.device_class.partition(":")[0]
+    if requires.device not in ("any", kind):
+        return f"simulates on {kind}, required is {requires.device}"
+    if worker.memory_bytes is not None and worker.memory_bytes < requires.memory_gb * 1e9:
+        return (
+            f"allows a rig {worker.memory_bytes / 1e9:g} GB of memory, "
+            f"required are {requires.memory_gb:g} GB"
+        )
+    missing = [tag for tag in requires.tags if tag not in worker.tags]
+    return f"has not the tag {', '.join(missing)}" if missing else ""
 
 
 def mismatches(state: State, worker: WorkerJoined) -> list[str]:
@@ -92,6 +110,7 @@ class Asker:
             bool(len(campaign.backlog))
             and not campaign.paused
             and not mismatch(campaign, self.worker.joined)
+            and not shunned(self.state, campaign, self.worker, self.now_ns)
             and fits(self.state.config, campaign, self.request.remaining_s)
         )
 
@@ -121,13 +140,32 @@ def avoids(
         return False
     if any(charge.worker != name for charge in case.charges):
         return False
-    return any(
-        other is not worker
-        and not other.draining
-        and present(state, other, now_ns)
-        and not mismatch(campaign, other.joined)
-        for other in state.workers.values()
+    return any(other is not worker for other in _able(state, campaign, now_ns))
+
+
+def shunned(state: State, campaign: CampaignState, worker: WorkerState, now_ns: int) -> bool:
+    """Its host is broken, it seems, and a worker of another host can run the campaign instead."""
+    host = worker.joined.host
+    return broken(state, host) and any(
+        other.joined.host != host and not broken(state, other.joined.host)
+        for other in _able(state, campaign, now_ns)
     )
+
+
+def broken(state: State, host: str) -> bool:
+    """Different cases died on ``host``, one after the other, and none was committed in between."""
+    return len(state.deaths.get(host, ())) >= state.config.host_deaths
+
+
+def _able(state: State, campaign: CampaignState, now_ns: int) -> Iterator[WorkerState]:
+    """Workers that are here and may run the campaign."""
+    for worker in state.workers.values():
+        if (
+            not worker.draining
+            and present(state, worker, now_ns)
+            and not mismatch(campaign, worker.joined)
+        ):
+            yield worker
 
 
 def present(state: State, worker: WorkerState, now_ns: int) -> bool:

@@ -69,6 +69,7 @@ class RunOptions:
     by_batch: bool = False
     listen: str = "tcp/127.0.0.1:0"
     view: ViewMode = ViewMode.live
+    memory_gb: float | None = None
     json: bool = False
 
 
@@ -137,6 +138,7 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
         worker_options = [
             *("--connect", conductor.endpoint, "--slots", str(options.slots)),
             *("--device", options.device, "--view", options.view.value),
+            *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
         ]

@@ -27,6 +27,7 @@ class _Head(Struct, frozen=True):
     workers: list[_WorkerHead]
     departed: list[str]
     leases: list[_LeaseHead]
+    deaths: dict[str, tuple[tuple[str, str], ...]] = {}
 
 
 class _CampaignHead(Struct, frozen=True, array_like=True):
@@ -129,6 +130,7 @@ def _head(state: State) -> _Head:
             _LeaseHead(x.token, *x.key, x.worker, x.attempt, x.group, x.speculative)
             for x in state.leases.values()
         ],
+        deaths=state.deaths,
     )
 
 
@@ -177,6 +179,7 @@ def _restore_cases(state: State, image: _Cases) -> None:
 def _restore_head(state: State, head: _Head) -> None:
     state.epoch, state.granted, state.groups = head.epoch, head.granted, head.groups
     state.departed = set(head.departed)
+    state.deaths = dict(head.deaths)
     for campaign in state.campaigns.values():
         campaign.submitted = None
     state.workers = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from conductor.facts import SHARED
-from conductor.grant import fits, mismatch
+from conductor.grant import broken, fits, mismatch
 from conductor.state import CampaignState, CaseState, LiveLease, State, WorkerState
 from schemas.messages import Next
 
@@ -46,6 +46,7 @@ def may_race(state: State, campaign: CampaignState, request: Next, worker: Worke
         not campaign.paused
         and not len(campaign.backlog)
         and not mismatch(campaign, worker.joined)
+        and not broken(state, worker.joined.host)
         and fits(state.config, campaign, request.remaining_s)
     )
 

@@ -61,6 +61,10 @@ class Config:
     """Grant only cases of a campaign's lowest batch that has not ended."""
     walltime_margin_s: float = 10.0
     """A case is granted if its estimate and this fit into the asker's walltime [s]."""
+    host_deaths: int = 3
+    """So many different cases that die on a host, none committed in between: it is avoided."""
+    forget_ns: int = 3600 * 1_000_000_000
+    """A worker without leases that was silent for so long is forgotten [ns]."""
     losses_min: int = 3
     """Fewest workers that a case must take down before it is quarantined."""
     speculate: bool = True
@@ -244,6 +248,8 @@ class State:
     departed: set[str] = field(default_factory=set)
     """Ids of workers that left; an id is one incarnation and never comes back."""
     leases: dict[int, LiveLease] = field(default_factory=dict)
+    deaths: dict[str, tuple[CaseKey, ...]] = field(default_factory=dict)
+    """Host -> different cases that were charged on it since it committed one."""
     draining: bool = _volatile(False)
     tail: int = _volatile(0)
     """Facts since the latest snapshot."""

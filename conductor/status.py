@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from conductor.grant import mismatches, present
+from conductor.grant import broken, mismatches, present
 from conductor.state import CampaignState, State, WorkerState
 
 
@@ -22,7 +22,20 @@ def status(state: State, now_ns: int) -> dict[str, Any]:
             if present(state, worker, now_ns)
             for line in mismatches(state, worker.joined)
         ],
+        "broken_hosts": _broken(state),
     }
+
+
+def _broken(state: State) -> list[str]:
+    """A line per host that is avoided."""
+    hosts = {worker.joined.host for worker in state.workers.values()}
+    return [
+        f"host {host}: {len(state.deaths[host])} different cases died on it and none was "
+        f"committed in between, the last one {'/'.join(state.deaths[host][-1])}; workers of other "
+        "hosts are preferred"
+        for host in sorted(hosts)
+        if broken(state, host)
+    ]
 
 
 def _campaign(campaign: CampaignState) -> dict[str, Any]:
@@ -62,6 +75,9 @@ def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
         "draining": worker.draining,
         "held": len(worker.tokens),
         "progress": sum(state.leases[token].progress for token in worker.tokens),
+        "memory_bytes": worker.joined.memory_bytes,
+        "tags": worker.joined.tags,
+        "remaining_s": worker.remaining_s,
         "age_s": max(0, now_ns - worker.seen_ns) / 1e9,
         "present": present(state, worker, now_ns),
     }

@@ -32,8 +32,8 @@ def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) 
 
 
 def alarms(found: dict[str, Any]) -> list[str]:
-    """What must not happen: attempts that disagree, and storage that refuses; one line each."""
-    lines = []
+    """What must not happen: broken hosts, attempts that disagree, storage that refuses."""
+    lines = [f"alarm: {line}" for line in found.get("broken_hosts", [])]
     for name, row in found["campaigns"].items():
         count = row.get("disagreements", 0)
         if count:

@@ -103,6 +103,21 @@ class Autonomy(_Spec, frozen=True):
     """Perception variants by name; the matrix axis ``model`` chooses one."""
 
 
+Tag = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=-]{0,62}$")]
+"""A word that a worker carries and a campaign may ask for, such as ``a100`` or ``site=north``."""
+
+
+class Requirements(_Spec, frozen=True):
+    """What a worker must offer to get cases of the campaign."""
+
+    device: Literal["any", "cpu", "cuda"] = "any"
+    """Where a worker simulates."""
+    memory_gb: Annotated[float, Meta(ge=0, le=100_000)] = 0.0
+    """What a rig needs; workers that allow their rigs less get no case [GB]."""
+    tags: list[Tag] = []
+    """Every one of these, as given to ``twin worker --tag``."""
+
+
 class Batch(_Spec, frozen=True):
     """Cases labelled in file order, ``size`` to a batch, as the paper ran them."""
 
@@ -124,6 +139,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Longest wall time without progress before an attempt is given up [s]; never a verdict."""
     device: Literal["same", "any"] = "same"
     """``same``: all cases on one device class; ``any``: mixed, and the fingerprint says so."""
+    requires: Requirements = Requirements()
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()

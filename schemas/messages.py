@@ -248,6 +248,11 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """Software digest."""
     slots: int
     walltime_end_s: float | None = None
+    """When the worker's allocation ends [s since 1970]; information only."""
+    memory_bytes: int | None = None
+    """Most that its rig may use [bytes]; None: no limit."""
+    tags: list[str] = []
+    """What campaigns may ask for, see :class:`schemas.campaign.Requirements`."""
 
 
 class Next(Struct, frozen=True, tag_field="verb", tag="next"):

@@ -52,6 +52,22 @@ def worker(
     drain_s: Annotated[
         float, typer.Option(min=0, help="After SIGTERM, running cases may go on this long [s].")
     ] = 0.0,
+    walltime_end: Annotated[
+        float | None,
+        typer.Option(
+            envvar=["TWIN_WALLTIME_END", "SLURM_JOB_END_TIME"],
+            help="When the allocation ends [s since 1970]: only cases that fit are leased, and "
+            "everything is given back before it.",
+        ),
+    ] = None,
+    memory_gb: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
+    ] = None,
+    tag: Annotated[
+        list[str] | None,
+        typer.Option(help="A word that campaigns may ask for (`requires.tags`); repeatable."),
+    ] = None,
     spool: Annotated[
         Path | None,
         typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
@@ -80,6 +96,9 @@ def worker(
         view=view,
         until_done=until_done,
         drain_s=drain_s,
+        walltime_end_s=walltime_end,
+        memory_gb=memory_gb,
+        tags=tuple(tag or ()),
         spool=spool,
     )
     raise typer.Exit(Worker(options).serve())

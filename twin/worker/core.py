@@ -138,6 +138,8 @@ class Core:
     """How long running cases may go on after a drain began; 0: they are given back at once [ns]."""
     walltime_end_ns: int | None = None
     """When the worker must be gone, on the clock of the events; None: no end is known [ns]."""
+    memory_max_bytes: int | None = None
+    """Most memory that the processes of the rig may use together; None: no limit [bytes]."""
     phase: Literal["joining", "working", "finishing", "draining", "left"] = "joining"
     """``finishing``: no new cases, running ones go on; ``draining``: only goodbyes are left."""
     held: dict[int, Held] = field(default_factory=dict)
@@ -251,6 +253,18 @@ class Core:
         self.ask_at_ns = now_ns + (pause_ns if self.broken > 1 else 0)
         return [StopRig(), Say(f"rig ended ({reason}): {detail}")]
 
+    def on_memory(self, used: dict[str, int], now_ns: int) -> list[Effect]:
+        """What the processes of the rig use [bytes]."""
+        total = sum(used.values())
+        if self.rig is None or self.memory_max_bytes is None or total <= self.memory_max_bytes:
+            return []
+        parts = ", ".join(f"{name} {size / 1e9:.2f}" for name, size in used.items())
+        detail = (
+            f"the rig uses {total / 1e9:.2f} GB of memory ({parts}), "
+            f"allowed are {self.memory_max_bytes / 1e9:g}"
+        )
+        return self.on_rig_died("out_of_memory", detail, now_ns)
+
     def on_drain(self, detail: str, now_ns: int, reason: Release = "released") -> list[Effect]:
         """Take no new cases and leave; running ones may go on for ``drain_ns``.
 
@@ -306,10 +320,10 @@ class Core:
             return []
         return self.on_drain("conductor asked to drain", now_ns)
 
-    def _leave(self) -> list[Effect]:
+    def _leave(self, error: str = "") -> list[Effect]:
         """Leave without a goodbye; what was not delivered waits in the spool."""
         self.phase = "left"
-        return [*self._spool(self.results), Leave()]
+        return [*self._spool(self.results), Leave(error)]
 
     def _spool(self, results: list[Result]) -> list[Effect]:
         fresh = [result for result in results if result.token not in self.spooled]
@@ -363,8 +377,7 @@ class Core:
 
     def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
         if reply.error:
-            self.phase = "left"
-            return [Leave(reply.error)]
+            return [*self._end_all("released", reply.error), *self._leave(reply.error)]
         if self.phase == "joining":
             self.phase = "working"
         self.ttl_ns = max(SECOND_NS // 10, int(reply.ttl_s * SECOND_NS))

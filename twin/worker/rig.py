@@ -100,6 +100,19 @@ class RigProcess:
         """Stop working on a token."""
         self._write(pack(Abandon(token)))
 
+    def memory_bytes(self) -> dict[str, int]:
+        """Resident memory of the processes and all that they started [bytes]."""
+        children = {
+            "simulator": self._simulator,
+            "stack": self._stack,
+            "recorder": self._recorder,
+        }
+        return {
+            name: _resident_bytes(child.pid)
+            for name, child in children.items()
+            if child is not None
+        }
+
     def stop(self) -> None:
         """End all processes and remove what they left."""
         with self._lock:
@@ -209,6 +222,17 @@ class RigProcess:
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
         self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))
+
+
+def _resident_bytes(pid: int) -> int:
+    """Of a process and its descendants; 0 when it is gone [bytes]."""
+    total = 0
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for each in [process, *process.children(recursive=True)]:
+            with contextlib.suppress(psutil.Error):
+                total += each.memory_info().rss
+    return total
 
 
 def _wait_unless_stopped(recorder: subprocess.Popen[bytes]) -> None:

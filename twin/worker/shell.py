@@ -31,6 +31,12 @@ from twin.worker.spool_folder import SpoolFolder
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""
 
+HAND_BACK_S = 10.0
+"""Everything is given back so long before the walltime: rigs end, the conductor hears it [s]."""
+
+MEMORY_PERIOD_NS = 1_000_000_000
+"""How often the memory of the rig is looked at, if it has a limit [ns]."""
+
 TURN_S = 0.05
 """Longest wait of the main loop, so that clocks and children are looked at [s]."""
 
@@ -53,6 +59,12 @@ class WorkerOptions:
     until_done: bool = False
     drain_s: float = 0.0
     """How long running cases may go on after SIGTERM [s]."""
+    walltime_end_s: float | None = None
+    """When the allocation ends [s since 1970]; None: no end is known."""
+    memory_gb: float | None = None
+    """Most memory that the processes of a rig may use together; None: no limit [GB]."""
+    tags: tuple[str, ...] = ()
+    """What campaigns may ask for."""
     spool: Path | None = None
     """Folder for results that the conductor has not got yet."""
 
@@ -80,7 +92,9 @@ class Worker:
         self._spool = SpoolFolder(options.spool)
         self._error = ""
         self._left = False
+        self._memory_at_ns = 0
         host = socket.gethostname()
+        memory_bytes = None if options.memory_gb is None else int(options.memory_gb * 1e9)
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
         self._core = decisions.Core(
             Hello(
@@ -91,9 +105,14 @@ class Worker:
                 device_class=device_class(options.device),
                 software=software_digest(),
                 slots=options.slots,
+                walltime_end_s=options.walltime_end_s,
+                memory_bytes=memory_bytes,
+                tags=list(options.tags),
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
+            walltime_end_ns=_walltime_end_ns(options.walltime_end_s),
+            memory_max_bytes=memory_bytes,
         )
 
     def serve(self) -> int:
@@ -151,6 +170,9 @@ class Worker:
         now = time.monotonic_ns()
         if event is not None:
             self._carry_out(self._handle(event, now))
+        if self._rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
+            self._memory_at_ns = now + MEMORY_PERIOD_NS
+            self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
         self._carry_out(self._core.on_time(now))
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
@@ -212,6 +234,13 @@ class Worker:
                 case decisions.Leave(error):
                     self._error = error
                     self._left = True
+
+
+def _walltime_end_ns(end_s: float | None) -> int | None:
+    """The end of the allocation, less the time to leave, on the clock of the main loop [ns]."""
+    if end_s is None:
+        return None
+    return time.monotonic_ns() + int((end_s - HAND_BACK_S - time.time()) * decisions.SECOND_NS)
 
 
 def _log(line: str) -> None:
