@@ -30,7 +30,7 @@ from conductor.facts import (
 )
 from conductor.folders import Folders
 from conductor.inbox import Inbox, Item
-from conductor.journal import FolderLockedError, Journal
+from conductor.journal import FolderLockedError, Journal, TakenOverError
 from conductor.state import Config
 from conductor.status import status
 from conductor.timed_store import TimedStore
@@ -93,6 +93,8 @@ class Conductor:
         self._folders = Folders(self.folder)
         self._lock = threading.Lock()
         self._stopping = False
+        self._replaced = False
+        """Another conductor serves the folder: its files are none of ours."""
         self._drained_ns: int | None = None
         self._journal: Journal | None = None
         self._bus: Bus | None = None
@@ -109,6 +111,9 @@ class Conductor:
             self.main_loop()
             assert self._engine is not None
             self._engine.close()
+        except TakenOverError:
+            self._replaced = True
+            raise
         finally:
             self.shutdown()
 
@@ -174,7 +179,7 @@ class Conductor:
     def shutdown(self) -> None:
         """Write the outcomes, stop listening, release the folder; safe at any stage of startup."""
         self._stopping = True
-        if self._engine is not None and self.started.is_set():
+        if self._engine is not None and self.started.is_set() and not self._replaced:
             self._folders.close(self._engine.state)
         if self._bus is not None:
             self._bus.close()

@@ -304,7 +304,8 @@ class Core:
     def _release(self, now_ns: int) -> list[Effect]:
         self.phase = "draining"
         self.ask_at_ns = now_ns
-        return self._end_all(self.drain_reason, self.drain_detail)
+        said = Say(f"{self.drain_detail}: leaving, {len(self.held)} cases are given back")
+        return [said, *self._end_all(self.drain_reason, self.drain_detail)]
 
     def _end_all(self, reason: Release, detail: str) -> list[Effect]:
         """Give every case back and stop the rig."""

@@ -181,7 +181,6 @@ class Worker:
             case _Answered(request, reply):
                 return core.on_reply(request, reply, now)
             case _Signalled(name):
-                _log(f"{name}: giving leases back")
                 return core.on_drain(name, now)
             case (rig, _) if rig is not self._rig:
                 return []  # words of a rig that was stopped meanwhile

@@ -47,7 +47,7 @@ def test_a_worker_offers_what_is_required(
 def test_a_requirement_that_nobody_knows_is_refused() -> None:
     reply = Bench().ask(submit(requires={"device": "tpu"}))
     assert "requires.device" in reply.error
-    assert "'cuda'" in reply.error
+    assert "cuda" in reply.error
 
 
 def _two_hosts(cases: int = 8) -> Bench:

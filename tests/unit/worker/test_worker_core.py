@@ -76,6 +76,10 @@ def working(slots=2, tokens=(1, 2)):
     return core
 
 
+def leaving(why, cases):
+    return Say(f"{why}: leaving, {cases} cases are given back")
+
+
 def test_one_request_at_a_time():
     core, request = joined()
     assert request.k == 2
@@ -210,7 +214,7 @@ def test_beats_carry_progress():
 
 def test_drain_gives_back_and_leaves():
     core = working()
-    assert core.on_drain("SIGTERM", 5) == [StopRig()]
+    assert core.on_drain("SIGTERM", 5) == [leaving("SIGTERM", 2), StopRig()]
     (ask,) = core.on_time(5)
     assert ask.request.k == 0
     assert {e.reason for e in ask.request.ended} == {"released"}
@@ -293,7 +297,7 @@ def test_a_drain_lets_running_cases_end():
     assert isinstance(ask.request, Beat), "the other case still lives"
     core.on_reply(ask.request, reply(drain=True), 4 * SECOND_NS)
     core.on_done(result(2), 5 * SECOND_NS)
-    assert core.on_time(5 * SECOND_NS)[0] == StopRig()
+    assert core.on_time(5 * SECOND_NS)[:2] == [leaving("SIGTERM", 0), StopRig()]
     assert core.phase == "draining"
     assert core.ended == []
 
@@ -313,14 +317,14 @@ def test_the_end_of_a_drain_is_exact(now_ns, over):
 def test_a_second_signal_gives_back_at_once():
     core = draining(10)
     core.on_drain("SIGTERM", 0)
-    assert core.on_drain("SIGTERM", 1) == [StopRig()]
+    assert core.on_drain("SIGTERM", 1) == [leaving("SIGTERM", 2), StopRig()]
     assert len(core.ended) == 2
 
 
 def test_without_running_cases_a_drain_ends_at_once():
     core, _ = joined()
     core.drain_ns = SECOND_NS
-    assert core.on_drain("SIGUSR1", 0) == []
+    assert core.on_drain("SIGUSR1", 0) == [leaving("SIGUSR1", 0)]
     assert core.phase == "draining"
 
 
@@ -336,7 +340,7 @@ def test_the_walltime_gives_back_with_its_own_reason():
     core = draining(0, walltime_end_ns=2 * SECOND_NS)
     core.asking = True
     assert core.on_time(2 * SECOND_NS - 1) == []
-    assert core.on_time(2 * SECOND_NS) == [StopRig()]
+    assert core.on_time(2 * SECOND_NS) == [leaving("the walltime ends", 2), StopRig()]
     assert [e.reason for e in core.ended] == ["walltime"] * 2
 
 
@@ -358,7 +362,8 @@ def test_requests_say_how_much_walltime_is_left():
 def test_a_heartbeat_may_ask_to_drain():
     core = working()
     (ask,) = core.on_time(15 * SECOND_NS // 4)
-    assert core.on_reply(ask.request, reply(drain=True), 15 * SECOND_NS // 4) == [StopRig()]
+    effects = core.on_reply(ask.request, reply(drain=True), 15 * SECOND_NS // 4)
+    assert effects == [leaving("conductor asked to drain", 2), StopRig()]
     assert core.phase == "draining"
 
 
@@ -428,3 +433,46 @@ def test_the_spool_keeps_a_result_as_it_is():
     assert unpack(pack(kept)) == kept
     assert unpack(b"") is None
     assert unpack(pack(kept)[1:]) is None
+
+
+GB = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("limit", "used", "dies"),
+    [(None, 99 * GB, False), (4 * GB, 3 * GB, False), (4 * GB, 3 * GB + 1, True)],
+)
+def test_a_rig_above_its_memory_limit_is_ended(limit, used, dies):
+    core = working(tokens=(1,))
+    core.memory_max_bytes = limit
+    effects = core.on_memory({"simulator": used, "stack": 1 * GB}, 5)
+    assert (StopRig() in effects) is dies
+    if dies:
+        (ended,) = core.ended
+        assert ended.reason == "out_of_memory"
+        assert ended.detail == (
+            "the rig uses 4.00 GB of memory (simulator 3.00, stack 1.00), allowed are 4"
+        )
+
+
+def test_of_several_cases_none_is_charged_for_memory():
+    core = working()
+    core.memory_max_bytes = GB
+    core.on_memory({"stack": 2 * GB}, 5)
+    assert [e.reason for e in core.ended] == ["suspect", "suspect"]
+    assert core.on_memory({"stack": 2 * GB}, 6) == [], "that rig is gone"
+
+
+def test_a_worker_that_was_forgotten_leaves_and_keeps_its_results():
+    """Silent for so long that its id is dead: what it finished waits in the spool."""
+    core = working()
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    core.on_reply(ask.request, reply(error="unknown worker, say hello"), 6)
+    (ask,) = core.on_time(6 + IDLE_NS)
+    effects = core.on_reply(ask.request, reply(error="worker w has left"), 7 + IDLE_NS)
+    assert effects == [
+        StopRig(),
+        SpoolWrite(1, pack(result(1))),
+        Leave("worker w has left"),
+    ]
