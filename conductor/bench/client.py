@@ -6,13 +6,17 @@ leased and leases as many new cases in each round trip until none is left.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
 import time
 
+import msgspec
+
 from schemas import SCHEMA_VERSION, topics
-from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
+from schemas.kpi import SCALARS
+from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_result
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.process import bind_to_parent
@@ -22,8 +26,11 @@ TIMEOUT_S = 10.0
 TRIES = 6
 
 
-def drive(endpoint: str, worker: str, k: int) -> dict[str, float]:
-    """Serve the bench's campaign at ``endpoint`` as ``worker``, ``k`` cases per request."""
+def drive(endpoint: str, worker: str, k: int, *, full: bool) -> dict[str, float]:
+    """Serve the bench's campaign at ``endpoint`` as ``worker``, ``k`` cases per request.
+
+    ``full``: results carry digests and KPI scalars, as those of a simulator do.
+    """
     bus = open_bus("client", connect=[endpoint], namespace="bench")
     try:
         hello = Hello(
@@ -39,13 +46,13 @@ def drive(endpoint: str, worker: str, k: int) -> dict[str, float]:
         print("ready", flush=True)
         sys.stdin.readline()
         started_s = time.perf_counter()
-        cases, requests = _work(bus, worker, k)
+        cases, requests = _work(bus, worker, k, full)
         return {"cases": cases, "requests": requests, "wall_s": time.perf_counter() - started_s}
     finally:
         bus.close()
 
 
-def _work(bus: Bus, worker: str, k: int) -> tuple[int, int]:
+def _work(bus: Bus, worker: str, k: int, full: bool) -> tuple[int, int]:
     cases = seq = 0
     results: list[Result] = []
     while True:
@@ -54,7 +61,21 @@ def _work(bus: Bus, worker: str, k: int) -> tuple[int, int]:
         cases += len(results)
         if reply.fenced or not reply.leases:
             return cases, seq
-        results = [noop_result(lease) for lease in reply.leases]
+        results = [_full_result(x) if full else noop_result(x) for x in reply.leases]
+
+
+def _full_result(lease: Lease) -> Result:
+    """As large as a simulator's, and different for every case."""
+    sha = hashlib.sha256(lease.case.id.encode()).digest()
+    return msgspec.structs.replace(
+        noop_result(lease),
+        scalars={column.name: sha[n] / 3.0 for n, column in enumerate(SCALARS)},
+        reasons=[f"no collision: stopped {sha[0] / 7.0:.2f} m before the obstacle"],
+        attempt_dir=f"cases/{lease.case.id}/attempt-{lease.attempt}",
+        kpi_sha256=sha.hex(),
+        manifest_sha256=hashlib.sha256(sha).hexdigest(),
+        wall_s=sha[0] / 10.0,
+    )
 
 
 def _ask(bus: Bus, request: Request) -> Reply:
@@ -71,4 +92,5 @@ def _ask(bus: Bus, request: Request) -> Reply:
 
 if __name__ == "__main__":
     bind_to_parent()
-    print(json.dumps(drive(sys.argv[1], sys.argv[2], int(sys.argv[3]))), flush=True)
+    endpoint, worker, k, *full = sys.argv[1:]
+    print(json.dumps(drive(endpoint, worker, int(k), full=bool(full))), flush=True)

@@ -72,11 +72,17 @@ def measure(cases: int, k: int, folder: Path) -> Measured:
         shutil.rmtree(state)
 
 
-def work(endpoint: str, cases: int, k: int) -> float:
-    """Two clients commit the ``cases`` cases of the conductor at ``endpoint``; how long it took."""
+def work(endpoint: str, cases: int, k: int, *, full: bool = False) -> float:
+    """Two clients commit the ``cases`` cases of the conductor at ``endpoint``; how long it took.
+
+    ``full``: results are as large as a simulator's.
+    """
+    options = ("full",) if full else ()
     with ExitStack() as stack:
         clients = [
-            stack.enter_context(child("conductor.bench.client", endpoint, f"w{i}", str(k)))
+            stack.enter_context(
+                child("conductor.bench.client", endpoint, f"w{i}", str(k), *options)
+            )
             for i in range(CLIENTS)
         ]
         for each in clients:
