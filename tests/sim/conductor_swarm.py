@@ -34,6 +34,7 @@ from conductor.facts import (
     is_durable,
 )
 from conductor.fold import fold
+from conductor.grant import broken
 from conductor.invariants import check
 from conductor.journal import JournalError
 from conductor.state import Config
@@ -127,6 +128,8 @@ class Oracle:
     live: dict[str, set[int]] = field(default_factory=dict)
     dead: set[int] = field(default_factory=set)
     ends: dict[str, Fact] = field(default_factory=dict)
+    left: set[str] = field(default_factory=set)
+    """Workers that left or were silent for too long."""
     answers: dict[tuple[str, int], bytes] = field(default_factory=dict)
     kinds: Counter[str] = field(default_factory=Counter)
 
@@ -161,6 +164,9 @@ class Oracle:
                 self.kinds["quarantined_by_losses"] += "losses" in fact.reason
             case Retried():
                 assert isinstance(self.ends.pop(fact.case, None), CaseEnded), "a result is undone"
+            case WorkerLeft():
+                self.left.add(fact.worker)
+                self.kinds["forgotten"] += fact.reason == "silent for too long"
             case LateAttempt():
                 assert fact.result.token in self.dead, "a live token was fenced"
 
@@ -195,7 +201,9 @@ class Swarm:
         self.counts: Counter[str] = Counter()
         self.oracle = Oracle()
         self.disk = Disk(self)
-        self.config = Config(folder="/state", ttl_ns=4 * S, vanished_ns=S, snapshot_facts=40)
+        self.config = Config(
+            folder="/state", ttl_ns=4 * S, vanished_ns=S, snapshot_facts=40, forget_ns=8 * S
+        )
         self.engine: Engine | None = None
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._count = itertools.count()
@@ -279,6 +287,9 @@ class Swarm:
         assert not self.broken, self.broken
         assert self.engine.counters.faults == 0, "the core contradicted itself"
         check(self.engine.state)
+        self.counts["avoided_hosts"] += any(
+            broken(self.engine.state, host) for host in self.engine.state.deaths
+        )
         if self.engine.counters.storage_errors > errors or self.random.random() < 0.02:
             self._compare()
         for (_, worker, name), reply in zip(group, turn.replies, strict=True):

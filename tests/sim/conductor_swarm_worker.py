@@ -46,7 +46,9 @@ class Worker:
             self._after(0, lambda: self.hear(name, data))
             return
         if reply.error:
-            assert "hello" not in reply.error, f"{name} was forgotten"
+            if "hello" in reply.error or "has left" in reply.error:
+                assert name in self.swarm.oracle.left, f"{name} was forgotten"
+                self._gone()
             return
         if reply.drain and self._joined and not self._held and not self._results:
             self.swarm.counts["drained"] += 1

@@ -19,14 +19,14 @@ import conductor.fold
 import conductor.grant
 import conductor.settle
 from conductor.engine import Engine, Turn
-from conductor.facts import SHARED, Committed, Fact, Retried, Snapshot
+from conductor.facts import SHARED, Committed, Fact, Retried, Snapshot, WorkerLeft
 from conductor.journal import JournalError
 from conductor.lease import Policy
 from conductor.state import CaseState, LiveLease, State
 from conductor.turn import Turn as CoreTurn
 from schemas.messages import Result
 
-SEEDS = int(os.environ.get("SWARM_SEEDS", "200"))
+SEEDS = int(os.environ.get("SWARM_SEEDS", "1000"))
 BUG_SEEDS = 60
 """A planted bug must show within this many seeds."""
 
@@ -50,13 +50,19 @@ def test_every_case_ends_exactly_once_whatever_fails() -> None:
         return
     # A swarm that never drove a path proves nothing about it.
     driven = ["requests", "conductor_deaths", "byes", "drained"]
-    driven += ["spooled", "snapshots", "poisoned_workers", "rigs_died_with_several"]
+    driven += [
+        "avoided_hosts",
+        "spooled",
+        "snapshots",
+        "poisoned_workers",
+        "rigs_died_with_several",
+    ]
     for name in (*Swarm(0).rates.__dataclass_fields__, *driven):
         assert counts[name] > 0, f"no {name} in {SEEDS} seeds: {counts}"
     kinds = {"EpochRaised", "Submitted", "Pinned", "WorkerJoined", "WorkerLeft", "Leased"}
     kinds |= {"Committed", "AttemptEnded", "CaseEnded", "LateAttempt"}
     kinds |= {"WorkerDraining", "Paused", "Retried", "speculative", "in_halves", "evidence"}
-    kinds |= {"cancelled", "unresolved", "quarantined_by_losses"}
+    kinds |= {"cancelled", "unresolved", "quarantined_by_losses", "forgotten"}
     assert set(facts) == kinds, f"facts never made: {kinds - set(facts)}"
 
 
@@ -209,3 +215,24 @@ def test_planted_a_repeated_request_is_decided_again(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("conductor.turn.apply", forget)
     monkeypatch.setattr("conductor_swarm.Swarm._compare", lambda self: None)
     assert "two answers" in _caught()
+
+
+def test_planted_a_broken_host_is_never_forgiven(monkeypatch: pytest.MonkeyPatch) -> None:
+    def strict(state: State, campaign: Any, worker: Any, now_ns: int) -> bool:
+        return conductor.grant.broken(state, worker.joined.host)
+
+    monkeypatch.setattr(conductor.grant, "shunned", strict)
+    # Deaths that a commit does not clear: sooner or later every host is broken.
+    monkeypatch.setattr(conductor.fold, "_host", lambda state, token: "everywhere")
+    monkeypatch.setattr(conductor.grant, "broken", lambda state, host: len(state.deaths) > 0)
+    assert "never ended" in _caught()
+
+
+def test_planted_a_worker_with_leases_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    def hasty(turn: CoreTurn) -> None:
+        for name, worker in list(turn.state.workers.items()):
+            if turn.now_ns - worker.seen_ns >= turn.state.config.ttl_ns // 4:
+                turn.emit(WorkerLeft(worker=name))
+
+    monkeypatch.setattr(conductor.core, "_forget", hasty)
+    assert "contradict" in _caught()
