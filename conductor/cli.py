@@ -7,6 +7,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 # isort: split
 import json
 import sys
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -254,6 +255,30 @@ def bench_command(
 
     as_json = output is Output.json
     raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
+
+
+@app.command()
+def fields(
+    key: Annotated[
+        str, typer.Argument(help="Only keys that begin so, e.g. camera; default: all.")
+    ] = "",
+    output: OutputOption = Output.human,
+) -> None:
+    """Explain the keys of a campaign file: what is allowed, the default, the meaning."""
+    from conductor.tables import key_table
+    from schemas.campaign import Campaign
+    from schemas.reference import keys_of
+    from schemas.validation import suggest
+
+    known = keys_of(Campaign)
+    top = [each.path for each in known if "." not in each.path]
+    found = [each for each in known if each.path.startswith(key)]
+    if not found:
+        raise UsageError(f"no key '{key}'; {suggest(key, top)}")
+    if output is Output.json:
+        print(json.dumps([asdict(each) for each in found]))
+    else:
+        key_table(found)
 
 
 @app.command("campaigns")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from conductor.pace import Pace, shown_time
+from schemas.reference import Key
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
 _COUNTS_IF_ANY = ("cancelled", "quarantined")
@@ -18,9 +19,7 @@ _COUNTS_IF_ANY = ("cancelled", "quarantined")
 
 def status_tables(found: dict[str, Any]) -> None:
     """Print campaigns, workers, notes and alarms of a conductor."""
-    # Without a terminal rich assumes 80 columns, which cuts ids and folders.
-    wide = None if sys.stdout.isatty() else 180
-    Console(width=wide).print(status_view(found))
+    _print(status_view(found))
 
 
 def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
@@ -44,6 +43,19 @@ def alarms(found: dict[str, Any]) -> list[str]:
     if found.get("storage_error"):
         lines.append(f"storage: {found['storage_error']}")
     return lines
+
+
+def key_table(keys: Sequence[Key]) -> None:
+    """Print keys of a file."""
+    table = Table("key", "allowed", "default", "meaning", box=None, padding=(0, 2, 0, 0))
+    for key in keys:
+        table.add_row(*(Text(cell) for cell in (key.path, key.allowed, key.default, key.meaning)))
+    _print(table)
+
+
+def _print(view: RenderableType) -> None:
+    # Without a terminal rich assumes 80 columns, which cuts ids and folders.
+    Console(width=None if sys.stdout.isatty() else 180).print(view)
 
 
 def _campaigns(rows: dict[str, Any], paces: Mapping[str, Pace] | None) -> Table:

@@ -45,6 +45,7 @@ class Camera(_Spec, frozen=True):
     """A pinhole camera on the ego, looking forward."""
 
     name: Name = "front_right"
+    """Its random numbers are keyed by this name."""
     width: Annotated[int, Meta(ge=16, le=3840)] = 640
     """Image width [px]."""
     height: Annotated[int, Meta(ge=9, le=2160)] = 360
@@ -61,6 +62,7 @@ class Scenario(_Spec, frozen=True):
     """The AEB jump scare: the ego drives down its lane towards a broken-down car."""
 
     type: Literal["jump_scare"] = "jump_scare"
+    """What happens: an obstacle stands in the ego's lane."""
     scene: str = "downtown"
     """Name of a shipped scene, or the path of a scene file."""
     vehicle: str = "opencav"
@@ -122,15 +124,20 @@ class Batch(_Spec, frozen=True):
     """Cases labelled in file order, ``size`` to a batch, as the paper ran them."""
 
     size: Annotated[int, Meta(ge=1, le=CASES_MAX)] = 32
+    """Cases of one batch; `--by-batch` runs them one after the other."""
 
 
 class Campaign(_Spec, frozen=True, kw_only=True):
     """One campaign file."""
 
     schema: Literal[1] = 1
+    """Version of this file type."""
     campaign: Name
+    """Its name: small letters, digits and any of `. _ -`; the run's folder is named after it."""
     description: str = ""
+    """One line for `conductor campaigns`."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    """Of all random numbers; the same seed gives the same bytes."""
     simulator: Literal["warp", "noop"] = "warp"
     """``warp``: the simulator. ``noop``: nothing is simulated; scheduling tests only."""
     attempts_max: Annotated[int, Meta(ge=1, le=100)] = 3
