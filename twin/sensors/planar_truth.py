@@ -13,9 +13,10 @@ from twin.world.mirror import Mirror
 
 wp.set_module_options({"enable_backward": False})
 
-WHEEL_RADIUS_M = wp.constant(wp.float64(0.35))
+WHEEL_RADIUS_M = 0.35
 """Rolling radius; the planar vehicle's file does not say (235/60 R18 rolls at about 0.35 m) [m]."""
 
+_RADIUS = wp.constant(wp.float64(WHEEL_RADIUS_M))
 _X, _Y, _YAW, _SPEED, _ACCEL, _YAW_RATE = (
     wp.constant(COLUMN[name])
     for name in ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "yaw_rate_radps")
@@ -64,7 +65,7 @@ def planar_truth_kernel(
             forward = wp.where(wheel < 2, wheelbase, wp.float64(0.0))
             way = length - angle * left
             side = angle * forward
-            turned = wp.sign(way) * wp.sqrt(way * way + side * side) / WHEEL_RADIUS_M
+            turned = wp.sign(way) * wp.sqrt(way * way + side * side) / _RADIUS
             truth_out[slot, WHEELS + wheel] = truth_out[slot, WHEELS + wheel] + turned
     pose[slot, 0] = x
     pose[slot, 1] = y
