@@ -1,11 +1,13 @@
 """The section ``sensors`` of a campaign file."""
 
 import copy
+from pathlib import Path
 
 import msgspec
 import pytest
 
 from conductor.source import check
+from schemas import messages, topics
 from schemas.campaign import axes_allowed, expand, parse_campaign, parse_cases
 from schemas.identity import case_digest, rig_key
 from schemas.sensors import Gnss, Imu, Sensors
@@ -86,3 +88,16 @@ def test_cases_without_the_section_still_decode():
     plain = msgspec.to_builtins(expand(campaign)[0])
     del plain["sensors"]
     assert msgspec.convert(plain, type(expand(campaign)[0])).sensors == Sensors()
+
+
+def test_every_column_of_every_sensor_is_documented():
+    text = (Path(__file__).parents[3] / "docs" / "stack.md").read_text()
+    for name, topic in topics.SENSORS.items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        columns = topic.type.split()[0]
+        for column in getattr(messages, columns, ()):
+            assert f"`{column}`" in row, (name, column)
+        if hasattr(messages, columns):
+            dtype, count = topic.type.split()[-1], len(getattr(messages, columns))
+            assert row.split("|")[2].strip().startswith(dtype)
+            assert f", {count}]" in row
