@@ -299,6 +299,15 @@ def test_a_slot_forgets_its_last_case(kind):
     assert not readings(sensor, 1, 2).any()
 
 
+def test_a_dropout_ends_with_its_case():
+    lossy = case(gnss={"dropouts_per_min": 600.0, "dropout_s": 3600.0})
+    sensor = receiver(lossy)
+    assert readings(sensor, 1, 40)[-1, 0, FIX] == 0.0
+    calm = case(gnss={})
+    sensor.reset(0, calm)
+    assert readings(sensor, 1, 1)[0, 0, FIX] == 1.0
+
+
 def test_gaussian_numbers_are_normal():
     count = 400_000
     out = wp.zeros(count, dtype=wp.float64, device=CPU)

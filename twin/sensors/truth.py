@@ -13,7 +13,7 @@ TRUTH = (
     *("x_m", "y_m", "z_m"),
     # Rotation world_from_vehicle, a unit quaternion.
     *("qx", "qy", "qz", "qw"),
-    # Specific force at the reference point, vehicle axes: acceleration minus gravity [m/s^2].
+    # Specific force where the IMU sits, vehicle axes: acceleration minus gravity [m/s^2].
     *("force_x_mps2", "force_y_mps2", "force_z_mps2"),
     # Angular rate, vehicle axes [rad/s].
     *("rate_x_radps", "rate_y_radps", "rate_z_radps"),

@@ -96,6 +96,19 @@ def test_sensors_do_not_depend_on_slot_or_neighbours():
     assert alone["a"] != alone["b"]
 
 
+def test_a_slot_that_was_cleared_reads_zero():
+    one = case("a", **ALL)
+    engine = Engine(one, 2)
+    engine.reset(0, one)
+    engine.reset(1, one)
+    drive(engine, [0, 1], 2)
+    engine.clear(0)
+    sensors = engine.sense()
+    for name in ALL:
+        assert not sensors[name].values[0].any(), name
+        assert sensors[name].values[1].any(), name
+
+
 def test_errors_differ_by_slot_of_one_rig():
     quiet = case("a", gnss={"noise": False}, imu={"noise": False})
     noisy = case("a", gnss={}, imu={})
