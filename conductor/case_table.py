@@ -15,6 +15,8 @@ from msgspec import Struct
 from schemas.campaign import Case
 
 _FIELDS = {field.encode_name: field.type for field in msgspec.structs.fields(Case)}
+_OPTIONAL = {field.encode_name for field in msgspec.structs.fields(Case) if not field.required}
+"""Fields that tables of older versions may lack."""
 
 
 class Column(Struct, frozen=True):
@@ -49,7 +51,9 @@ def unpack(table: CaseTable) -> list[Case]:
         AssertionError: a column is of another length.
     """
     columns = []
-    for name, type_ in _FIELDS.items():
+    names = [name for name in _FIELDS if name in table.columns or name not in _OPTIONAL]
+    for name in names:
+        type_ = _FIELDS[name]
         values = msgspec.convert(table.columns[name].values, list[type_])  # type: ignore[valid-type]
         index = table.columns[name].index
         if index:
@@ -59,7 +63,6 @@ def unpack(table: CaseTable) -> list[Case]:
         if len(values) != table.count:
             raise AssertionError(f"column {name}: {len(values)} of {table.count} cases")
         columns.append(values)
-    names = tuple(_FIELDS)
     return [Case(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
 
 

@@ -84,8 +84,12 @@ class Observation:
     """Sensor name -> array [S, ...]; a sensor that is not due at this seq is absent.
 
     ``camera``: uint8 [S, H, W, 3], RGB. ``boxes``: float32 [S, B, 7], columns
-    ``schemas.messages.BOX_COLUMNS``, with every camera frame. ``vehicle``: float64 [S, 6], columns
+    ``schemas.messages.BOX_COLUMNS``, with every camera frame. ``vehicle``: float64 [S, 7], columns
     ``VEHICLE_COLUMNS``. ``environment``: float64 [S, 2], columns ``ENVIRONMENT_COLUMNS``.
+
+    If the campaign's section ``sensors`` names them: ``encoders``: int64 [S, 4], columns
+    ``ENCODER_COLUMNS``. ``gnss``: float64 [S, 4], columns ``GNSS_COLUMNS``, NaN where ``fix`` is 0.
+    ``imu``: float64 [S, 6], columns ``IMU_COLUMNS``.
     """
     counts: Mapping[str, np.ndarray]
     """Sensor name -> int [S]: valid rows per slot of ragged sensors (``boxes``)."""

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
 
 Weather = Literal[
@@ -151,6 +152,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
     camera: Camera = Camera()
+    sensors: Sensors = Sensors()
     autonomy: Autonomy = Autonomy()
     matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
     """Axis -> values; the cases are the cross product, last axis fastest."""
@@ -173,6 +175,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     deadline_s: float
     scenario: Scenario
     camera: Camera
+    sensors: Sensors = Sensors()
     stack: str
     placement: Literal["worker", "node"]
     latency_ms: int
@@ -190,13 +193,18 @@ class Case(_Spec, frozen=True, kw_only=True):
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
 _PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
-_SECTIONS: dict[str, type[Struct]] = {"scenario": Scenario, "camera": Camera}
+_SECTIONS: dict[str, type[Struct]] = {
+    "scenario": Scenario,
+    "camera": Camera,
+    **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
+}
+_NO_AXES = ("scenario.type", "camera.name", "sensors.gnss.antenna_m")
 
 
 def axes_allowed() -> list[str]:
     """Every axis a matrix may name."""
     fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
-    return [*_PLAIN_AXES, *(f for f in fields if f not in ("scenario.type", "camera.name"))]
+    return [*_PLAIN_AXES, *(f for f in fields if f not in _NO_AXES)]
 
 
 def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
@@ -324,9 +332,11 @@ def _case(
     mistakes += found
     camera, found = _section(campaign.camera, "camera", point, where, memo)
     mistakes += found
+    sensors, found = _sensors(campaign.sensors, point, where, memo)
+    mistakes += found
     if mistakes:
         return None, mistakes
-    mistakes = _rates(campaign.control_hz, camera.hz)
+    mistakes = _rates(campaign.control_hz, camera.hz, sensors)
     if mistakes:
         return None, mistakes
     hours, minutes = time_of_day.split(":")
@@ -340,6 +350,7 @@ def _case(
             deadline_s=campaign.deadline_s,
             scenario=scenario,
             camera=camera,
+            sensors=sensors,
             stack=campaign.autonomy.stack,
             placement=campaign.autonomy.placement,
             latency_ms=campaign.autonomy.latency_ms,
@@ -355,19 +366,20 @@ def _case(
     )
 
 
-def _rates(control_hz: int, camera_hz: int) -> list[Mistake]:
-    """Periods are whole physics steps of 2 ms, and the camera's rate divides the control rate."""
+def _rates(control_hz: int, camera_hz: int, sensors: Sensors) -> list[Mistake]:
+    """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
     mistakes = []
     if 500 % control_hz:
         mistakes.append(
             Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
         )
-    if camera_hz > control_hz or control_hz % camera_hz:
-        mistakes.append(
-            Mistake(
-                "camera.hz", f"given {camera_hz}, allowed: a divisor of control_hz {control_hz}"
-            )
-        )
+    rates = {"camera": camera_hz}
+    rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
+    mistakes += [
+        Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")
+        for name, hz in rates.items()
+        if hz > control_hz or control_hz % hz
+    ]
     return mistakes
 
 
@@ -405,6 +417,25 @@ def _section(
         memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
     value, found = memo[key]
     return value, [Mistake(f"{where}.{name}.{m.path}", m.message) for m in found]
+
+
+def _sensors(
+    sensors: Sensors, point: dict[str, Any], where: str, memo: _Memo
+) -> tuple[Sensors, list[Mistake]]:
+    changed: dict[str, Any] = {}
+    mistakes = []
+    for name in sensors.__struct_fields__:
+        prefix = f"sensors.{name}"
+        section, found = _section(getattr(sensors, name), prefix, point, where, memo)
+        mistakes += found
+        if section is getattr(sensors, name):
+            continue
+        changed[name] = section
+        if section is not None and not section.on and f"{prefix}.on" not in point:
+            mistakes.append(
+                Mistake(f"{where}.{prefix}", f"{name} is off; add '{name}: {{}}' to sensors")
+            )
+    return (msgspec.structs.replace(sensors, **changed) if changed else sensors), mistakes
 
 
 def _case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -> str:

@@ -34,12 +34,13 @@ def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
 def rig_key(case: Case) -> str:
     """Cases with equal keys may share one rig (simulator and stack process).
 
-    Perception variants, times and weathers differ per slot; simulator, scene, vehicle, sensors,
-    rates, stack and its parameters do not.
+    Perception variants, times, weathers and errors of sensors differ per slot; simulator, scene,
+    vehicle, camera, which sensors there are, rates, stack and its parameters do not.
     """
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
-        *(case.camera, case.stack, case.parameters, case.placement),
+        *(case.camera, case.sensors.rates(case.control_hz), case.stack),
+        *(case.parameters, case.placement),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -64,6 +65,7 @@ def _rig_key(case: Case) -> str:
         "scene": case.scenario.scene,
         "vehicle": case.scenario.vehicle,
         "camera": msgspec.to_builtins(case.camera),
+        "sensors": case.sensors.rates(case.control_hz),
         "stack": case.stack,
         "parameters": case.parameters,
         "placement": case.placement,

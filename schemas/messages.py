@@ -30,11 +30,30 @@ VEHICLE_COLUMNS = (
     "steering_rad",
     "throttle",
     "brake",
+    "handbrake",
 )
-"""Columns of the by-wire feedback, float64 [S, 6]."""
+"""Columns of the by-wire feedback, float64 [S, 7]: actuator positions lag behind commands."""
 
 ENVIRONMENT_COLUMNS = ("illuminance_lx", "extinction_per_m")
 """Columns of the ambient light and visibility sensor, float64 [S, 2]."""
+
+ENCODER_COLUMNS = ("front_left_ticks", "front_right_ticks", "rear_left_ticks", "rear_right_ticks")
+"""Columns of the wheel encoders, int64 [S, 4]: ticks since reset, falling in reverse."""
+
+GNSS_COLUMNS = ("latitude_deg", "longitude_deg", "altitude_m", "fix")
+"""Columns of the satellite receiver, float64 [S, 4]: WGS-84, altitude above the ellipsoid; fix is
+1, or 0 in a dropout, when the others are NaN."""
+
+IMU_COLUMNS = (
+    "accel_x_mps2",
+    "accel_y_mps2",
+    "accel_z_mps2",
+    "rate_x_radps",
+    "rate_y_radps",
+    "rate_z_radps",
+)
+"""Columns of the IMU, float64 [S, 6]: specific force (at rest +g up) and angular rate; x forward,
+y left, z up."""
 
 
 class Frame(Struct, frozen=True):
@@ -114,6 +133,20 @@ class Lights(Struct, frozen=True):
     indicators: Annotated[int, Meta(ge=0, le=3)] = 0
 
 
+class SensorErrors(Struct, frozen=True):
+    """Changes the errors of a slot's sensors from the next tick on, until changed again.
+
+    Factors, 0 to 1000, of the amplitudes in the campaign file: 1 leaves them, 0 switches them off.
+    """
+
+    gnss_noise: float = 1.0
+    gnss_bias: float = 1.0
+    gnss_dropout: bool = False
+    """No fix at all."""
+    imu_noise: float = 1.0
+    imu_bias: float = 1.0
+
+
 class Command(Struct, frozen=True):
     """What the stack asks of one slot's vehicle for the coming control period."""
 
@@ -131,6 +164,8 @@ class Command(Struct, frozen=True):
     """Emergency braking is triggered."""
     lights: Lights = Lights()
     detections: list[Detection] = []
+    sensors: SensorErrors | None = None
+    """None: the errors of the sensors stay as they are."""
 
 
 class Commands(Struct, frozen=True):
@@ -153,6 +188,11 @@ def command_mistake(command: Command) -> str:
         for name in ("confidence", "x_px", "y_px", "width_px", "height_px"):
             if not math.isfinite(getattr(detection, name)):
                 return f"detection {name} is {getattr(detection, name)}, allowed: finite numbers"
+    if command.sensors is not None:
+        for name in ("gnss_noise", "gnss_bias", "imu_noise", "imu_bias"):
+            value = getattr(command.sensors, name)
+            if not 0 <= value <= 1000:
+                return f"command sensors.{name} is {value}, allowed: 0 to 1000"
     return ""
 
 

@@ -24,10 +24,13 @@ class Topic:
 
 CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True, True)
 BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True, True)
-VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,6] float64", True, True)
+VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True, True)
 ENVIRONMENT = Topic(
     "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True, False
 )
+ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True, False)
+GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True, False)
+IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True, False)
 EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True, False)
 TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True, False)
 COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True, True)
@@ -53,6 +56,9 @@ TOPICS: tuple[Topic, ...] = (
     BOXES,
     VEHICLE,
     ENVIRONMENT,
+    ENCODERS,
+    GNSS,
+    IMU,
     EPISODE,
     TICK,
     COMMAND,

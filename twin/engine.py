@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -18,6 +19,7 @@ from twin.render.camera import RayCamera
 from twin.render.light import fill_light, switch_lamps
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.feedback import by_wire, environment
+from twin.sensors.suite import SensorSuite
 from twin.vehicle.planar import COLUMN, PHYSICS_STEP_NS, PlanarVehicles
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -118,6 +120,9 @@ class Engine:
         )
         self._boxes = BoxSensor(slots, warp_device)
         self._vehicles = PlanarVehicles(vehicle, self._world.colliders, slots, warp_device)
+        self._suite = SensorSuite(case, vehicle, scene.origin, slots, warp_device)
+        self.refill_every = math.lcm(self.camera_every, self._suite.period)
+        """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
@@ -155,6 +160,7 @@ class Engine:
         row["active"] = 1
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
+        self._suite.reset(slot, case)
         self._runs[slot] = _Run(case)
         self.active[slot] = True
         self.tick[slot] = 0
@@ -170,11 +176,12 @@ class Engine:
         self._vehicles.state[slot] = 0.0
         self._camera.lights.host[slot]["active"] = 0
         self._camera.clear(slot)
+        self._suite.clear(slot)
 
     def sense(self) -> dict[str, SensorData]:
-        """Sensors at the current ticks; camera and boxes only when a frame is due.
+        """Sensors at the current ticks, those that are due; once per tick.
 
-        All active slots are due together: a rig refills slots only at the camera's ticks.
+        All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
         state = self._vehicles.state
         sensors = {
@@ -183,6 +190,8 @@ class Engine:
                 environment(self._illuminance_lx, self._extinction_per_m, self.active)
             ),
         }
+        own = self._suite.read(self._vehicles.state_device, self.tick, self.active)
+        sensors.update((name, SensorData(values)) for name, values in own.items())
         due = self.tick[self.active] % self.camera_every == 0
         assert due.all() or not due.any(), "active slots are not due for a frame together"
         if due.any():
@@ -226,7 +235,7 @@ class Engine:
                 continue
             command = commands[slot]
             assert command is not None, f"slot {slot} is active and has no command"
-            mistake = command_mistake(command)
+            mistake = command_mistake(command) or self._suite.mistake(command.sensors)
             if mistake:
                 self._record(slot, run, None)
                 reason = f"{mistake}, at tick {self.tick[slot]}"
@@ -234,6 +243,8 @@ class Engine:
                 continue
             self._record(slot, run, command)
             self._schedule(slot, run, command)
+            if command.sensors is not None:
+                self._suite.modulate(slot, command.sensors)
         self._vehicles.advance(self._steps)
         for slot, run in enumerate(self._runs):
             if run is None:

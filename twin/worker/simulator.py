@@ -152,8 +152,8 @@ class Simulator:
                 self._slots[index] = None
 
     def _refill(self) -> None:
-        """Free slots take waiting leases, only when the camera is due for all."""
-        every = self._engine.camera_every
+        """Free slots take waiting leases, only when all sensors are due for all."""
+        every = self._engine.refill_every
         running = [i for i, slot in enumerate(self._slots) if slot is not None]
         if running and self._engine.tick[running[0]] % every:
             return

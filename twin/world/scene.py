@@ -78,6 +78,17 @@ class Obstacle(_Spec):
     """Its hazard lamps blink; false: its battery is dead."""
 
 
+class Origin(_Spec):
+    """Where the world's origin lies on the Earth (WGS-84), and where its x axis points."""
+
+    latitude_deg: Annotated[float, Meta(ge=-89.9, le=89.9)] = 0.0
+    longitude_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    altitude_m: Annotated[float, Meta(ge=-500, le=9000)] = 0.0
+    """Above the ellipsoid [m]."""
+    heading_deg: Annotated[float, Meta(ge=0, lt=360)] = 90.0
+    """Direction of world +x, clockwise from north; 90: x is east, y north [deg]."""
+
+
 class Scene(_Spec, kw_only=True):
     """One scene file."""
 
@@ -86,6 +97,7 @@ class Scene(_Spec, kw_only=True):
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     """Seed of the generated street; has nothing to do with a case's seed."""
     obstacle: Obstacle
+    origin: Origin = Origin()
     road: Road = Road()
     buildings: Buildings = Buildings()
     furniture: Furniture = Furniture()

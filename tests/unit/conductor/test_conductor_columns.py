@@ -19,6 +19,17 @@ def _cases(**fields: object) -> list[Case]:
     return cases
 
 
+def test_a_table_written_before_a_field_existed():
+    """Journals of an older version: what it did not know has its default."""
+    cases = _cases(matrix={"repeat": [0, 1]})
+    table = pack(cases)
+    columns = {name: column for name, column in table.columns.items() if name != "sensors"}
+    assert unpack(CaseTable(table.count, columns)) == cases
+    without_seed = {name: column for name, column in columns.items() if name != "seed"}
+    with pytest.raises(KeyError, match="seed"):
+        unpack(CaseTable(table.count, without_seed))
+
+
 @pytest.mark.parametrize(
     "fields",
     [

@@ -1,0 +1,55 @@
+"""Sensors without a vehicle: a given truth in, readings out."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Case, parse_cases
+from twin.sensors.truth import TRUTH
+from twin.world.kernel_cache import prepare_kernels
+
+prepare_kernels()
+CPU = wp.get_device("cpu")
+GRAVITY_MPS2 = 9.80665
+
+
+def case(name: str = "a", seed: int = 4, hz: int = 20, **sensors: dict) -> Case:
+    """One case with these sensors."""
+    data = {
+        "campaign": "rows",
+        "seed": seed,
+        "control_hz": hz,
+        "camera": {"width": 32, "height": 18, "hz": hz if hz <= 100 else 20},
+        "sensors": sensors,
+        "matrix": {"weather": ["clear"]},
+    }
+    campaign, cases, mistakes = parse_cases(data)
+    assert campaign is not None, mistakes
+    return msgspec.structs.replace(cases[0], id=name)
+
+
+def resting(slots: int, **columns: float) -> np.ndarray:
+    """Truth [S, T] of vehicles that stand level at the world's origin, some columns changed."""
+    rows = np.zeros((slots, len(TRUTH)))
+    given = {"qw": 1.0, "force_z_mps2": GRAVITY_MPS2, **columns}
+    for name, value in given.items():
+        rows[:, TRUTH.index(name)] = value
+    return rows
+
+
+def on_device(rows: np.ndarray) -> wp.array:
+    """Truth for a sensor's ``read``."""
+    return wp.array(rows, dtype=wp.float64, device=CPU)
+
+
+def readings(sensor, slots: int, ticks: int, rows: np.ndarray | None = None) -> np.ndarray:
+    """Readings [n, S, C] of tick 0, ``every``, 2 ``every``, ... of a truth that stays."""
+    truth = on_device(resting(slots) if rows is None else rows)
+    return np.stack(
+        [
+            sensor.read(truth, np.full(slots, tick, np.int32)).copy()
+            for tick in range(0, ticks, sensor.every)
+        ]
+    )

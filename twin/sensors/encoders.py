@@ -1,0 +1,71 @@
+"""Incremental wheel encoders: ticks = floor(PPR x CGR x revolutions), whole numbers per wheel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Case
+from schemas.messages import ENCODER_COLUMNS, SensorErrors
+from twin.sensors.truth import WHEELS
+from twin.world.mirror import Mirror
+
+wp.set_module_options({"enable_backward": False})
+
+_TWO_PI = wp.constant(wp.float64(2.0 * math.pi))
+
+
+@wp.kernel
+def encoders_kernel(
+    # args
+    ticks_per_rev: wp.array(dtype=wp.float64),
+    truth: wp.array2d(dtype=wp.float64),
+    # out
+    ticks_out: wp.array2d(dtype=wp.int64),
+):
+    """Ticks of all wheels of a slot; ``ticks_per_rev`` 0: inactive."""
+    slot = wp.tid()
+    for wheel in range(4):
+        ticks_out[slot, wheel] = wp.int64(0)
+    if ticks_per_rev[slot] == wp.float64(0.0):
+        return
+    for wheel in range(4):
+        revolutions = truth[slot, WHEELS + wheel] / _TWO_PI
+        ticks_out[slot, wheel] = wp.int64(wp.floor(ticks_per_rev[slot] * revolutions))
+
+
+class WheelEncoders:
+    """Encoders of all slots, columns :data:`schemas.messages.ENCODER_COLUMNS`."""
+
+    def __init__(self, case: Case, slots: int, device: wp.Device) -> None:
+        self.every = case.control_hz // case.sensors.rates(case.control_hz)["encoders"]
+        """Control periods between two readings."""
+        self._device = device
+        self._ticks_per_rev = Mirror((slots,), wp.float64, device)
+        self._ticks = Mirror((slots, len(ENCODER_COLUMNS)), wp.int64, device)
+        wp.load_module(encoders_kernel.module.name, device=device)
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case."""
+        self._ticks_per_rev.host[slot] = case.sensors.encoders.ppr * case.sensors.encoders.cgr
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+        self._ticks_per_rev.host[slot] = 0.0
+
+    def modulate(self, slot: int, errors: SensorErrors) -> None:
+        """An encoder has no errors but its steps."""
+
+    def read(self, truth: wp.array, tick: np.ndarray) -> np.ndarray:
+        """Ticks int64 [S, 4]; zeros where inactive."""
+        self._ticks_per_rev.push()
+        wp.launch(
+            encoders_kernel,
+            len(tick),
+            inputs=[self._ticks_per_rev.device, truth],
+            outputs=[self._ticks.device],
+            device=self._device,
+        )
+        return self._ticks.pull()

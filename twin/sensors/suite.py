@@ -1,0 +1,103 @@
+"""The car's own sensors that a campaign asks for, each at its own rate; none costs nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Case
+from schemas.messages import SensorErrors
+from twin.sensors.encoders import WheelEncoders
+from twin.sensors.gnss import SatelliteReceiver
+from twin.sensors.imu import InertialUnit
+from twin.sensors.planar_truth import PlanarTruth
+from twin.vehicle.vehicle_file import Vehicle
+from twin.world.scene import Origin
+
+
+class Sensor(Protocol):
+    """One kind of sensor, in all slots."""
+
+    every: int
+    """Control periods between two readings."""
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case."""
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+
+    def modulate(self, slot: int, errors: SensorErrors) -> None:
+        """Change the errors of a slot from the next reading on."""
+
+    def read(self, truth: wp.array, tick: np.ndarray) -> np.ndarray:
+        """Readings [S, ...] at the case ticks ``tick`` [S]; zeros where inactive."""
+
+
+class SensorSuite:
+    """Sensors of a rig. Which there are and their rates are the rig's, their errors the case's."""
+
+    def __init__(
+        self, case: Case, vehicle: Vehicle, origin: Origin, slots: int, device: wp.Device
+    ) -> None:
+        self._sensors: dict[str, Sensor] = {}
+        wanted = case.sensors.rates(case.control_hz)
+        if "encoders" in wanted:
+            self._sensors["encoders"] = WheelEncoders(case, slots, device)
+        if "gnss" in wanted:
+            self._sensors["gnss"] = SatelliteReceiver(case, origin, slots, device)
+        if "imu" in wanted:
+            self._sensors["imu"] = InertialUnit(case, slots, device)
+        self._truth = PlanarTruth(vehicle, slots, device) if wanted else None
+        self.period = math.lcm(*(sensor.every for sensor in self._sensors.values()))
+        """Control periods after which all sensors are due together again."""
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case; the first reading is that of its tick 0."""
+        for sensor in self._sensors.values():
+            sensor.reset(slot, case)
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+        for sensor in self._sensors.values():
+            sensor.clear(slot)
+
+    def mistake(self, errors: SensorErrors | None) -> str:
+        """What is wrong with changed errors, or an empty string."""
+        if errors is None:
+            return ""
+        for field in errors.__struct_fields__:
+            name = field.partition("_")[0]
+            if name not in self._sensors and getattr(errors, field) != getattr(_AS_IS, field):
+                return f"command sensors.{field} given, but the campaign has no sensors.{name}"
+        return ""
+
+    def modulate(self, slot: int, errors: SensorErrors) -> None:
+        """Change the errors of a slot's sensors from the next tick on."""
+        for sensor in self._sensors.values():
+            sensor.modulate(slot, errors)
+
+    def read(self, state: wp.array, tick: np.ndarray, active: np.ndarray) -> dict[str, np.ndarray]:
+        """Readings of the sensors that are due; to be called at every tick, before the step.
+
+        Args:
+            state: state of the vehicles, on the device.
+            tick: case ticks [S].
+            active: bool [S].
+        """
+        if self._truth is None or not active.any():
+            return {}
+        truth = self._truth.update(state, tick, active)
+        phase = tick[active] % self.period
+        assert (phase == phase[0]).all(), "active slots are not due for their sensors together"
+        return {
+            name: sensor.read(truth, tick)
+            for name, sensor in self._sensors.items()
+            if phase[0] % sensor.every == 0
+        }
+
+
+_AS_IS = SensorErrors()
