@@ -30,6 +30,7 @@ class Encoders(_Spec, frozen=True):
     """Incremental encoders on the four wheels: ticks = floor(ppr x cgr x revolutions)."""
 
     on: bool = True
+    """Whether it is there."""
     hz: ControlRate = 0
     """Readings per second, a divisor of the control rate; 0: the control rate [Hz]."""
     ppr: Annotated[int, Meta(ge=1, le=1_000_000)] = 44
@@ -52,6 +53,7 @@ class Gnss(_Spec, frozen=True):
     """
 
     on: bool = True
+    """Whether it is there."""
     hz: Annotated[int, Meta(ge=0, le=500)] = 10
     """Fixes per second, a divisor of the control rate; 0: the control rate [Hz]."""
     antenna_m: Point = field(default_factory=lambda: [1.4, 0.0, 1.5])
@@ -88,6 +90,7 @@ class Imu(_Spec, frozen=True):
     """
 
     on: bool = True
+    """Whether it is there."""
     hz: ControlRate = 0
     """Samples per second, a divisor of the control rate; 0: the control rate [Hz]."""
     noise: bool = True
