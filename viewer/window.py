@@ -69,7 +69,11 @@ def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[Wind
     if headless and not native.has_vulkan():
         raise InfrastructureError(NO_VULKAN)
     port = native.free_port()
-    with tempfile.TemporaryFile() as log:
+    # The viewer leaves a folder behind whenever it is ended from outside.
+    with (
+        tempfile.TemporaryDirectory(prefix="viewer-", ignore_cleanup_errors=True) as folder,
+        tempfile.TemporaryFile() as log,
+    ):
         child = spawn(
             [
                 *(str(native.binary()), "--bind", "127.0.0.1", "--port", str(port)),
@@ -77,7 +81,7 @@ def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[Wind
                 *arguments,
             ],
             # Warnings about a software renderer would cover the picture.
-            environment={"RUST_LOG": "error"},
+            environment={"RUST_LOG": "error", "TMPDIR": folder},
             log=log,
         )
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -28,6 +29,8 @@ class Marked:
 
     def __init__(self) -> None:
         self.mark = uuid.uuid4().hex
+        self.temporary = Path(tempfile.mkdtemp(prefix="marked-"))
+        """Their folder for temporary files; nothing may stay in it."""
         self.children: list[subprocess.Popen[str]] = []
 
     def start(
@@ -39,7 +42,7 @@ class Marked:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, MARK: self.mark},
+            env={**os.environ, MARK: self.mark, "TMPDIR": str(self.temporary)},
             start_new_session=True,
             cwd=folder,
         )
@@ -74,6 +77,7 @@ class Marked:
 
     def end(self) -> None:
         """Kill whatever is left and reap it."""
+        shutil.rmtree(self.temporary, ignore_errors=True)
         for process in self.processes():
             try:
                 process.kill()
@@ -112,26 +116,20 @@ def outcomes(folder: Path) -> dict[str, dict[str, object]]:
     return cases
 
 
-def _traces() -> set[str]:
-    """Names that a careless program leaves behind."""
-    found = {f"/dev/shm/{name}" for name in os.listdir("/dev/shm")}
-    root = tempfile.gettempdir()
-    for name in os.listdir(root):
-        if not name.startswith(("pytest-", "hypothesis", "bash_jobs", ".")):
-            found.add(f"{root}/{name}")
-    return found
+def _shared() -> set[str]:
+    """Shared memory under names that a careless session leaves behind."""
+    return {name for name in os.listdir("/dev/shm") if "twin" in name or "zenoh" in name}
 
 
 @contextmanager
 def nothing_left(marked: Marked) -> Iterator[None]:
     """Fail if processes, shared memory or temporary files outlive the block."""
-    before = _traces()
+    before = _shared()
     yield
     wait_for(lambda: not marked.processes(), "the end of every process")
-    ours = {
-        path for path in _traces() - before if "twin" in path or "warp" in path or "zenoh" in path
-    }
-    assert not ours
+    assert os.listdir(marked.temporary) == []
+    # Others on this machine may share memory as well, for a while.
+    wait_for(lambda: _shared() <= before, f"the end of {_shared() - before} in /dev/shm")
 
 
 def interrupt(process: subprocess.Popen[str]) -> None:
