@@ -25,6 +25,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress
+from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.spool_folder import SpoolFolder
 
@@ -82,6 +83,7 @@ class Worker:
         self._left = False
         host = socket.gethostname()
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
+        self._resources = ResourceLog(self.id, host, options.device, _log)
         self._core = decisions.Core(
             Hello(
                 v=SCHEMA_VERSION,
@@ -118,9 +120,11 @@ class Worker:
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
         self._carry_out(self._core.on_spool(self._spool.read()))
+        self._resources.start()
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
 
     def _shutdown(self) -> None:
+        self._resources.close()
         if self._rig is not None:
             self._rig.stop()
         self._requests.put(None)
@@ -152,6 +156,7 @@ class Worker:
         if event is not None:
             self._carry_out(self._handle(event, now))
         self._carry_out(self._core.on_time(now))
+        self._resources.work = work_of(held.lease for held in self._core.held.values())
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core
