@@ -1,0 +1,83 @@
+"""Commands of ``hpc`` that make software travel: ``image build`` and ``bundle``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Source = Annotated[
+    Path | None,
+    typer.Option(help="The project's checkout; default: the one this command runs from."),
+]
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands to the ``hpc`` command."""
+    image = typer.Typer(
+        name="image",
+        help="Container images for clusters.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    image.command("build")(build_image)
+    app.add_typer(image)
+    app.command("bundle")(bundle)
+
+
+def build_image(
+    out: Annotated[
+        Path, typer.Option(help="Image to write: FILE.sif, or a folder for charliecloud.")
+    ] = Path("drivetwin.sif"),
+    wheels: Annotated[
+        Path | None,
+        typer.Option(help="Folder of wheels (of `hpc bundle`); default: built and downloaded."),
+    ] = None,
+    base: Annotated[
+        str,
+        typer.Option(
+            help="Image with Python to start from: docker://NAME or a path; default: the official "
+            "Python image of this Python's version."
+        ),
+    ] = "",
+    source: Source = None,
+    only_print: Annotated[
+        bool, typer.Option("--print", help="Print the definition and build nothing.")
+    ] = False,
+) -> None:
+    """Build an Apptainer image with everything that compute nodes need.
+
+    No root is needed. With --wheels and a --base that is a file, no network is needed either.
+    """
+    from hpc.image import build, default_base, definition
+    from hpc.wheels import source_folder
+
+    start = str(Path(base).absolute()) if base and Path(base).exists() else base or default_base()
+    if only_print:
+        print(definition(start), end="")
+        return
+    build(source_folder(source), out, start, wheels)
+    print(out.absolute())
+
+
+def bundle(
+    out: Annotated[Path, typer.Option(help="New folder to write.")] = Path("drivetwin-bundle"),
+    device: Annotated[
+        list[str] | None,
+        typer.Option(help="Compile kernels on cpu or cuda:N, repeatable; default: cpu."),
+    ] = None,
+    no_kernels: Annotated[
+        bool, typer.Option("--no-kernels", help="Compile none; nodes do it themselves.")
+    ] = False,
+    source: Source = None,
+) -> None:
+    """Write wheels, kernels and an install.sh for compute nodes without internet.
+
+    The nodes must have this machine's Python version and architecture.
+    """
+    from hpc.bundle import write_bundle
+    from hpc.wheels import source_folder
+
+    write_bundle(source_folder(source), out, [] if no_kernels else device or ["cpu"])
+    print(f"{out.absolute()}; on a node: {out.absolute()}/install.sh VENV")
