@@ -44,7 +44,7 @@ MOUNT_POINTS = (
 )
 """Empty folders in our images, where clusters mount their file systems."""
 
-UNSET = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "LD_PRELOAD")
+UNSET = ("PYTHONPATH", "PYTHONHOME", "LD_PRELOAD")
 """Variables of the login shell that would lead Python out of the image."""
 
 PASSED = (
@@ -52,6 +52,8 @@ PASSED = (
     *("SLURM*", "PBS_*", "TWIN_*", "ZENOH_*"),
 )
 """Variables that the fabric and the job script need inside; ``*`` ends a prefix."""
+
+_WITH_VALUE = ("--bind", "--pwd", "--env")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,13 +131,13 @@ def shell_lines(container: Container) -> list[str]:
 
 
 def _wrapped(words: list[str]) -> list[str]:
-    """An option with its value per line, so that the script stays readable."""
+    """An option per line, with its value, so that the script stays readable."""
     lines: list[str] = []
-    for word in map(shlex.quote, words):
-        if word.startswith("-") or not lines or not lines[-1].lstrip().startswith("-"):
-            lines.append(f"  {word}")
+    for word in words:
+        if lines and lines[-1].strip() in _WITH_VALUE:
+            lines[-1] += f" {shlex.quote(word)}"
         else:
-            lines[-1] += f" {word}"
+            lines.append(f"  {shlex.quote(word)}")
     return lines
 
 
