@@ -146,7 +146,7 @@ def travel(tmp_path_factory):
 def image(travel):
     """``hpc image build`` by the ordinary user: a SIF."""
     folder, user, variables, python = travel
-    base = debian_base(folder, user, variables)
+    base = debian_base(folder / "home", user, variables)
     done = subprocess.run(
         [
             *(*user, *python, "-m", "hpc", "image", "build", "--base", str(base)),
