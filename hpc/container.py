@@ -102,10 +102,11 @@ def prefix(container: Container) -> list[str]:
 
 
 def preparation(container: Container) -> list[list[str]]:
-    """Commands that must have run once, where the image lies, before the first use of it."""
+    """Commands that must have run before the first use: bound folders exist, outside and inside."""
+    found = [["mkdir", "-p", "--", *mounted(container)]] if container.binds else []
     if container.runtime != "charliecloud" or container.image.endswith((".sqfs", ".squashfs")):
-        return []
-    found = [["mkdir", "-p", "--", *(container.image + path for path in mounted(container))]]
+        return found
+    found.append(["mkdir", "-p", "--", *(container.image + path for path in mounted(container))])
     if container.gpus:
         found.append(["ch-fromhost", "--nvidia", container.image])
     return found

@@ -1,4 +1,4 @@
-"""Commands of ``hpc`` that make software travel: ``image build`` and ``bundle``."""
+"""Commands of ``hpc`` that make software travel: ``image build``, ``bundle`` and ``fetch``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ Source = Annotated[
     typer.Option(help="The project's checkout; default: the one this command runs from."),
 ]
 
+Cache = Annotated[Path, typer.Option(help="Folder on the file system that the nodes share.")]
+
 
 def add_commands(app: typer.Typer) -> None:
     """Add the commands to the ``hpc`` command."""
@@ -24,6 +26,15 @@ def add_commands(app: typer.Typer) -> None:
     image.command("build")(build_image)
     app.add_typer(image)
     app.command("bundle")(bundle)
+    fetch = typer.Typer(
+        name="fetch",
+        help="Fetch what a campaign needs from the internet; compute nodes have none.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    fetch.command("repository")(fetch_repository)
+    fetch.command("image")(fetch_image)
+    app.add_typer(fetch)
 
 
 def build_image(
@@ -81,3 +92,35 @@ def bundle(
 
     write_bundle(source_folder(source), out, [] if no_kernels else device or ["cpu"])
     print(f"{out.absolute()}; on a node: {out.absolute()}/install.sh VENV")
+
+
+def fetch_repository(
+    url: Annotated[str, typer.Argument(help="What git clones: a URL or the path of a clone.")],
+    ref: Annotated[str, typer.Option(help="Branch, tag or commit.")] = "HEAD",
+    setup: Annotated[
+        str, typer.Option(help="Shell command to run in the files once, e.g. a build.")
+    ] = "",
+    cache: Cache = Path("inputs"),
+) -> None:
+    """Fetch a repository, read-only, and print its folder.
+
+    The folder's name is the digest of content and set-up: it never changes, and what is there
+    already is not fetched again.
+    """
+    from hpc.inputs import Repository
+    from hpc.inputs import fetch_repository as fetch
+
+    print(fetch(Repository(url, ref, setup), cache).folder)
+
+
+def fetch_image(
+    image: Annotated[str, typer.Argument(help="Path, or docker://NAME[:TAG].")],
+    cache: Cache = Path("inputs"),
+    refresh: Annotated[
+        bool, typer.Option("--refresh", help="Pull again what was pulled under this name.")
+    ] = False,
+) -> None:
+    """Fetch a container image, read-only, and print its path."""
+    from hpc.inputs import fetch_image as fetch
+
+    print(fetch(image, cache, refresh=refresh))

@@ -9,6 +9,8 @@ import sys
 import tarfile
 from pathlib import Path
 
+from hpc.container import Container, prefix, preparation
+
 NOBODY = 65534
 """User and group of somebody who owns nothing."""
 
@@ -27,6 +29,26 @@ def shell_image(folder: Path) -> Path:
         if Path("/", name).is_symlink():
             (folder / name).symlink_to(f"usr/{name}")
     return folder
+
+
+def missing(*commands: str) -> str:
+    """Why these commands cannot be tested; empty: they can."""
+    absent = [command for command in commands if shutil.which(command) is None]
+    if not absent:
+        return ""
+    return (
+        f"no command {', '.join(absent)}; Debian packages charliecloud and mmdebstrap, for "
+        "apptainer tests/e2e/install_apptainer.sh"
+    )
+
+
+def prepared(
+    container: Container, user: tuple[str, ...] = (), variables: dict[str, str] | None = None
+) -> tuple[str, ...]:
+    """Words before a command, once the image is ready."""
+    for words in preparation(container):
+        subprocess.run([*user, *words], env=variables, check=True)
+    return tuple(prefix(container))
 
 
 def python_folders() -> tuple[str, ...]:

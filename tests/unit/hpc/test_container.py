@@ -51,14 +51,19 @@ def test_the_driver_comes_in_with_gpus_only(runtime, option):
     assert option not in prefix(container(runtime=runtime))
 
 
-def test_charliecloud_makes_the_places_of_its_folders_before():
-    found = preparation(container(image="/work/image", runtime="charliecloud", gpus=True))
+def test_folders_are_made_before_they_are_bound():
+    made = ["mkdir", "-p", "--", "/work/me", "/scratch/job 7"]
+    assert preparation(container()) == [made]
+    assert preparation(container(image="/work/i.sqfs", runtime="charliecloud")) == [made]
+    assert preparation(container(binds=())) == []
+
+
+def test_charliecloud_needs_their_places_inside_too():
+    _, *found = preparation(container(image="/work/image", runtime="charliecloud", gpus=True))
     assert found == [
         ["mkdir", "-p", "--", "/work/image/work/me", "/work/image/scratch/job 7"],
         ["ch-fromhost", "--nvidia", "/work/image"],
     ]
-    assert preparation(container(image="/work/i.sqfs", runtime="charliecloud")) == []
-    assert preparation(container()) == []
 
 
 def test_a_folder_inside_another_is_bound_once():
@@ -68,6 +73,7 @@ def test_a_folder_inside_another_is_bound_once():
 
 def test_the_script_lines_are_readable():
     assert shell_lines(container()) == [
+        "mkdir -p -- /work/me '/scratch/job 7' || exit 2",
         "inside=(",
         "  apptainer",
         "  exec",

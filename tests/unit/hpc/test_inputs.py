@@ -326,3 +326,34 @@ def test_without_apptainer(cache, monkeypatch, tmp_path):
     with pytest.raises(InfrastructureError, match="no command apptainer"):
         fetch_image("docker://a/b:1", cache)
     assert not list(Path(cache, "images").glob("*.sif"))
+
+
+# --- the commands -------------------------------------------------------------------------------
+
+
+def hpc(*words, folder):
+    """Run the command in ``folder``."""
+    return subprocess.run(
+        [sys.executable, "-m", "hpc", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_commands_print_where_it_is(bare, tmp_path):
+    done = hpc("fetch", "repository", str(bare), "--setup", "touch made", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert Path(done.stdout.strip(), "made").exists()
+    (tmp_path / "mine.sif").write_text("SIF")
+    done = hpc("fetch", "image", "mine.sif", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert Path(done.stdout.strip()).read_text() == "SIF"
+
+
+def test_the_commands_fail_in_one_line(bare, tmp_path):
+    done = hpc("fetch", "repository", str(bare), "--ref", "no", folder=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "no branch, tag or commit 'no'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
