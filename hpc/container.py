@@ -128,6 +128,8 @@ def shell_lines(container: Container) -> list[str]:
     ``"${inside[@]}" COMMAND`` then runs it in the container.
     """
     lines = [f"{shlex.join(words)} || exit 2" for words in preparation(container)]
+    if container.runtime == "charliecloud":
+        lines.append('export USER="${USER:-$(id -un)}"  # it does not start without')
     return [*lines, "inside=(", *_wrapped(prefix(container)), ")"]
 
 

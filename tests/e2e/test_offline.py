@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -42,11 +43,10 @@ def fingerprint(text):
 
 
 @pytest.fixture(scope="module")
-def travel(tmp_path_factory):
-    """A folder that everybody may enter, with a folder ``home`` of somebody ordinary."""
-    folder = tmp_path_factory.mktemp("travel")
-    for path in (folder, folder.parent, folder.parent.parent):
-        path.chmod(0o755)
+def travel():
+    """A folder that everybody may enter (pytest closes its own), with a folder ``home``."""
+    folder = Path(tempfile.mkdtemp(prefix="travel-"))
+    folder.chmod(0o755)
     (folder / "home").mkdir()
     yield folder
     shutil.rmtree(folder, ignore_errors=True)

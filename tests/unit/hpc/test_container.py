@@ -96,6 +96,7 @@ def test_bash_reads_the_same_words(runtime):
         runtime=runtime, binds=("/tmp/a $(b) 'c'",), folder="/tmp/a $(b) 'c'", gpus=True
     )
     lines = [line for line in shell_lines(odd) if not line.endswith("exit 2")]
+    assert ("export USER" in lines[0]) == (runtime == "charliecloud")
     script = "\n".join([*lines, r"""printf '%s\0' "${inside[@]}" """])
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split("\0")[:-1] == prefix(odd)
