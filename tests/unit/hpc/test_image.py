@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hpc.bundle import install_script
+from hpc.bundle import install_script, write_bundle
 from hpc.image import build, default_base, definition
 from hpc.wheels import own_wheel, source_folder
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -103,6 +103,13 @@ def test_the_definition_is_printed_without_apptainer(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == definition("docker://a/b:1")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_bundle_is_kept(tmp_path):
+    (tmp_path / "bundle").mkdir()
+    with pytest.raises(UsageError, match="exists already"):
+        write_bundle(source_folder(), tmp_path / "bundle", [])
+    assert list((tmp_path / "bundle").iterdir()) == []
 
 
 def run_install(folder, *arguments, **variables):
