@@ -3,7 +3,7 @@
 # outside FOLDER is touched. Debian 12 has no package of it: sid's is unpacked together with the C
 # library that it was built for, and its programs are told to use that one.
 #
-# usage: install_apptainer.sh FOLDER      needs: apt-get, patchelf, squashfs-tools, uidmap
+# usage: install_apptainer.sh FOLDER      needs: patchelf squashfs-tools squashfuse uidmap fakeroot
 set -euo pipefail
 folder=$(mkdir -p "$1" && cd "$1" && pwd)
 [ ! -x "$folder/root/usr/bin/apptainer" ] || { echo "$folder/root/usr/bin/apptainer"; exit 0; }
@@ -23,9 +23,15 @@ rm -rf apt debs
 root=$PWD/root
 libraries=$root/usr/lib/x86_64-linux-gnu
 loader=$(find "$root" -name 'ld-linux-x86-64.so.2' -not -type l | head -n 1)
-# Programs find their libraries, the parent of the starter its configuration, inside the folder.
-find "$root/usr/bin" "$root/usr/libexec" "$root/usr/lib/x86_64-linux-gnu/apptainer" \
-  -type f -perm -u+x 2>/dev/null | while read -r file; do
+# Both halves of Apptainer look for its configuration beside the folder that they lie in.
+ln -sfn ../etc root/usr/etc
+ln -sfn ../var root/usr/var
+ln -sfn ../../etc root/usr/lib/etc
+ln -sfn ../../var root/usr/lib/var
+mkdir -p root/var/lib/apptainer/mnt/session
+# Programs find the libraries that they were built for.
+find "$root/usr/bin" "$root/usr/lib/x86_64-linux-gnu/apptainer" \
+  -type f -perm -u+x | while read -r file; do
   patchelf --print-interpreter "$file" >/dev/null 2>&1 || continue
   patchelf --set-interpreter "$loader" --force-rpath --set-rpath "$libraries" "$file"
 done
