@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from hpc.image_cli import add_commands
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
 
@@ -108,6 +109,9 @@ def _own_bin_folder() -> Path:
             f"{folder}: no command {' and '.join(missing)} there; say with --bin where they are"
         )
     return folder
+
+
+add_commands(app)
 
 
 def main() -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from conductor.report.curves import Curve, points_for, read_curve
 from conductor.report.dossier import Dossier, Row
 from conductor.report.evidence import Evidence, gather
+from conductor.report.resources import read_resources
+from conductor.report.resources_use import Resources, no_resources, resources_of
 from twin.fabric.errors import InfrastructureError
 
 CASES_MAX = 2000
@@ -22,6 +24,7 @@ class Content:
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, Curve]
     evidence: Evidence
+    resources: Resources
 
 
 def read_content(dossier: Dossier) -> Content:
@@ -40,4 +43,12 @@ def read_content(dossier: Dossier) -> Content:
         if curve is not None and row.case.id in shown:
             curves[row.case.id] = curve
     rows = [row for row in dossier.rows if row.case.id in shown]
-    return Content(dossier, rows, curves, gather(dossier, broken))
+    return Content(dossier, rows, curves, gather(dossier, broken), _resources(dossier))
+
+
+def _resources(dossier: Dossier) -> Resources:
+    """Results stand without them, so a damaged file is told in their section, not as an alarm."""
+    try:
+        return resources_of(dossier, read_resources(dossier.folder))
+    except InfrastructureError as error:
+        return no_resources(str(error))

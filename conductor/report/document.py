@@ -9,6 +9,8 @@ from typing import Any
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
 from conductor.report.page import render
+from conductor.report.resources import gather_resources
+from conductor.report.resources_use import Resources, Use
 from conductor.report.summary import write_summary_of
 from conductor.report.tables import case_record, verdict_table
 from twin.fabric.errors import storage_error
@@ -18,7 +20,8 @@ PAGE_FILE = "report.html"
 
 
 def write_report(folder: Path) -> Path:
-    """Write ``summary.parquet``, ``summary.csv`` and ``report.html`` into the campaign ``folder``.
+    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet`` and ``report.html``, into
+    the campaign ``folder``.
 
     Damaged KPI files and disagreeing attempts do not stop the report: it says so in an alarm box.
 
@@ -31,6 +34,7 @@ def write_report(folder: Path) -> Path:
     """
     dossier = open_dossier(folder)
     write_summary_of(dossier)
+    gather_resources(dossier.folder, complete=dossier.outcomes.complete)
     page = render(read_content(dossier))
     path = folder / PAGE_FILE
     try:
@@ -69,4 +73,19 @@ def report_json(folder: Path) -> dict[str, Any]:
         "disagreements": evidence.disagreements,
         "systems": [{**asdict(line), "rate": line.rate} for line in verdict_table(dossier)],
         "cases": [case_record(dossier, row) for row in dossier.rows],
+        "resources": _resources(content.resources),
+    }
+
+
+def _resources(resources: Resources) -> dict[str, Any]:
+    def line(use: Use) -> dict[str, Any]:
+        spans = {name: span and asdict(span) for name, span in use.spans.items()}
+        return {**{k: v for k, v in asdict(use).items() if k != "spans"}, **spans}
+
+    return {
+        "samples": resources.samples,
+        "missing": resources.missing or None,
+        "batches": [line(use) for use in resources.batches],
+        "nodes": [line(use) for use in resources.nodes],
+        "total": line(resources.total) if resources.total else None,
     }

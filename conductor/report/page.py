@@ -21,6 +21,7 @@ from conductor.report.dossier import Dossier
 from conductor.report.evidence import commands, versions
 from conductor.report.figures import curve_frame, heat_maps
 from conductor.report.palette import line_styles, status_color, status_symbol
+from conductor.report.resources_figure import resource_figure
 from conductor.report.tables import statuses, verdict_table, without_verdict
 
 _ASSETS = Path(__file__).parent / "assets"
@@ -42,6 +43,7 @@ def render(content: Content) -> str:
         dossier=dossier,
         outcomes=dossier.outcomes,
         evidence=content.evidence,
+        resources=content.resources,
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),
@@ -75,6 +77,7 @@ def _page_data(content: Content) -> dict[str, Any]:
         "models": axis_values(dossier, "model"),
         "groups": [_group(dossier, axis) for axis in groups],
         "cases": list(_case_data(content, groups)),
+        "resources": resource_figure(content.resources),
     }
 
 

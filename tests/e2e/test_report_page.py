@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 from unit.report.synthetic_campaign import make_campaign
+from unit.report.test_report_resources import sample, write_parts
 
 from conductor.report import write_report
 
@@ -49,6 +50,7 @@ def page(browser: Any, tmp_path: Path) -> Iterator[Any]:
         return end
 
     make_campaign(tmp_path, change=change)
+    write_parts(tmp_path, *(sample(moment, host=host) for moment in (1, 2) for host in ("a", "b")))
     path = write_report(tmp_path)
     complaints: list[str] = []
     requests: list[str] = []
@@ -139,6 +141,13 @@ def test_one_system_and_another_colour(page: Any) -> None:
     assert any(name.startswith("collision (") for name in names)
     page.check("#near")
     assert page.evaluate("document.getElementById('curves').layout.yaxis2.range") == [0, 10]
+
+
+def test_resources_are_drawn(page: Any) -> None:
+    plot = page.locator("#resources")
+    assert plot.locator(".subplot").count() == 2, "CPU and RAM; no GPU was measured"
+    assert plot.locator(".scatterlayer .trace").count() == 4
+    assert page.locator("#resource-nodes tbody tr").count() == 3
 
 
 def test_dark_mode_and_print(page: Any) -> None:

@@ -96,3 +96,10 @@ def test_the_demo_campaign_alone_and_together(marked, tmp_path):
     assert (tmp_path / "a" / "report.html").stat().st_size > 10_000
     summary = pq.read_table(tmp_path / "a" / "summary.parquet")
     assert summary.num_rows == 8
+    used = pq.read_table(tmp_path / "a" / "resources.parquet")
+    assert len(set(used.column("worker").to_pylist())) == 2
+    assert max(used.column("cpu_cores").to_pylist()) > 0.05
+    assert {"worker", "simulator", "stack"} <= {
+        process["role"] for row in used.column("processes").to_pylist() for process in row
+    }
+    assert not (tmp_path / "a" / "resources").exists()

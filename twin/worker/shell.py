@@ -25,6 +25,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress
+from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.spool_folder import SpoolFolder
 
@@ -96,6 +97,7 @@ class Worker:
         host = socket.gethostname()
         memory_bytes = None if options.memory_gb is None else int(options.memory_gb * 1e9)
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
+        self._resources = ResourceLog(self.id, host, options.device, _log)
         self._core = decisions.Core(
             Hello(
                 v=SCHEMA_VERSION,
@@ -137,9 +139,11 @@ class Worker:
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
         self._carry_out(self._core.on_spool(self._spool.read()))
+        self._resources.start()
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
 
     def _shutdown(self) -> None:
+        self._resources.close()
         if self._rig is not None:
             self._rig.stop()
         self._requests.put(None)
@@ -174,6 +178,7 @@ class Worker:
             self._memory_at_ns = now + MEMORY_PERIOD_NS
             self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
         self._carry_out(self._core.on_time(now))
+        self._resources.work = work_of(held.lease for held in self._core.held.values())
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core

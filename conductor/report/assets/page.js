@@ -182,6 +182,12 @@
   draw();
   curves.on("plotly_click", (event) => pick(event.points[0].text, false));
 
+  // --- resources ---
+  function drawResources() {
+    if (data.resources) Plotly.react(at("resources"), data.resources.data, themed(data.resources.layout), { ...CONFIG, displayModeBar: false });
+  }
+  drawResources();
+
   // --- the case table ---
   const body = document.querySelector("#cases tbody");
   const heads = [...document.querySelectorAll("#cases thead th")];
@@ -222,16 +228,19 @@
   function restyle() {
     for (const { plot, map } of maps) Plotly.react(plot, map.data, themed(map.layout), { ...CONFIG, displayModeBar: false });
     draw();
+    drawResources();
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
   addEventListener("beforeprint", () => {
     restyle();
     for (const { plot } of maps) Plotly.relayout(plot, { width: PRINT_WIDTH_PX / 2 });
     Plotly.relayout(curves, { width: PRINT_WIDTH_PX, height: PRINT_HEIGHT_PX });
+    if (data.resources) Plotly.relayout(at("resources"), { width: PRINT_WIDTH_PX });
   });
   addEventListener("afterprint", () => {
     restyle();
     for (const { plot } of maps) Plotly.relayout(plot, { width: null, autosize: true });
     Plotly.relayout(curves, { width: null, autosize: true });
+    if (data.resources) Plotly.relayout(at("resources"), { width: null, autosize: true });
   });
 })();

@@ -1,0 +1,145 @@
+"""The definition of the image, and what is refused before anything is built."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hpc.bundle import install_script, write_bundle
+from hpc.image import build, default_base, definition
+from hpc.wheels import own_wheel, source_folder
+from twin.fabric.errors import InfrastructureError, UsageError
+
+GOLDEN = Path(__file__).with_name("drivetwin.def")
+
+
+def test_the_definition():
+    assert definition("docker://python:3.11-slim") == GOLDEN.read_text()
+
+
+def test_the_base_is_a_reference_or_a_path():
+    assert "\nBootstrap: localimage\nFrom: /images/base.sif\n" in definition("/images/base.sif")
+    assert "\nBootstrap: oras\nFrom: host/base:1\n" in definition("oras://host/base:1")
+    assert default_base() == f"docker://python:3.{sys.version_info[1]}-slim"
+
+
+@pytest.mark.parametrize("base", ["python:3.12", "a folder", "/a b", "docker://a\nFrom: b", ""])
+def test_other_bases_are_refused(base):
+    with pytest.raises(UsageError, match="--base"):
+        definition(base)
+
+
+def test_the_checkout_is_found_or_asked_for(tmp_path):
+    assert (source_folder() / "hpc" / "image.py").exists()
+    with pytest.raises(UsageError, match="--source"):
+        source_folder(tmp_path)
+
+
+def test_one_wheel_of_the_project(tmp_path):
+    with pytest.raises(UsageError, match="found none"):
+        own_wheel(tmp_path)
+    for version in ("1", "2"):
+        (tmp_path / f"drivetwin-{version}-py3-none-any.whl").touch()
+    with pytest.raises(UsageError, match=r"drivetwin-1-.*drivetwin-2-"):
+        own_wheel(tmp_path)
+
+
+@pytest.fixture
+def wheels(tmp_path):
+    """A folder that looks like wheels."""
+    folder = tmp_path / "wheels"
+    folder.mkdir()
+    (folder / "drivetwin-1-py3-none-any.whl").touch()
+    return folder
+
+
+def test_an_existing_image_is_kept(tmp_path, wheels):
+    out = tmp_path / "image.sif"
+    out.write_text("mine")
+    with pytest.raises(UsageError, match="exists already"):
+        build(source_folder(), out, default_base(), wheels)
+    assert out.read_text() == "mine"
+
+
+def test_without_apptainer_one_line_and_nothing_left(tmp_path, wheels, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InfrastructureError, match="no command apptainer on this machine"):
+        build(source_folder(), tmp_path / "image.sif", default_base(), wheels)
+    assert [path.name for path in tmp_path.iterdir()] == ["wheels"]
+
+
+@pytest.mark.parametrize("out", ["image.sif", "image"])
+def test_what_apptainer_is_given(tmp_path, wheels, monkeypatch, out):
+    """A command that writes down where it was called and with what, and makes the image."""
+    tool = tmp_path / "bin" / "apptainer"
+    tool.parent.mkdir()
+    tool.write_text(
+        '#!/bin/sh\necho "$@" >words\nls -LR >files\nfor w; do case $w in */image*) n=$w;; esac; '
+        f'done\ncp words files "{tmp_path}"\ntouch "$n"\n'
+    )
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tool.parent}{os.pathsep}{os.environ['PATH']}")
+    build(source_folder(), tmp_path / out, "/images/base.sif", wheels)
+    words = (tmp_path / "words").read_text().split()
+    assert words[0] == "build"
+    assert ("--sandbox" in words) == (out == "image")
+    assert words[-1] == "drivetwin.def"
+    files = (tmp_path / "files").read_text().split()
+    assert {"drivetwin.def", "constraints.txt", "drivetwin-1-py3-none-any.whl"} <= set(files)
+    assert (tmp_path / out).exists()
+    assert not list(tmp_path.glob(".image*"))
+
+
+def test_the_definition_is_printed_without_apptainer(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "hpc", "image", "build", "--print", "--base", "docker://a/b:1"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == definition("docker://a/b:1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_bundle_is_kept(tmp_path):
+    (tmp_path / "bundle").mkdir()
+    with pytest.raises(UsageError, match="exists already"):
+        write_bundle(source_folder(), tmp_path / "bundle", [])
+    assert list((tmp_path / "bundle").iterdir()) == []
+
+
+def run_install(folder, *arguments, **variables):
+    """``install.sh`` of a bundle for this Python, without anything to install."""
+    script = folder / "install.sh"
+    script.write_text(install_script(f"3.{sys.version_info[1]}"))
+    script.chmod(0o755)
+    return subprocess.run(
+        [str(script), *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHON": sys.executable, **variables},
+        check=False,
+    )
+
+
+def test_install_keeps_an_existing_folder(tmp_path):
+    (tmp_path / "venv").mkdir()
+    done = run_install(tmp_path, "venv")
+    assert done.returncode == 2
+    assert "venv exists already" in done.stderr
+    assert list((tmp_path / "venv").iterdir()) == []
+
+
+def test_install_refuses_another_python(tmp_path):
+    other = tmp_path / "python"
+    other.write_text("#!/bin/sh\necho 3.9\n")
+    other.chmod(0o755)
+    done = run_install(tmp_path, "venv", PYTHON=str(other))
+    assert done.returncode == 2
+    assert "is not Python 3." in done.stderr
+    assert not (tmp_path / "venv").exists()

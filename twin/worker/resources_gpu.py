@@ -1,0 +1,99 @@
+"""One GPU's counters through NVML; where that is absent, nothing is known, which is never 0."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class GpuReading:
+    """What the GPU's counters say; None: they do not say it."""
+
+    uuid: str | None = None
+    name: str | None = None
+    percent: float | None = None
+    memory_bytes: int | None = None
+    memory_total_bytes: int | None = None
+    power_w: float | None = None
+
+
+class Gpu:
+    """The GPU behind a device name such as ``cuda:0``.
+
+    Args:
+        device: ``cuda:N`` counts in ``CUDA_VISIBLE_DEVICES``, as CUDA does; anything else is no
+            GPU.
+    """
+
+    def __init__(self, device: str) -> None:
+        self._nvml: Any = None
+        self._handle: Any = None
+        if not device.startswith("cuda"):
+            return
+        import pynvml
+
+        try:
+            pynvml.nvmlInit()
+        except pynvml.NVMLError:
+            return
+        self._nvml = pynvml
+        name = visible_device(
+            int(device.partition(":")[2] or 0), os.environ.get("CUDA_VISIBLE_DEVICES")
+        )
+        self._handle = self._ask(lambda: self._open(name))
+
+    def read(self) -> GpuReading:
+        """The counters; each is None where the GPU or its driver does not tell it."""
+        nvml, handle = self._nvml, self._handle
+        if handle is None:
+            return GpuReading()
+        memory = self._ask(lambda: nvml.nvmlDeviceGetMemoryInfo(handle))
+        rates = self._ask(lambda: nvml.nvmlDeviceGetUtilizationRates(handle))
+        power_mw = self._ask(lambda: nvml.nvmlDeviceGetPowerUsage(handle))
+        return GpuReading(
+            uuid=self._ask(lambda: _text(nvml.nvmlDeviceGetUUID(handle))),
+            name=self._ask(lambda: _text(nvml.nvmlDeviceGetName(handle))),
+            percent=None if rates is None else float(rates.gpu),
+            memory_bytes=None if memory is None else int(memory.used),
+            memory_total_bytes=None if memory is None else int(memory.total),
+            power_w=None if power_mw is None else power_mw / 1000,
+        )
+
+    def close(self) -> None:
+        """Let go of NVML."""
+        if self._nvml is not None:
+            self._ask(self._nvml.nvmlShutdown)
+            self._nvml = self._handle = None
+
+    def _open(self, name: int | str) -> Any:
+        if isinstance(name, int):
+            return self._nvml.nvmlDeviceGetHandleByIndex(name)
+        return self._nvml.nvmlDeviceGetHandleByUUID(name)
+
+    def _ask(self, question: Callable[[], T]) -> T | None:
+        try:
+            return question()
+        except self._nvml.NVMLError:
+            return None  # not supported by this GPU, a MIG slice, or not permitted
+
+
+def visible_device(index: int, visible: str | None) -> int | str:
+    """NVML's index or UUID of the ``index``-th device that CUDA sees.
+
+    Args:
+        index: as in ``cuda:<index>``.
+        visible: value of ``CUDA_VISIBLE_DEVICES``; None: not set.
+    """
+    names = [name.strip() for name in (visible or "").split(",") if name.strip()]
+    if index >= len(names):
+        return index
+    return int(names[index]) if names[index].isdigit() else names[index]
+
+
+def _text(value: str | bytes) -> str:
+    return value.decode() if isinstance(value, bytes) else value
