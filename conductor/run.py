@@ -46,7 +46,7 @@ from twin.fabric.errors import (
     UnfinishedError,
     UsageError,
 )
-from twin.fabric.software import software_digest
+from twin.fabric.software import device_class, software_digest
 
 WORKERS_MAX = 8
 """Local workers started by default, at most."""
@@ -83,6 +83,8 @@ class Interrupted(Exception):  # noqa: N818 - it is no error
 
 def run_campaign(campaign: Campaign, options: RunOptions) -> int:
     """Run ``campaign`` to its end on this machine; the exit code."""
+    if options.workers != 0:
+        device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
     console = Console(stderr=True)
     cases = len(expand(campaign))

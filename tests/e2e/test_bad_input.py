@@ -70,6 +70,16 @@ def test_bad_endpoint(marked):
     one_line(done, 2, "localhost", "tcp/HOST:PORT")
 
 
+@pytest.mark.parametrize("device", ["gpu", "cuda", "cuda:999"])
+def test_a_device_that_is_not_here(marked, tmp_path, device):
+    out = tmp_path / "out"
+    done = marked.run("conductor", "run", "chaos-16", "--device", device, "--out", str(out))
+    one_line(done, 2, f"'{device}'", "cpu")
+    assert not out.exists()
+    done = marked.run("twin", "worker", "--device", device, "--connect", "tcp/127.0.0.1:1")
+    one_line(done, 2, f"'{device}'", "cpu")
+
+
 def test_another_campaign_in_the_folder(marked, quiet):
     folder = str(quiet["folder"])
     done = marked.run("conductor", "run", "chaos-16", "--seed", "99", "--out", folder)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
+import re
 from pathlib import Path
 
 from schemas.identity import digest
 from twin.fabric.errors import UsageError
+from twin.fabric.nvml import gpu_handle
 
 _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = ("numpy", "warp-lang", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
@@ -57,17 +59,25 @@ def _folder(package: str) -> Path:
 
 
 def device_class(device: str) -> str:
-    """``cpu:avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class."""
+    """``cpu:avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class.
+
+    Raises:
+        UsageError: no such device here.
+    """
     if device == "cpu":
         return f"cpu:{_instruction_set()}"
+    if not re.fullmatch(r"cuda:[0-9]{1,3}", device):
+        raise UsageError(f"device '{device[:40]}': allowed are cpu and cuda:N, e.g. cuda:0")
     import pynvml
 
-    pynvml.nvmlInit()
     try:
-        index = int(device.partition(":")[2] or 0)
-        name = pynvml.nvmlDeviceGetName(pynvml.nvmlDeviceGetHandleByIndex(index))
-    finally:
-        pynvml.nvmlShutdown()
+        pynvml.nvmlInit()
+        try:
+            name = pynvml.nvmlDeviceGetName(gpu_handle(pynvml, device))
+        finally:
+            pynvml.nvmlShutdown()
+    except pynvml.NVMLError as error:
+        raise UsageError(f"device '{device}': not here ({error}); use --device cpu") from None
     return f"cuda:{name}"
 
 

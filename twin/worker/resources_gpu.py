@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
+
+from twin.fabric.nvml import gpu_handle
 
 T = TypeVar("T")
 
@@ -42,10 +43,7 @@ class Gpu:
         except pynvml.NVMLError:
             return
         self._nvml = pynvml
-        name = visible_device(
-            int(device.partition(":")[2] or 0), os.environ.get("CUDA_VISIBLE_DEVICES")
-        )
-        self._handle = self._ask(lambda: self._open(name))
+        self._handle = self._ask(lambda: gpu_handle(pynvml, device))
 
     def read(self) -> GpuReading:
         """The counters; each is None where the GPU or its driver does not tell it."""
@@ -70,29 +68,11 @@ class Gpu:
             self._ask(self._nvml.nvmlShutdown)
             self._nvml = self._handle = None
 
-    def _open(self, name: int | str) -> Any:
-        if isinstance(name, int):
-            return self._nvml.nvmlDeviceGetHandleByIndex(name)
-        return self._nvml.nvmlDeviceGetHandleByUUID(name)
-
     def _ask(self, question: Callable[[], T]) -> T | None:
         try:
             return question()
         except self._nvml.NVMLError:
             return None  # not supported by this GPU, a MIG slice, or not permitted
-
-
-def visible_device(index: int, visible: str | None) -> int | str:
-    """NVML's index or UUID of the ``index``-th device that CUDA sees.
-
-    Args:
-        index: as in ``cuda:<index>``.
-        visible: value of ``CUDA_VISIBLE_DEVICES``; None: not set.
-    """
-    names = [name.strip() for name in (visible or "").split(",") if name.strip()]
-    if index >= len(names):
-        return index
-    return int(names[index]) if names[index].isdigit() else names[index]
 
 
 def _text(value: str | bytes) -> str:
