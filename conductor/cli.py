@@ -15,7 +15,8 @@ import typer
 
 from conductor.operate import Connect, Namespace, State, add_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import make_app, run
+from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
 
@@ -36,7 +37,11 @@ Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campa
 OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Listen = Annotated[
-    str, typer.Option(help="Where to listen; port 0 takes a free one. Loopback unless asked.")
+    str,
+    typer.Option(
+        help="Where to listen; port 0 takes a free one. Beyond loopback (e.g. 0.0.0.0:0) it is "
+        "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
+    ),
 ]
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
@@ -56,7 +61,8 @@ def run_command(
     device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
     by_batch: ByBatch = False,
-    listen: Listen = "tcp/127.0.0.1:0",
+    listen: Listen = LOOPBACK,
+    key: KeyOption = None,
     view: Annotated[
         ViewMode,
         typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
@@ -70,6 +76,7 @@ def run_command(
     """
     from conductor.run import RunOptions, run_campaign
     from conductor.source import load
+    from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     options = RunOptions(
@@ -79,6 +86,7 @@ def run_command(
         device=device,
         by_batch=by_batch,
         listen=listen,
+        key=load_key(key) if key else None,
         view=view,
         json=output is Output.json,
     )
@@ -88,8 +96,9 @@ def run_command(
 @app.command()
 def serve(
     state: Annotated[Path, typer.Option(help="State folder; one conductor each.")] = Path("runs"),
-    listen: Listen = "tcp/127.0.0.1:0",
+    listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
@@ -101,9 +110,18 @@ def serve(
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
     from conductor.serve import serve_folder
+    from twin.fabric.key_file import load_key
 
     raise typer.Exit(
-        serve_folder(state, listen, namespace, by_batch=by_batch, ttl_s=ttl_s, metrics=metrics)
+        serve_folder(
+            state,
+            listen,
+            namespace,
+            key=load_key(key) if key else None,
+            by_batch=by_batch,
+            ttl_s=ttl_s,
+            metrics=metrics,
+        )
     )
 
 
@@ -113,6 +131,7 @@ def submit(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
@@ -126,7 +145,7 @@ def submit(
     from conductor.source import load
 
     loaded = load(campaign, seed=seed)
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 
@@ -136,6 +155,7 @@ def status(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
@@ -148,7 +168,7 @@ def status(
     from conductor.tables import status_tables
     from conductor.watch import watch as watch_status
 
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
@@ -160,16 +180,38 @@ def status(
 
 
 @app.command()
-def stop(connect: Connect = "", state: State = None, namespace: Namespace = "twin") -> None:
+def stop(
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
     from conductor.client import Client
 
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         client.stop()
     print("draining; run `conductor serve` again to go on")
 
 
 add_commands(app)
+
+
+@app.command()
+def keygen(
+    file: Annotated[Path, typer.Argument(help="Key file to write, with mode 0600.")],
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long it is valid [days].")] = 365,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a key; whoever has the old one is shut out.")
+    ] = False,
+) -> None:
+    """Make a key for a fabric: who has this file may read, work and command; nobody else.
+
+    A conductor that listens beyond loopback makes one by itself, in its state folder.
+    """
+    from twin.fabric.key_file import make_key
+
+    print(make_key(file, days=days, replace=force).path)
 
 
 @app.command()

@@ -39,7 +39,10 @@ from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
+from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
+from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
+from twin.fabric.key_file import Key, load_or_make
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -48,17 +51,17 @@ FROZEN_MIN_S = 1.0
 LINGER_S = 5.0
 """After draining, how long workers are given to hear of it and say bye [s]."""
 
-BusFactory = Callable[[Sequence[str], str], Bus]
-"""(listen endpoints, namespace) -> open session."""
+BusFactory = Callable[[Sequence[str], str, Key | None], Bus]
+"""(listen endpoints, namespace, key) -> open session."""
 
 _log = logging.getLogger(__name__)
 
 
-def open_router(listen: Sequence[str], namespace: str) -> Bus:
+def open_router(listen: Sequence[str], namespace: str, key: Key | None) -> Bus:
     """The conductor's session: a Zenoh router, so that workers need no other process."""
     from twin.fabric.zenoh_bus import open_bus
 
-    return open_bus("router", listen=listen, namespace=namespace)
+    return open_bus("router", listen=listen, namespace=namespace, key=key)
 
 
 class Conductor:
@@ -68,6 +71,8 @@ class Conductor:
         folder: state folder; created if missing.
         listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
         namespace: prefix of every key.
+        key: the fabric's key; if there is none and it listens beyond loopback, the one in the
+            folder is taken, or made.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
     """
@@ -76,8 +81,9 @@ class Conductor:
         self,
         folder: Path,
         *,
-        listen: str = "tcp/127.0.0.1:0",
+        listen: str = LOOPBACK,
         namespace: str = "twin",
+        key: Key | None = None,
         config: Config | None = None,
         bus_factory: BusFactory = open_router,
     ) -> None:
@@ -86,7 +92,9 @@ class Conductor:
         self.endpoint = ""
         """Where it listens, once started."""
         self.started = threading.Event()
-        self._listen = listen
+        self.key = key
+        """The fabric's key, once started; None: plain TCP on loopback."""
+        self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
         self._inbox = Inbox()
@@ -134,6 +142,8 @@ class Conductor:
             self._check_folder,
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
         )
+        if self.key is None and is_tls(self._listen):
+            self.key = load_or_make(self.folder / KEY_FILE_NAME)
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
         self._bus.serve(topics.RPC.key, self._inbox.receive)
@@ -146,6 +156,7 @@ class Conductor:
                 epoch=self._engine.state.epoch,
                 namespace=self.namespace,
                 version=_version(),
+                key=str(self.key.path) if self.key else "",
             ),
             self._engine.state,
         )
@@ -305,8 +316,8 @@ class Conductor:
             # Workers of the predecessor look for us there.
             with contextlib.suppress(TwinError):
                 old_port = predecessor.endpoint.rpartition(":")[2]
-                return self._bus_factory([f"{address}:{old_port}"], self.namespace)
-        return self._bus_factory([self._listen], self.namespace)
+                return self._bus_factory([f"{address}:{old_port}"], self.namespace, self.key)
+        return self._bus_factory([self._listen], self.namespace, self.key)
 
 
 def _reachable(endpoint: str) -> str:

@@ -19,7 +19,9 @@ from schemas.messages import Hello, Reply, Request
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
+from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
 from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.key_file import Key
 from twin.fabric.process import bind_to_parent
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
@@ -42,9 +44,11 @@ class WorkerOptions:
     connect: str
     """Endpoint of the conductor."""
     namespace: str = "twin"
+    key: Key | None = None
+    """The fabric's key; with it the rig's own sessions are TLS too."""
     slots: int = 1
     device: str = "cpu"
-    drive_listen: str = "tcp/127.0.0.1:0"
+    drive_listen: str = LOOPBACK
     """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
     join_dir: str = ""
     """Folder in which rigs for remote stacks are announced."""
@@ -110,10 +114,15 @@ class Worker:
 
     def _startup(self) -> None:
         bind_to_parent()
+        keyed = self._options.key is not None
+        check_protected(to_listen(self._options.drive_listen, keyed=keyed), keyed=keyed)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, self._on_signal)
         self._bus = open_bus(
-            "client", connect=[self._options.connect], namespace=self._options.namespace
+            "client",
+            connect=[self._options.connect],
+            namespace=self._options.namespace,
+            key=self._options.key,
         )
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
