@@ -1,4 +1,4 @@
-"""Simulator and stack in two network namespaces over TCP: the same verdicts."""
+"""Simulator and stack in two network namespaces over mutual TLS: the same verdicts."""
 
 import os
 import shutil
@@ -70,7 +70,10 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
     state, rigs = tmp_path / "state", tmp_path / "rigs"
     rigs.mkdir()
     inside = ("ip", "netns", "exec", here)
-    server = marked.start("conductor", "serve", "--state", str(state), prefix=inside)
+    server = marked.start(
+        *("conductor", "serve", "--state", str(state), "--listen", "tls/127.0.0.1:0"),
+        prefix=inside,
+    )
     wait_for(lambda: (state / "conductor.json").exists() and find_conductor(state), "the conductor")
     submit = marked.start("conductor", "submit", str(path), "--state", str(state), prefix=inside)
     assert submit.communicate()[0].startswith("submitted")
@@ -92,7 +95,7 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
 
 
 def test_worker_on_another_host(marked, quiet, tmp_path, hosts):
-    """Conductor here, worker there: control over TCP, rig on the worker's own loopback."""
+    """Conductor here, worker there: control over TLS, rig on the worker's own loopback."""
     (here, address), (there, _) = hosts
     state = tmp_path / "state"
     inside, outside = ("ip", "netns", "exec", here), ("ip", "netns", "exec", there)
@@ -102,8 +105,8 @@ def test_worker_on_another_host(marked, quiet, tmp_path, hosts):
     )
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     endpoint = find_conductor(state).endpoint
-    assert address in endpoint
-    connect = ("--connect", endpoint)
+    assert endpoint.startswith(f"tls/{address}:"), "what was asked for as tcp/ is TLS"
+    connect = ("--connect", endpoint, "--key", str(state / "conductor.key"))
     submit = marked.start("conductor", "submit", "chaos-16", *connect, prefix=outside)
     assert submit.communicate()[0].startswith("submitted")
     worker = marked.start(

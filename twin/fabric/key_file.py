@@ -96,6 +96,8 @@ def make_key(path: Path, *, days: int = DAYS, replace: bool = False) -> Key:
         InfrastructureError: the disk is full or broken.
     """
     path = path.absolute()
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}; make it first")
     if not replace and path.exists():
         raise UsageError(
             f"{path}: exists already; with a new key whoever has the old one is shut out: "
@@ -128,21 +130,26 @@ def _read_private(path: Path) -> bytes:
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: key file: {error.strerror}") from None
-    with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            raise UnfitKeyError(f"{path}: not a file; give the path of a key file")
-        if found.st_uid != os.geteuid():
-            raise UnfitKeyError(
-                f"{path}: this key belongs to user id {found.st_uid}, you are {os.geteuid()}; "
-                "make a copy of your own and `chmod 600` it"
-            )
-        if found.st_mode & 0o077:
-            raise UnfitKeyError(
-                f"{path}: others may read this key (mode {stat.S_IMODE(found.st_mode):04o}); "
-                f"run `chmod 600 {path}`, or make a new one if somebody did"
-            )
-        return file.read(FILE_BYTES_MAX)
+    try:
+        _check_private(path, os.fstat(descriptor))
+        return os.read(descriptor, FILE_BYTES_MAX)
+    finally:
+        os.close(descriptor)
+
+
+def _check_private(path: Path, found: os.stat_result) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        raise UnfitKeyError(f"{path}: not a file; give the path of a key file")
+    if found.st_uid != os.geteuid():
+        raise UnfitKeyError(
+            f"{path}: this key belongs to user id {found.st_uid}, you are {os.geteuid()}; "
+            "make a copy of your own and `chmod 600` it"
+        )
+    if found.st_mode & 0o077:
+        raise UnfitKeyError(
+            f"{path}: others may read this key (mode {stat.S_IMODE(found.st_mode):04o}); "
+            f"run `chmod 600 {path}`, or make a new one if somebody did"
+        )
 
 
 def _check_validity(path: Path, begin: datetime.datetime, end: datetime.datetime) -> None:
