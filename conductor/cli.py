@@ -197,6 +197,25 @@ def stop(
 add_commands(app)
 
 
+@app.command("relay")
+def relay_command(
+    listen: Annotated[str, typer.Option(help="Where to listen, e.g. tls/0.0.0.0:7447.")],
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+) -> None:
+    """Pass on between a conductor and workers of another cluster that cannot reach its host.
+
+    Run it where both sides can connect, e.g. on a login node; they use the same key file.
+    """
+    from conductor.relay import relay
+    from twin.fabric.discovery import choose_target
+
+    target = choose_target(connect, state, namespace, key)
+    raise typer.Exit(relay(target, listen, None if connect else state))
+
+
 @app.command()
 def keygen(
     file: Annotated[Path, typer.Argument(help="Key file to write, with mode 0600.")],

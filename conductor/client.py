@@ -13,7 +13,7 @@ from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign
 from schemas.messages import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire import decode, encode
-from twin.fabric.discovery import find_target, given_target
+from twin.fabric.discovery import choose_target
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
@@ -29,12 +29,7 @@ class Client:
     def __init__(
         self, connect: str, state: Path | None, namespace: str, key: Path | None = None
     ) -> None:
-        if connect:
-            target = given_target(connect, namespace, key)
-        elif state is not None:
-            target = find_target(state, key)
-        else:
-            raise UsageError("no conductor given; use --connect tls/HOST:PORT or --state FOLDER")
+        target = choose_target(connect, state, namespace, key)
         self._where = target.endpoint
         self._bus = open_bus(
             "client",

@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from conductor.deliveries import Deliveries
 from conductor.engine import Engine, Turn
 from conductor.facts import (
     CaseEnded,
@@ -105,6 +106,7 @@ class Conductor:
         self._journal: Journal | None = None
         self._bus: Bus | None = None
         self._engine: Engine | None = None
+        self._deliveries: Deliveries | None = None
 
     def serve(self) -> None:
         """Start, serve until stopped or drained, shut down.
@@ -147,6 +149,8 @@ class Conductor:
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
         self._bus.serve(topics.RPC.key, self._inbox.receive)
+        self._deliveries = Deliveries(self._folder_of)
+        self._bus.serve(topics.FILES.key, self._deliveries.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
         self._folders.announce(
             ConductorFile(
@@ -189,6 +193,8 @@ class Conductor:
             self._folders.close(self._engine.state)
         if self._bus is not None:
             self._bus.close()
+        if self._deliveries is not None:
+            self._deliveries.close()
         if self._journal is not None:
             self._journal.close()
 
@@ -297,6 +303,15 @@ class Conductor:
     def _hint(self, key: str, alive: bool) -> None:
         if not alive:
             self._inbox.hint(key.rpartition("/")[2])
+
+    def _folder_of(self, campaign: str, case: str) -> Path | None:
+        """See :data:`conductor.deliveries.FolderOf`."""
+        assert self._engine is not None
+        with self._lock:
+            found = self._engine.state.campaigns.get(campaign)
+            if found is None or (case and case not in found.cases):
+                return None
+            return Path(found.out)
 
     # --- startup --------------------------------------------------------------------------------
 

@@ -60,19 +60,14 @@ def worker(
     ] = None,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    from twin.fabric.discovery import await_conductor, given_target
+    from twin.fabric.discovery import await_conductor, choose_target
     from twin.worker.shell import Worker, WorkerOptions
 
-    if connect:
-        target = given_target(connect, namespace, key)
-    elif state is not None:
+    if state is not None and not connect:
         spool = spool or state / "spool"
         target = await_conductor(state, wait, key)
     else:
-        raise UsageError(
-            "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
-            "(`conductor serve` prints both)"
-        )
+        target = choose_target(connect, None, namespace, key)
     options = WorkerOptions(
         connect=target.endpoint,
         namespace=target.namespace,

@@ -109,7 +109,7 @@ def live(
     output: Annotated[Output, typer.Option(help="Format on standard output.")] = Output.human,
 ) -> None:
     """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
-    from twin.fabric.discovery import await_conductor, given_target
+    from twin.fabric.discovery import await_conductor, choose_target
     from viewer.live import LiveOptions, run_live
 
     if bool(connect) == (run_folder is not None):
@@ -117,7 +117,7 @@ def live(
     if run_folder is not None:
         target = await_conductor(run_folder, wait, key)
     else:
-        target = given_target(connect, namespace, key)
+        target = choose_target(connect, None, namespace, key)
     options = LiveOptions(
         target.endpoint, target.namespace, target.key, port, window, output is Output.json
     )

@@ -85,13 +85,20 @@ def find_target(folder: Path, key: Path | None = None) -> Target:
     return Target(found.endpoint, found.namespace, load_key(key) if key is not None else None)
 
 
-def given_target(connect: str, namespace: str, key: Path | None) -> Target:
-    """Where the command line says.
+def choose_target(connect: str, folder: Path | None, namespace: str, key: Path | None) -> Target:
+    """What the command line says: an endpoint, or the folder of a conductor.
 
     Raises:
-        UsageError: no fit key.
+        UsageError: neither; or no conductor there, or no fit key.
     """
-    return Target(connect, namespace, load_key(key) if key is not None else None)
+    if connect:
+        return Target(connect, namespace, load_key(key) if key is not None else None)
+    if folder is not None:
+        return find_target(folder, key)
+    raise UsageError(
+        "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
+        "(`conductor serve` prints both)"
+    )
 
 
 def find_conductor(folder: Path) -> ConductorFile:
