@@ -34,7 +34,7 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
 
     v: int
     campaign: Name
-    case: str
+    case: Annotated[str, Meta(min_length=1)]
     attempt: Annotated[int, Meta(ge=1)]
     kpi: bytes
     """Content of ``kpi.parquet``."""

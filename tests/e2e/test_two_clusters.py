@@ -23,6 +23,16 @@ def hosts():
         yield found
 
 
+def relaying(marked, login, listen, state):
+    """A relay on the login node, which sees A's disk; the process and where it listens."""
+    relay = marked.start(
+        *("conductor", "relay", "--listen", listen, "--state", str(state)), prefix=login.inside
+    )
+    line = relay.stdout.readline()
+    assert line.startswith(f"relay to {find_conductor(state).endpoint} at "), relay.communicate()
+    return relay, line.split()[-1]
+
+
 def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     node_a, login, node_b = hosts
     state = tmp_path / "state"
@@ -38,14 +48,7 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     unreachable = [*node_b.inside, "bash", "-c", f"exec 3<>/dev/tcp/{host}/{port}"]
     assert subprocess.run(unreachable, capture_output=True, check=False).returncode != 0
-    relay = marked.start(
-        *("conductor", "relay", "--listen", f"tls/{login.addresses[1]}:0"),
-        *("--state", str(state)),
-        prefix=login.inside,
-    )
-    line = relay.stdout.readline()
-    assert line.startswith(f"relay to {endpoint} at tls/{login.addresses[1]}:")
-    entrance = line.split()[-1]
+    relay, entrance = relaying(marked, login, f"tls/{login.addresses[1]}:0", state)
     # B has a copy of the key and nothing else of A's disk.
     copy.write_bytes((state / "conductor.key").read_bytes())
     copy.chmod(0o600)
@@ -53,17 +56,20 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
         *("conductor", "submit", "chaos-16", "--connect", endpoint, *key), prefix=node_a.inside
     )
     assert submit.communicate()[0].startswith("submitted")
-    workers = [
-        marked.start(
-            *("twin", "worker", "--state", str(state), "--slots", "2", "--until-done"),
-            prefix=node_a.inside,
-        ),
-        marked.start(
-            *("twin", "worker", "--connect", entrance, "--key", str(copy)),
-            *("--slots", "2", "--until-done"),
-            prefix=(*node_b.inside, *OTHER_DISK, str(state)),
-        ),
-    ]
+    worker_b = marked.start(
+        *("twin", "worker", "--connect", entrance, "--key", str(copy)),
+        *("--slots", "2", "--until-done"),
+        prefix=(*node_b.inside, *OTHER_DISK, str(state)),
+    )
+    wait_for(lambda: marked.processes("sim"), "a simulator in B")
+    relay.kill()
+    relay, again = relaying(marked, login, entrance, state)
+    assert again == entrance
+    worker_a = marked.start(
+        *("twin", "worker", "--state", str(state), "--slots", "2", "--until-done"),
+        prefix=node_a.inside,
+    )
+    workers = [worker_a, worker_b]
     errors = [worker.communicate()[1] for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0], errors
     assert ["not the conductor's folder here" in error for error in errors] == [False, True]
@@ -71,8 +77,7 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
         *("conductor", "stop", "--connect", entrance, "--key", str(copy)), prefix=node_b.inside
     )
     assert stop.communicate()[0].startswith("draining"), "and a laptop may command through it"
-    for process in marked.processes("relay"):
-        process.terminate()
+    relay.terminate()
     wait_for(lambda: not marked.processes(), "the end")
     rows = outcomes(state / "chaos-16")
     assert len({row["worker"] for row in rows.values()}) == 2, json.dumps(rows)
