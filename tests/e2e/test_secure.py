@@ -6,7 +6,7 @@ import socket
 
 import psutil
 import pytest
-from processes import wait_for
+from processes import interrupt, wait_for
 from strangers import Stranger, certificates_on
 
 from twin.fabric.discovery import find_conductor
@@ -42,14 +42,17 @@ def serving(marked, state, *options):
 
 
 def test_campaign_among_strangers(marked, quiet, tmp_path):
-    """Conductor, simulator and recorder all listen; nobody without the key gets in anywhere."""
+    """Conductor, simulator, recorder feed and a viewer's hub listen; strangers stay outside."""
     out = tmp_path / "chaos-16"
     run = marked.start(
         *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "4", "--out", str(out)),
-        *("--listen", "tls/127.0.0.1:0", "--view", "record", "--output", "json"),
+        *("--listen", "tls/127.0.0.1:0", "--view", "record+live", "--output", "json"),
+    )
+    viewer = marked.start(
+        *("viewer", "live", "--run", str(out), "--wait", "60", "--no-window", "--output", "json")
     )
     wait_for(lambda: marked.processes("record"), "the recorder")
-    found = wait_for(lambda: len(ports(marked)) == 3 and ports(marked), "three listeners")
+    found = wait_for(lambda: len(ports(marked)) == 4 and ports(marked), "four listeners")
     secret = secret_of(out / "conductor.key")
     for kind, tls in certificates_on(out / "conductor.key", tmp_path).items():
         for port in found:
@@ -65,6 +68,9 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     for path in out.rglob("*"):
         if path.is_file() and path.name != "conductor.key":
             assert secret.encode() not in path.read_bytes(), path
+    interrupt(viewer)
+    shown, _ = viewer.communicate()
+    assert json.loads(shown.splitlines()[-1])["received"] > 0, "members see"
     recordings = list(out.glob("cases/*/attempt-*/recording.json"))
     assert len(recordings) == 16
     assert all(json.loads(path.read_text())["complete"] for path in recordings)
