@@ -68,6 +68,12 @@ def check_protected(endpoint: str, *, keyed: bool) -> None:
             f"{endpoint}: needs the fabric's key; give --key FILE or set TWIN_KEY "
             "(the conductor keeps it as conductor.key in its state folder)"
         )
+    if is_tls(endpoint) and "[" in endpoint and "/[::]:" not in endpoint:
+        # Zenoh 1.10 takes the brackets for a part of the server's name.
+        raise UsageError(
+            f"{endpoint}: TLS does not work with IPv6 addresses; use the host's name or IPv4 "
+            "address, or [::] to listen on all interfaces"
+        )
     if not is_tls(endpoint) and not is_loopback(endpoint):
         raise UsageError(
             f"{endpoint}: plain TCP is for this host's loopback only; "

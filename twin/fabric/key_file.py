@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
+import secrets
 import stat
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +29,6 @@ MARGIN_DAYS = 2
 
 FILE_BYTES_MAX = 65536
 
-_NAME = "drivetwin fabric"
-
 
 class UnfitKeyError(UsageError):
     """A key file is there, but cannot be used as it is; waiting does not help."""
@@ -47,6 +46,8 @@ class Key:
     """What members show each other, PEM."""
     private: bytes
     """The private key of that certificate, PEM."""
+    name: str
+    """Common name of that certificate, of this fabric alone."""
 
     def __repr__(self) -> str:
         return f"Key({self.path})"
@@ -64,6 +65,7 @@ def load_key(path: Path) -> Key:
     # Late: most commands run without a key.
     from cryptography import x509
     from cryptography.hazmat.primitives import serialization
+    from cryptography.x509.oid import NameOID
 
     try:
         certificate, authority = x509.load_pem_x509_certificates(data)
@@ -71,6 +73,7 @@ def load_key(path: Path) -> Key:
         certificate.verify_directly_issued_by(authority)
         if private.public_key() != certificate.public_key():
             raise ValueError
+        name = str(certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
     except Exception:  # the library's errors could quote the file
         raise UnfitKeyError(
             f"{path}: damaged, or no key file of `conductor keygen`; copy it again, "
@@ -85,6 +88,7 @@ def load_key(path: Path) -> Key:
         private=private.private_bytes(
             pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         ),
+        name=name,
     )
 
 
@@ -172,6 +176,7 @@ def _generate(days: int) -> bytes:
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+    fabric = f"drivetwin {secrets.token_hex(8)}"
     now = datetime.datetime.now(datetime.UTC)
     begin = now - datetime.timedelta(days=MARGIN_DAYS)
     signer = ec.generate_private_key(ec.SECP256R1())
@@ -181,7 +186,9 @@ def _generate(days: int) -> bytes:
         return (
             x509.CertificateBuilder()
             .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]))
-            .issuer_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, _NAME)]))
+            .issuer_name(
+                x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{fabric} authority")])
+            )
             .public_key(key)
             .serial_number(x509.random_serial_number())
             .not_valid_before(begin)
@@ -189,13 +196,13 @@ def _generate(days: int) -> bytes:
         )
 
     authority = (
-        build(_NAME, signer.public_key())
+        build(f"{fabric} authority", signer.public_key())
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .sign(signer, hashes.SHA256())
     )
     usage = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
     certificate = (
-        build(f"{_NAME} member", private.public_key())
+        build(fabric, private.public_key())
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         # Nobody checks it, because members move between hosts; but TLS stacks want one.
         .add_extension(x509.SubjectAlternativeName([x509.DNSName("drivetwin")]), critical=False)

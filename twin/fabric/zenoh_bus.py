@@ -20,6 +20,19 @@ from twin.fabric.key_file import Key
 
 Mode = Literal["router", "client", "peer"]
 
+_MESSAGES = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+]
+"""All that Zenoh's access control knows."""
+
 
 def open_bus(
     mode: Mode,
@@ -62,6 +75,7 @@ def open_bus(
     config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
+        config.insert_json5("access_control", json.dumps(_members_only(key, config)))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
         config.insert_json5("connect/exit_on_failure", "false")
@@ -123,8 +137,34 @@ def _tls(key: Key) -> dict[str, Any]:
         "listen_private_key_base64": private,
         "connect_certificate_base64": certificate,
         "connect_private_key_base64": private,
-        # The authority has signed one certificate; where its holder runs does not matter.
+        # Members move between hosts; they are known by the certificate's name, see below.
         "verify_name_on_connect": False,
+    }
+
+
+def _members_only(key: Key, config: zenoh.Config) -> dict[str, Any]:
+    """Exchange messages with the fabric's members only.
+
+    When connecting, Zenoh also trusts the public web's authorities, and host names are not checked:
+    whoever owns a web site could stand between two members. No web certificate has our name.
+    """
+    subjects: list[dict[str, Any]] = [{"id": "members", "cert_common_names": [key.name]}]
+    if "tcp" in json.loads(config.get_json("transport/link/protocols")):
+        subjects.append({"id": "this host", "link_protocols": ["tcp"]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [
+            {
+                "id": "everything",
+                "permission": "allow",
+                "flows": ["ingress", "egress"],
+                "messages": _MESSAGES,
+                "key_exprs": ["**"],
+            }
+        ],
+        "subjects": subjects,
+        "policies": [{"rules": ["everything"], "subjects": [s["id"] for s in subjects]}],
     }
 
 

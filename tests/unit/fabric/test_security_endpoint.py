@@ -40,6 +40,13 @@ def test_with_a_key_loopback_is_tls_too(endpoint):
     assert to_listen(endpoint, keyed=True) == "tls" + endpoint[3:]
 
 
+@pytest.mark.parametrize("endpoint", ["tls/[::1]:7447", "tls/[fd00::1]:0"])
+def test_what_zenoh_cannot_do_is_said(endpoint):
+    with pytest.raises(UsageError, match="TLS does not work with IPv6 addresses"):
+        check_protected(endpoint, keyed=True)
+    check_protected("tls/[::]:7447", keyed=True)
+
+
 def test_tls_needs_a_key():
     with pytest.raises(UsageError, match="give --key FILE or set TWIN_KEY"):
         check_protected("tls/127.0.0.1:7447", keyed=False)

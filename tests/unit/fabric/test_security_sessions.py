@@ -116,6 +116,57 @@ def test_strangers_stay_outside(router, key, other):
         member.close()
 
 
+@pytest.fixture
+def between(other):
+    """Somebody who stands between two members with a certificate of another authority.
+
+    Yields its endpoint and an event: it got a message, a request or a sign of life.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tls/127.0.0.1:{free.getsockname()[1]}"
+    config = zenoh.Config()
+    for name, value in {
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "transport/link/tls": {
+            "listen_certificate_base64": base64.b64encode(other.certificate).decode(),
+            "listen_private_key_base64": base64.b64encode(other.private).decode(),
+        },
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    heard = threading.Event()
+    with zenoh.open(config) as session:
+        session.declare_queryable("**", lambda _: heard.set())
+        session.declare_subscriber("**", lambda _: heard.set())
+        session.liveliness().declare_subscriber("**", lambda _: heard.set())
+        yield endpoint, heard
+
+
+def test_a_trusted_authority_alone_is_not_enough(between, key, other):
+    """When it connects, Zenoh trusts public web authorities as well; the name tells members.
+
+    The web's authority is played by the other key's: the client is made to trust it.
+    """
+    endpoint, heard = between
+    trusting = Key(
+        key.path, key.authority + other.authority, key.certificate, key.private, key.name
+    )
+    client = open_bus("client", connect=[endpoint], key=trusting)
+    try:
+        client.announce("worker/w1")
+        client.publish("x", b"secret", block=True)
+        assert client.request("conductor/rpc", b"secret", 0.5) is None
+        assert not heard.is_set()
+    finally:
+        client.close()
+    careless = stranger(endpoint, authority=other.authority)
+    careless.put("x", b"secret")
+    assert heard.wait(5), "so this test can fail"
+    careless.close()
+
+
 def test_a_wrong_key_is_told_from_silence(router, key, other):
     with pytest.raises(UsageError, match=r"refused: it holds another key than .*other\.key"):
         open_bus("client", connect=router.endpoints, key=other)
@@ -148,7 +199,7 @@ def test_an_expired_certificate_on_the_other_side_is_named(tmp_path):
         for found in x509.load_pem_x509_certificates(path.read_bytes())
     )
     private = path.read_bytes().removeprefix(certificate).removesuffix(authority)
-    expired = Key(path, authority, certificate, private)
+    expired = Key(path, authority, certificate, private, "drivetwin fabric")
     bus = open_bus("router", listen=LISTEN, key=expired)
     try:
         with pytest.raises(UsageError, match="certificate has expired; compare the clocks"):
@@ -225,3 +276,33 @@ def test_a_given_key_wins(router, key, other, tmp_path):
     announce(tmp_path, router.endpoints[0], str(key.path))
     with pytest.raises(UsageError, match="another key"):
         await_conductor(tmp_path, 0, other.path)
+
+
+def test_a_relay_passes_everything_on(router, key):
+    """Requests, liveliness and views, for those who can reach only the relay."""
+    came = threading.Event()
+    router.watch("worker/*", lambda _, alive: came.set() if alive else None)
+    relay = open_bus("router", listen=LISTEN, connect=router.endpoints, key=key)
+    feed = open_bus("peer", connect=router.endpoints, key=key, connect_required=False)
+    far = open_bus("client", connect=relay.endpoints, key=key)
+    try:
+        far.announce("worker/w1")
+        assert came.wait(5)
+        assert request_until_answered(far) == b"hi!"
+        seen = threading.Event()
+        assert not feed.wanted("view/c/1/thumbnail")
+        far.subscribe("view/*/*/thumbnail", lambda _: seen.set())
+        while not seen.wait(0.05):
+            if feed.wanted("view/c/1/thumbnail"):
+                feed.publish("view/c/1/thumbnail", b"picture")
+    finally:
+        for bus in (far, feed, relay):
+            bus.close()
+
+
+def request_until_answered(bus):
+    """Routes between two routers take a moment; members repeat their requests anyway."""
+    while True:
+        answer = bus.request("conductor/rpc", b"hi", 1)
+        if answer is not None:
+            return answer
