@@ -8,8 +8,6 @@ import threading
 from pathlib import Path
 
 import zenoh
-from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import StatusRequest
@@ -61,12 +59,11 @@ def certificates_on(key: Path, folder: Path) -> dict[str, dict[str, object]]:
     """Kind of stranger -> its TLS options, with what can be seen of the real ``key``."""
     real = load_key(key)
     own = make_key(folder / "stranger.key")
-    authority = x509.load_pem_x509_certificate(real.authority).public_bytes(Encoding.PEM)
     return {
         "plain": {},
-        "no certificate": {**_options(authority)},
+        "no certificate": _options(real.authority),
         "own authority": _options(own.authority, own.certificate, own.private),
-        "own certificate": _options(authority, own.certificate, own.private),
+        "own certificate": _options(real.authority, own.certificate, own.private),
     }
 
 
