@@ -16,7 +16,8 @@ import typer
 
 from conductor.operate import Connect, Namespace, State, add_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import make_app, run
+from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
 
@@ -37,7 +38,11 @@ Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campa
 OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Listen = Annotated[
-    str, typer.Option(help="Where to listen; port 0 takes a free one. Loopback unless asked.")
+    str,
+    typer.Option(
+        help="Where to listen; port 0 takes a free one. Beyond loopback (e.g. 0.0.0.0:0) it is "
+        "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
+    ),
 ]
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
@@ -57,7 +62,8 @@ def run_command(
     device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
     by_batch: ByBatch = False,
-    listen: Listen = "tcp/127.0.0.1:0",
+    listen: Listen = LOOPBACK,
+    key: KeyOption = None,
     view: Annotated[
         ViewMode,
         typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
@@ -75,6 +81,7 @@ def run_command(
     """
     from conductor.run import RunOptions, run_campaign
     from conductor.source import load
+    from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     options = RunOptions(
@@ -84,6 +91,7 @@ def run_command(
         device=device,
         by_batch=by_batch,
         listen=listen,
+        key=load_key(key) if key else None,
         view=view,
         memory_gb=memory_gb,
         json=output is Output.json,
@@ -94,8 +102,9 @@ def run_command(
 @app.command()
 def serve(
     state: Annotated[Path, typer.Option(help="State folder; one conductor each.")] = Path("runs"),
-    listen: Listen = "tcp/127.0.0.1:0",
+    listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
@@ -107,9 +116,18 @@ def serve(
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
     from conductor.serve import serve_folder
+    from twin.fabric.key_file import load_key
 
     raise typer.Exit(
-        serve_folder(state, listen, namespace, by_batch=by_batch, ttl_s=ttl_s, metrics=metrics)
+        serve_folder(
+            state,
+            listen,
+            namespace,
+            key=load_key(key) if key else None,
+            by_batch=by_batch,
+            ttl_s=ttl_s,
+            metrics=metrics,
+        )
     )
 
 
@@ -119,6 +137,7 @@ def submit(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
@@ -132,7 +151,7 @@ def submit(
     from conductor.source import load
 
     loaded = load(campaign, seed=seed)
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 
@@ -142,6 +161,7 @@ def status(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
@@ -154,7 +174,7 @@ def status(
     from conductor.tables import status_tables
     from conductor.watch import watch as watch_status
 
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
@@ -166,16 +186,57 @@ def status(
 
 
 @app.command()
-def stop(connect: Connect = "", state: State = None, namespace: Namespace = "twin") -> None:
+def stop(
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
     from conductor.client import Client
 
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         client.stop()
     print("draining; run `conductor serve` again to go on")
 
 
 add_commands(app)
+
+
+@app.command("relay")
+def relay_command(
+    listen: Annotated[str, typer.Option(help="Where to listen, e.g. tls/0.0.0.0:7447.")],
+    connect: Connect = "",
+    state: State = None,
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+) -> None:
+    """Pass on between a conductor and workers of another cluster that cannot reach its host.
+
+    Run it where both sides can connect, e.g. on a login node; they use the same key file.
+    """
+    from conductor.relay import relay
+    from twin.fabric.discovery import choose_target
+
+    target = choose_target(connect, state, namespace, key)
+    raise typer.Exit(relay(target, listen, None if connect else state))
+
+
+@app.command()
+def keygen(
+    file: Annotated[Path, typer.Argument(help="Key file to write, with mode 0600.")],
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long it is valid [days].")] = 365,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a key; whoever has the old one is shut out.")
+    ] = False,
+) -> None:
+    """Make a key for a fabric: who has this file may read, work and command; nobody else.
+
+    A conductor that listens beyond loopback makes one by itself, in its state folder.
+    """
+    from twin.fabric.key_file import make_key
+
+    print(make_key(file, days=days, replace=force).path)
 
 
 @app.command()

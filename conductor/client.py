@@ -13,7 +13,7 @@ from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign
 from schemas.messages import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire import decode, encode
-from twin.fabric.discovery import find_conductor
+from twin.fabric.discovery import choose_target
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
@@ -26,17 +26,17 @@ TRIES = 3
 class Client:
     """Talks to the conductor at ``connect``, or to the one that serves ``state``."""
 
-    def __init__(self, connect: str, state: Path | None, namespace: str) -> None:
-        if not connect:
-            if state is None:
-                raise UsageError(
-                    "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER"
-                )
-            found = find_conductor(state)
-            connect, namespace = found.endpoint, found.namespace
-        self._where = connect
+    def __init__(
+        self, connect: str, state: Path | None, namespace: str, key: Path | None = None
+    ) -> None:
+        target = choose_target(connect, state, namespace, key)
+        self._where = target.endpoint
         self._bus = open_bus(
-            "client", connect=[connect], namespace=namespace, connect_timeout_s=CONNECT_TIMEOUT_S
+            "client",
+            connect=[target.endpoint],
+            namespace=target.namespace,
+            key=target.key,
+            connect_timeout_s=CONNECT_TIMEOUT_S,
         )
 
     def __enter__(self) -> Self:

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 import typer
 
 from conductor.client import Client
+from twin.fabric.cli import KeyOption
 
-Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")]
+Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
 State = Annotated[
     Path | None, typer.Option(help="Or: the conductor's state folder (holds conductor.json).")
 ]
@@ -43,9 +44,10 @@ def explain(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
 ) -> None:
     """Say why a case waits, runs or ended."""
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         for line in client.explain(campaign, case):
             print(line)
 
@@ -55,9 +57,10 @@ def drain(
     connect: Connect = "",
     state: State = None,
     namespace: Namespace = "twin",
+    key: KeyOption = None,
 ) -> None:
     """Let a worker give its cases back and leave."""
-    with Client(connect, state, namespace) as client:
+    with Client(connect, state, namespace, key) as client:
         client.control("drain", worker=worker)
     print(f"{worker}: draining")
 
@@ -71,8 +74,9 @@ def _command(action: Action) -> Callable[..., None]:
         connect: Connect = "",
         state: State = None,
         namespace: Namespace = "twin",
+        key: KeyOption = None,
     ) -> None:
-        with Client(connect, state, namespace) as client:
+        with Client(connect, state, namespace, key) as client:
             changed = client.control(action, campaign=campaign, case=case)
         print(f"{action} {campaign}{f' {case}' if case else ''}: {changed} case(s)")
 

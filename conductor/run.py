@@ -35,6 +35,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.view import ViewMode
+from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -46,6 +47,7 @@ from twin.fabric.errors import (
     UnfinishedError,
     UsageError,
 )
+from twin.fabric.key_file import Key
 from twin.fabric.software import device_class, software_digest
 
 WORKERS_MAX = 8
@@ -67,7 +69,8 @@ class RunOptions:
     slots: int = 1
     device: str = "cpu"
     by_batch: bool = False
-    listen: str = "tcp/127.0.0.1:0"
+    listen: str = LOOPBACK
+    key: Key | None = None
     view: ViewMode = ViewMode.live
     memory_gb: float | None = None
     json: bool = False
@@ -106,7 +109,10 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
 def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Console) -> None:
     """Serve and work until every case has ended."""
     conductor = Conductor(
-        options.out, listen=options.listen, config=Config(by_batch=options.by_batch)
+        options.out,
+        listen=options.listen,
+        key=options.key,
+        config=Config(by_batch=options.by_batch),
     )
     with _serving(conductor):
         request = Submit(
@@ -143,6 +149,7 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
             *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
+            *(("--key", str(conductor.key.path)) if conductor.key else ()),
         ]
         workers = LocalWorkers(worker_options, conductor.folder, count)
         try:

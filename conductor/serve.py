@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import shlex
 import signal
 import threading
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 from conductor.shell import Conductor
 from conductor.state import Config
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
+from twin.fabric.key_file import Key
 
 
 def serve_folder(
@@ -20,6 +22,7 @@ def serve_folder(
     listen: str,
     namespace: str,
     *,
+    key: Key | None = None,
     by_batch: bool = False,
     ttl_s: float | None = None,
     metrics: str = "",
@@ -30,6 +33,7 @@ def serve_folder(
         folder: state folder.
         listen: endpoint.
         namespace: prefix of every key.
+        key: the fabric's key, if one was given.
         by_batch: run a campaign's batches one after the other.
         ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
@@ -38,7 +42,7 @@ def serve_folder(
     config = Config(by_batch=by_batch)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
-    conductor = Conductor(folder, listen=listen, namespace=namespace, config=config)
+    conductor = Conductor(folder, listen=listen, namespace=namespace, key=key, config=config)
     received: list[int] = []
 
     def on_signal(number: int, _frame: object) -> None:
@@ -71,7 +75,8 @@ def _metrics(address: str, conductor: Conductor) -> Iterator[None]:
 def _announce(conductor: Conductor, namespace: str) -> None:
     conductor.started.wait()
     option = "" if namespace == "twin" else f" --namespace {namespace}"
-    where = f"--connect {conductor.endpoint}{option}"
+    key = f" --key {shlex.quote(str(conductor.key.path))}" if conductor.key else ""
+    where = f"--connect {conductor.endpoint}{option}{key}"
     print(
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"

@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from conductor.deliveries import Deliveries
 from conductor.engine import Engine, Turn
 from conductor.facts import (
     CaseEnded,
@@ -39,7 +40,10 @@ from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
+from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
+from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
+from twin.fabric.key_file import Key, load_or_make
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -48,17 +52,17 @@ FROZEN_MIN_S = 1.0
 LINGER_S = 5.0
 """After draining, how long workers are given to hear of it and say bye [s]."""
 
-BusFactory = Callable[[Sequence[str], str], Bus]
-"""(listen endpoints, namespace) -> open session."""
+BusFactory = Callable[[Sequence[str], str, Key | None], Bus]
+"""(listen endpoints, namespace, key) -> open session."""
 
 _log = logging.getLogger(__name__)
 
 
-def open_router(listen: Sequence[str], namespace: str) -> Bus:
+def open_router(listen: Sequence[str], namespace: str, key: Key | None) -> Bus:
     """The conductor's session: a Zenoh router, so that workers need no other process."""
     from twin.fabric.zenoh_bus import open_bus
 
-    return open_bus("router", listen=listen, namespace=namespace)
+    return open_bus("router", listen=listen, namespace=namespace, key=key)
 
 
 class Conductor:
@@ -68,6 +72,8 @@ class Conductor:
         folder: state folder; created if missing.
         listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
         namespace: prefix of every key.
+        key: the fabric's key; if there is none and it listens beyond loopback, the one in the
+            folder is taken, or made.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
     """
@@ -76,8 +82,9 @@ class Conductor:
         self,
         folder: Path,
         *,
-        listen: str = "tcp/127.0.0.1:0",
+        listen: str = LOOPBACK,
         namespace: str = "twin",
+        key: Key | None = None,
         config: Config | None = None,
         bus_factory: BusFactory = open_router,
     ) -> None:
@@ -86,7 +93,9 @@ class Conductor:
         self.endpoint = ""
         """Where it listens, once started."""
         self.started = threading.Event()
-        self._listen = listen
+        self.key = key
+        """The fabric's key, once started; None: plain TCP on loopback."""
+        self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
         self._inbox = Inbox()
@@ -99,6 +108,7 @@ class Conductor:
         self._journal: Journal | None = None
         self._bus: Bus | None = None
         self._engine: Engine | None = None
+        self._deliveries: Deliveries | None = None
 
     def serve(self) -> None:
         """Start, serve until stopped or drained, shut down.
@@ -139,9 +149,13 @@ class Conductor:
             self._check_folder,
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
         )
+        if self.key is None and is_tls(self._listen):
+            self.key = load_or_make(self.folder / KEY_FILE_NAME)
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
         self._bus.serve(topics.RPC.key, self._inbox.receive)
+        self._deliveries = Deliveries(self._folder_of)
+        self._bus.serve(topics.FILES.key, self._deliveries.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
         self._folders.announce(
             ConductorFile(
@@ -151,6 +165,7 @@ class Conductor:
                 epoch=self._engine.state.epoch,
                 namespace=self.namespace,
                 version=_version(),
+                key=str(self.key.path) if self.key else "",
             ),
             self._engine.state,
         )
@@ -183,6 +198,8 @@ class Conductor:
             self._folders.close(self._engine.state)
         if self._bus is not None:
             self._bus.close()
+        if self._deliveries is not None:
+            self._deliveries.close()
         if self._journal is not None:
             self._journal.close()
 
@@ -293,6 +310,15 @@ class Conductor:
         if not alive:
             self._inbox.hint(key.rpartition("/")[2])
 
+    def _folder_of(self, campaign: str, case: str) -> Path | None:
+        """See :data:`conductor.deliveries.FolderOf`."""
+        assert self._engine is not None
+        with self._lock:
+            found = self._engine.state.campaigns.get(campaign)
+            if found is None or (case and case not in found.cases):
+                return None
+            return Path(found.out)
+
     # --- startup --------------------------------------------------------------------------------
 
     def _check_folder(self, request: Any) -> str:
@@ -311,8 +337,8 @@ class Conductor:
             # Workers of the predecessor look for us there.
             with contextlib.suppress(TwinError):
                 old_port = predecessor.endpoint.rpartition(":")[2]
-                return self._bus_factory([f"{address}:{old_port}"], self.namespace)
-        return self._bus_factory([self._listen], self.namespace)
+                return self._bus_factory([f"{address}:{old_port}"], self.namespace, self.key)
+        return self._bus_factory([self._listen], self.namespace, self.key)
 
 
 def _reachable(endpoint: str) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import make_app, run
+from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
@@ -25,6 +25,7 @@ def host(
     slots: Annotated[int, typer.Option(min=1, help="Slots of the rig.")] = 1,
     stack: Annotated[str, typer.Option(help="Stack under test, module:Class.")] = "",
     parameters: Annotated[str, typer.Option(help="Stack parameters as JSON.")] = "{}",
+    key: KeyOption = None,
     join: Annotated[
         Path | None,
         typer.Option(help="Serve every rig announced in this shared folder, one by one."),
@@ -32,9 +33,11 @@ def host(
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
     from devkit.host import HostOptions, run_host, run_join
+    from twin.fabric.key_file import load_key
 
+    found = load_key(key) if key else None
     if join is not None:
-        raise typer.Exit(run_join(join))
+        raise typer.Exit(run_join(join, found))
     if not (connect and rig and stack):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
     try:
@@ -43,7 +46,7 @@ def host(
         raise UsageError(f"--parameters: not JSON: {error}") from None
     if not isinstance(values, dict):
         raise UsageError("--parameters: expected a JSON object, e.g. '{\"cruise_speed_mps\": 8}'")
-    raise typer.Exit(run_host(HostOptions(connect, rig, namespace, slots, stack, values)))
+    raise typer.Exit(run_host(HostOptions(connect, rig, namespace, slots, stack, values, found)))
 
 
 def main() -> None:

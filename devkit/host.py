@@ -18,6 +18,7 @@ from schemas import SCHEMA_VERSION
 from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError
+from twin.fabric.key_file import Key
 from twin.fabric.process import (
     PARENT_VARIABLE,
     bind_to_parent,
@@ -45,6 +46,8 @@ class HostOptions:
     slots: int
     stack: str
     parameters: dict[str, Any]
+    key: Key | None = None
+    """The fabric's key, for a simulator that listens with TLS."""
 
 
 def run_host(options: HostOptions) -> int:
@@ -60,6 +63,7 @@ def run_host(options: HostOptions) -> int:
         "peer",
         connect=[options.connect],
         namespace=options.namespace,
+        key=options.key,
         connect_timeout_s=CONNECT_TIMEOUT_S,
     )
     try:
@@ -110,8 +114,12 @@ def step(stack: Stack, incoming: Incoming) -> list[Any]:
     )
 
 
-def run_join(folder: Path) -> int:
-    """Serve rigs announced in ``folder`` one after the other, each in a process of its own."""
+def run_join(folder: Path, key: Key | None) -> int:
+    """Serve rigs announced in ``folder`` one after the other, each in a process of its own.
+
+    An announcement names the worker's key file; ``key`` replaces it where that has another path.
+    """
+    own = ["--key", str(key.path)] if key else []
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     child = None
     try:
@@ -124,7 +132,7 @@ def run_join(folder: Path) -> int:
             arguments = json.loads(claimed.read_text(encoding="utf-8"))["arguments"]
             claimed.unlink(missing_ok=True)
             child = spawn(
-                [sys.executable, "-m", "devkit", "host", *arguments], log=sys.stderr.buffer
+                [sys.executable, "-m", "devkit", "host", *arguments, *own], log=sys.stderr.buffer
             )
             child.wait()
             child = None

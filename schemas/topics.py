@@ -15,7 +15,8 @@ class Topic:
     key: str
     payload: Payload
     type: str
-    """Name of the Struct or array layout in :mod:`schemas.messages` or :mod:`schemas.view`."""
+    """Name of the Struct or array layout in :mod:`schemas.messages`,
+    :mod:`schemas.view` or :mod:`schemas.delivery`."""
     block: bool
     """BLOCK on congestion (one known peer); otherwise DROP."""
     recorded: bool
@@ -38,6 +39,7 @@ READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True, False)
 SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False, False)
 
 RPC = Topic("conductor/rpc", "msgpack", "Request -> Reply", True, False)
+FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True, False)
 EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
@@ -65,6 +67,7 @@ TOPICS: tuple[Topic, ...] = (
     READY,
     SIMULATOR_ALIVE,
     RPC,
+    FILES,
     EVENT,
     WORKER_COMMAND,
     WORKER_ALIVE,

@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from schemas.view import ViewMode
-from twin.fabric.cli import make_app, run
+from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
@@ -22,7 +23,7 @@ Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 @app.command()
 def worker(
     connect: Annotated[
-        str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")
+        str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")
     ] = "",
     state: Annotated[
         Path | None,
@@ -32,12 +33,13 @@ def worker(
         float, typer.Option(min=0, help="With --state: wait this long for a conductor [s].")
     ] = 0.0,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    key: KeyOption = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
     device: Device = "cpu",
     drive_listen: Annotated[
         str,
-        typer.Option(help="Where simulators listen for stacks on other nodes."),
-    ] = "tcp/127.0.0.1:0",
+        typer.Option(help="Where simulators listen for stacks on other nodes; needs a key."),
+    ] = LOOPBACK,
     join_dir: Annotated[
         str,
         typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
@@ -74,21 +76,18 @@ def worker(
     ] = None,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    from twin.fabric.discovery import await_conductor
+    from twin.fabric.discovery import await_conductor, choose_target
     from twin.worker.shell import Worker, WorkerOptions
 
-    if not connect:
-        if state is None:
-            raise UsageError(
-                "no conductor given; use --connect tcp/HOST:PORT or --state FOLDER "
-                "(`conductor serve` prints both)"
-            )
+    if state is not None and not connect:
         spool = spool or state / "spool"
-        found = await_conductor(state, wait)
-        connect, namespace = found.endpoint, found.namespace
+        target = await_conductor(state, wait, key)
+    else:
+        target = choose_target(connect, None, namespace, key)
     options = WorkerOptions(
-        connect=connect,
-        namespace=namespace,
+        connect=target.endpoint,
+        namespace=target.namespace,
+        key=target.key,
         slots=slots,
         device=device,
         drive_listen=drive_listen,
@@ -107,8 +106,9 @@ def worker(
 @app.command(hidden=True)
 def sim(
     rig: str = typer.Option(...),
-    listen: str = typer.Option("tcp/127.0.0.1:0"),
+    listen: str = typer.Option(LOOPBACK),
     namespace: str = typer.Option("twin"),
+    key: KeyOption = None,
     slots: int = typer.Option(1),
     device: str = typer.Option("cpu"),
     view: ViewMode = typer.Option(ViewMode.none),
@@ -116,11 +116,13 @@ def sim(
     view_connect: str = typer.Option(""),
 ) -> None:
     """The simulator process of a rig; started by `twin worker`."""
+    from twin.fabric.key_file import load_key
     from twin.worker.simulator import run_simulator
     from twin.worker.view_feed import ViewOptions
 
-    options = ViewOptions(view, view_namespace, view_connect)
-    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, options))
+    found = load_key(key) if key else None
+    options = ViewOptions(view, view_namespace, view_connect, found)
+    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, found, options))
 
 
 @app.command()

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import make_app, run
+from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
 
@@ -35,11 +35,13 @@ def record(
     connect: str = typer.Option(..., help="Endpoint of a simulator's view feed."),
     rig: str = typer.Option(..., help="Rig of that feed."),
     namespace: str = typer.Option("twin", help="Namespace of the conductor."),
+    key: KeyOption = None,
 ) -> None:
     """The recorder process of a rig; started by `twin worker`."""
+    from twin.fabric.key_file import load_key
     from viewer.record import run_record
 
-    raise typer.Exit(run_record(connect, rig, namespace))
+    raise typer.Exit(run_record(connect, rig, namespace, load_key(key) if key else None))
 
 
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
@@ -87,13 +89,14 @@ def replay(folder: Folder, case: Case, at: At = "aeb") -> None:
 @app.command()
 def live(
     connect: Annotated[
-        str, typer.Option(help="The conductor's endpoint, e.g. tcp/login1:7447.")
+        str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")
     ] = "",
     run_folder: Annotated[
         Path | None,
         typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    key: KeyOption = None,
     wait: Annotated[
         float, typer.Option(min=0, help="With --run: wait this long for a conductor [s].")
     ] = 0.0,
@@ -106,15 +109,18 @@ def live(
     output: Annotated[Output, typer.Option(help="Format on standard output.")] = Output.human,
 ) -> None:
     """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
-    from twin.fabric.discovery import await_conductor
+    from twin.fabric.discovery import await_conductor, choose_target
     from viewer.live import LiveOptions, run_live
 
     if bool(connect) == (run_folder is not None):
-        raise UsageError("give one of --connect tcp/HOST:PORT and --run FOLDER")
+        raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
     if run_folder is not None:
-        found = await_conductor(run_folder, wait)
-        connect, namespace = found.endpoint, found.namespace
-    options = LiveOptions(connect, namespace, port, window, output is Output.json)
+        target = await_conductor(run_folder, wait, key)
+    else:
+        target = choose_target(connect, None, namespace, key)
+    options = LiveOptions(
+        target.endpoint, target.namespace, target.key, port, window, output is Output.json
+    )
     raise typer.Exit(run_live(options))
 
 

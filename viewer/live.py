@@ -20,6 +20,7 @@ from schemas import topics
 from schemas.view import Thumbnail
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
 from twin.fabric.errors import UsageError
+from twin.fabric.key_file import Key
 from twin.fabric.zenoh_bus import open_bus
 from viewer import naming, native
 from viewer.blueprint import overview_blueprint
@@ -43,6 +44,8 @@ class LiveOptions:
 
     connect: str
     namespace: str
+    key: Key | None = None
+    """The fabric's key, for an endpoint with TLS."""
     port: int = 0
     """Port of the hub on loopback; 0: a free one."""
     show: bool = True
@@ -108,7 +111,9 @@ def run_live(options: LiveOptions) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     slots = Slots()
-    bus = open_bus("client", connect=[options.connect], namespace=options.namespace)
+    bus = open_bus(
+        "client", connect=[options.connect], namespace=options.namespace, key=options.key
+    )
     try:
         hub = open_hub(port)
         bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), slots.put)

@@ -18,6 +18,7 @@ from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.channel import Channel
+from twin.fabric.key_file import Key
 from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from viewer.recording import Recording
@@ -93,7 +94,7 @@ class Recorder:
             _say(f"{recording.start.case}: recording is incomplete")
 
 
-def run_record(connect: str, rig: str, namespace: str) -> int:
+def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     """Record what the feed of ``rig`` at ``connect`` shows, until it ends or nobody wants it."""
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
@@ -109,7 +110,11 @@ def run_record(connect: str, rig: str, namespace: str) -> int:
         signal.signal(signal.SIGTERM, finish)
         signal.signal(signal.SIGINT, finish)
     bus = open_bus(
-        "peer", connect=[connect], namespace=namespace, connect_timeout_s=CONNECT_TIMEOUT_S
+        "peer",
+        connect=[connect],
+        namespace=namespace,
+        key=key,
+        connect_timeout_s=CONNECT_TIMEOUT_S,
     )
     try:
         _subscribe(bus, rig, channel, finish)

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from twin.fabric.discovery import find_conductor, probe
+from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.handshake import greet
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 START_S = 30.0
@@ -78,7 +79,7 @@ def _await(folder: Path, server: Child) -> str:
         try:
             found = find_conductor(folder)
             if found.pid == server.process.pid:
-                probe(found.endpoint)
+                greet(found.endpoint, None)
                 return found.endpoint
         except TwinError:
             pass

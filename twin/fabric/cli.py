@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -25,6 +27,18 @@ EXIT_CODES = (
     "3 infrastructure lost, 75 unfinished (run again to resume), 130 interrupted."
 )
 """Stands below every command's help."""
+
+
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--key",
+        envvar="TWIN_KEY",
+        help="The fabric's key file (mode 0600), for tls/ endpoints; "
+        "default: conductor.key beside conductor.json.",
+    ),
+]
+"""The option of every command that connects."""
 
 
 def make_app(name: str, help_text: str) -> typer.Typer:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import socket
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
+from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.handshake import greet
+from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
+from twin.fabric.key_file import Key, UnfitKeyError, load_key
 
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""
@@ -26,39 +30,75 @@ class ConductorFile(msgspec.Struct, frozen=True):
     epoch: int
     namespace: str
     version: str
+    key: str = ""
+    """Path of the key file, as the conductor sees it; empty: there is none."""
 
 
-def await_conductor(folder: Path, wait_s: float) -> ConductorFile:
-    """Like :func:`find_conductor`, but a conductor that is just starting may take ``wait_s`` [s].
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where to connect, and with what."""
+
+    endpoint: str
+    namespace: str
+    key: Key | None
+
+
+def await_conductor(folder: Path, wait_s: float, key: Path | None = None) -> Target:
+    """Like :func:`find_target`, but a conductor that is just starting may take ``wait_s`` [s].
 
     A file of a conductor that was killed is left behind, so the endpoint must answer.
 
     Raises:
-        UsageError: there is no file, or it is damaged.
+        UsageError: there is no file, or it is damaged; or the key does not fit.
         UnreachableError: nobody answers at its endpoint.
     """
     until_s = time.monotonic() + wait_s
     while True:
         try:
-            found = find_conductor(folder)
-            probe(found.endpoint)
+            found = find_target(folder, key)
+            greet(found.endpoint, found.key)
             return found
-        except (UsageError, UnreachableError):
+        except UnfitKeyError:
+            raise
+        except UnreachableError as error:
+            if time.monotonic() >= until_s:
+                raise UnreachableError(
+                    f"{error}; start it again, or remove the stale {folder / FILE_NAME}"
+                ) from None
+        except UsageError:
             if time.monotonic() >= until_s:
                 raise
-            time.sleep(POLL_S)
+        time.sleep(POLL_S)
 
 
-def probe(endpoint: str, timeout_s: float = 2.0) -> None:
-    """Raise UnreachableError unless something accepts connections at ``tcp/HOST:PORT``."""
-    host, _, port = endpoint.partition("/")[2].rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout_s).close()
-    except OSError as error:
-        raise UnreachableError(
-            f"{endpoint}: no conductor answers ({error}); start it again, "
-            "or remove the stale conductor.json"
-        ) from None
+def find_target(folder: Path, key: Path | None = None) -> Target:
+    """Where the conductor of a state or campaign folder is; its key lies there too, unless given.
+
+    Raises:
+        UsageError: there is no conductor, or no fit key.
+    """
+    found = find_conductor(folder)
+    if key is None and is_tls(found.endpoint):
+        # Seen from another host, the folder may have another path than the file says.
+        beside = folder / KEY_FILE_NAME
+        key = beside if beside.exists() or not found.key else Path(found.key)
+    return Target(found.endpoint, found.namespace, load_key(key) if key is not None else None)
+
+
+def choose_target(connect: str, folder: Path | None, namespace: str, key: Path | None) -> Target:
+    """What the command line says: an endpoint, or the folder of a conductor.
+
+    Raises:
+        UsageError: neither; or no conductor there, or no fit key.
+    """
+    if connect:
+        return Target(connect, namespace, load_key(key) if key is not None else None)
+    if folder is not None:
+        return find_target(folder, key)
+    raise UsageError(
+        "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
+        "(`conductor serve` prints both)"
+    )
 
 
 def find_conductor(folder: Path) -> ConductorFile:

@@ -7,8 +7,13 @@ import secrets
 from pathlib import Path
 
 
-def write_atomic(path: Path, data: bytes | bytearray | memoryview) -> None:
+def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666) -> None:
     """Write a file that is complete or absent, also after a power cut; its folder must exist.
+
+    Args:
+        path: the file.
+        data: its content.
+        mode: who may read and write it, less the umask, from the first byte on.
 
     Raises:
         OSError: it cannot be written; what stood there before still stands.
@@ -16,7 +21,8 @@ def write_atomic(path: Path, data: bytes | bytearray | memoryview) -> None:
     # Random, because two hosts may write to one folder under the same pid.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
-        with temporary.open("wb") as file:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

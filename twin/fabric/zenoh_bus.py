@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import json
 import threading
 from collections.abc import Callable, Sequence
@@ -11,9 +13,25 @@ import psutil
 import zenoh
 
 from twin.fabric.bus import Bus, Respond, Sample
-from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
+from twin.fabric.endpoint import check_protected, is_tls
+from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
+from twin.fabric.handshake import greet
+from twin.fabric.key_file import Key
 
 Mode = Literal["router", "client", "peer"]
+
+_MESSAGES = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+]
+"""All that Zenoh's access control knows."""
 
 
 def open_bus(
@@ -22,29 +40,42 @@ def open_bus(
     listen: Sequence[str] = (),
     connect: Sequence[str] = (),
     namespace: str = "twin",
+    key: Key | None = None,
     shared_memory: bool = False,
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
+    Beyond loopback all is TLS in both directions: who does not hold the key hears nothing.
+
     Args:
         mode: ``router`` for the conductor, ``client`` for those who connect to it, ``peer`` for
             the two ends of a rig.
-        listen: endpoints such as ``tcp/127.0.0.1:0`` (0: a free port).
+        listen: endpoints such as ``tcp/127.0.0.1:0`` or ``tls/0.0.0.0:7447`` (0: a free port).
         connect: endpoints to connect to.
         namespace: prefix of every key; sessions of other namespaces hear nothing.
+        key: the fabric's key; needed for ``tls/`` endpoints.
         shared_memory: Zenoh's own shared memory; off, because a killed publisher leaks segments.
         connect_timeout_s: how long to try to connect before giving up [s].
         connect_required: False: open at once and keep trying in the background (peers only).
 
     Raises:
-        UsageError: a bad endpoint, or an address that is in use.
+        UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
+            another key at ``connect``.
         InfrastructureError: nobody answers at ``connect``.
     """
     for endpoint in [*listen, *connect]:
-        check_endpoint(endpoint)
+        check_protected(endpoint, keyed=key is not None)
+    if connect_required:
+        for endpoint in filter(is_tls, connect):
+            # Nobody there yet: Zenoh keeps trying until its time-out.
+            with contextlib.suppress(UnreachableError):
+                greet(endpoint, key)
     config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    if key is not None:
+        config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
+        config.insert_json5("access_control", json.dumps(_members_only(key, config)))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
         config.insert_json5("connect/exit_on_failure", "false")
@@ -52,19 +83,9 @@ def open_bus(
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        raise _explain(error, listen, connect, connect_timeout_s) from None
+        raise _explain(error, listen, connect, key, connect_timeout_s) from None
     opened = [port for port in _listening() if port not in before]
     return _ZenohBus(session, [_with_port(e, opened) for e in listen])
-
-
-def check_endpoint(endpoint: str) -> None:
-    """Raise UsageError unless ``endpoint`` looks like ``tcp/HOST:PORT``."""
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.rpartition(":")
-    if protocol not in ("tcp", "tls", "quic") or not host or not port.isdigit():
-        raise UsageError(f"endpoint '{endpoint}': expected tcp/HOST:PORT, e.g. tcp/127.0.0.1:7447")
-    if int(port) > 65535:
-        raise UsageError(f"endpoint '{endpoint}': port {port}, allowed: 0-65535")
 
 
 def _config(
@@ -93,6 +114,9 @@ def _config(
         "scouting/gossip/enabled": False,
         # A router waits this long for scouting, which is off.
         "scouting/delay": 0,
+        "transport/link/protocols": sorted(
+            {endpoint.partition("/")[0] for endpoint in (*listen, *connect)}
+        ),
         "transport/shared_memory/enabled": shared_memory,
         # A peer that is frozen or cut off is noticed after the transport lease (default 10 s).
         "transport/link/tx/lease": 4000,
@@ -100,6 +124,48 @@ def _config(
     for key, value in options.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _tls(key: Key) -> dict[str, Any]:
+    """TLS in both directions, inline: Zenoh needs no files that could be left behind."""
+    certificate = base64.b64encode(key.certificate).decode()
+    private = base64.b64encode(key.private).decode()
+    return {
+        "root_ca_certificate_base64": base64.b64encode(key.authority).decode(),
+        "enable_mtls": True,
+        "listen_certificate_base64": certificate,
+        "listen_private_key_base64": private,
+        "connect_certificate_base64": certificate,
+        "connect_private_key_base64": private,
+        # Members move between hosts; they are known by the certificate's name, see below.
+        "verify_name_on_connect": False,
+    }
+
+
+def _members_only(key: Key, config: zenoh.Config) -> dict[str, Any]:
+    """Exchange messages with the fabric's members only.
+
+    When connecting, Zenoh also trusts the public web's authorities, and host names are not checked:
+    whoever owns a web site could stand between two members. No web certificate has our name.
+    """
+    subjects: list[dict[str, Any]] = [{"id": "members", "cert_common_names": [key.name]}]
+    if "tcp" in json.loads(config.get_json("transport/link/protocols")):
+        subjects.append({"id": "this host", "link_protocols": ["tcp"]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [
+            {
+                "id": "everything",
+                "permission": "allow",
+                "flows": ["ingress", "egress"],
+                "messages": _MESSAGES,
+                "key_exprs": ["**"],
+            }
+        ],
+        "subjects": subjects,
+        "policies": [{"rules": ["everything"], "subjects": [s["id"] for s in subjects]}],
+    }
 
 
 def _listening() -> list[int]:
@@ -116,8 +182,12 @@ def _with_port(endpoint: str, opened: list[int]) -> str:
 
 
 def _explain(
-    error: Exception, listen: Sequence[str], connect: Sequence[str], timeout_s: float
-) -> Exception:
+    error: Exception,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    key: Key | None,
+    timeout_s: float,
+) -> TwinError:
     text = str(error)
     if "in use" in text:
         return UsageError(
@@ -126,12 +196,23 @@ def _explain(
         )
     if "listener" in text:
         return UsageError(f"{', '.join(listen)}: cannot listen: {_cause(text)}")
-    if connect:
+    if not connect:
+        return InfrastructureError(f"cannot open a session: {_cause(text)}")
+    try:
+        greet(connect[0], key)
+    except UsageError as refused:
+        return refused
+    except UnreachableError as silent:
+        if "TLS" in str(silent):
+            return silent
         return UnreachableError(
             f"{', '.join(connect)}: nobody answers after {timeout_s:g} s; "
             "check that the conductor runs and the address is right"
         )
-    return InfrastructureError(f"cannot open a session: {_cause(text)}")
+    hint = "" if is_tls(connect[0]) else "; a conductor with a key is reached by tls/ and --key"
+    return UnreachableError(
+        f"{connect[0]}: something listens there, but opened no session within {timeout_s:g} s{hint}"
+    )
 
 
 def _cause(text: str) -> str:

@@ -19,6 +19,7 @@ from typing import IO, TYPE_CHECKING, Any
 import psutil
 
 from schemas.messages import Lease, Release
+from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
@@ -73,14 +74,15 @@ class RigProcess:
         self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
-        listen = options.drive_listen if remote else "tcp/127.0.0.1:0"
+        listen = options.drive_listen if remote else LOOPBACK
+        listen = to_listen(listen, keyed=options.key is not None)
         self._simulator = spawn(
             [
                 *(sys.executable, "-m", "twin", "sim"),
                 *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
                 *("--slots", str(options.slots), "--device", options.device),
                 *("--view", options.view.value, "--view-namespace", options.namespace),
-                *("--view-connect", options.connect),
+                *("--view-connect", options.connect, *self._key),
             ],
             log=self._log,
             pipe_output=True,
@@ -91,6 +93,11 @@ class RigProcess:
     @property
     def _namespace(self) -> str:
         return f"{self._options.namespace}/{self._id}"
+
+    @property
+    def _key(self) -> tuple[str, ...]:
+        """Children are told where the key lies, never the key."""
+        return ("--key", str(self._options.key.path)) if self._options.key else ()
 
     def assign(self, lease: Lease) -> None:
         """Hand a lease to the simulator."""
@@ -155,7 +162,7 @@ class RigProcess:
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
             *("--slots", str(self._options.slots), "--stack", self._lease.case.stack),
-            *("--parameters", json.dumps(self._lease.case.parameters)),
+            *("--parameters", json.dumps(self._lease.case.parameters), *self._key),
         ]
         if self._lease.case.placement == "node":
             self._announce(arguments)
@@ -170,7 +177,7 @@ class RigProcess:
         self._recorder = spawn(
             [
                 *(sys.executable, "-m", "viewer", "record", "--connect", endpoint),
-                *("--rig", self._id, "--namespace", self._options.namespace),
+                *("--rig", self._id, "--namespace", self._options.namespace, *self._key),
             ],
             log=self._recorder_log,
         )

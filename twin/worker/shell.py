@@ -15,15 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from schemas import SCHEMA_VERSION, topics
-from schemas.messages import Hello, Reply, Request
+from schemas.messages import Beat, Hello, Next, Reply, Request
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
-from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
+from twin.fabric.errors import TwinError, UsageError, storage_error
+from twin.fabric.key_file import Key
 from twin.fabric.process import bind_to_parent
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
+from twin.worker.delivery import Delivery
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
@@ -38,6 +41,9 @@ HAND_BACK_S = 10.0
 MEMORY_PERIOD_NS = 1_000_000_000
 """How often the memory of the rig is looked at, if it has a limit [ns]."""
 
+BEAT_S = 2.0
+"""While results are delivered, the conductor hears of us this often [s]."""
+
 TURN_S = 0.05
 """Longest wait of the main loop, so that clocks and children are looked at [s]."""
 
@@ -49,9 +55,11 @@ class WorkerOptions:
     connect: str
     """Endpoint of the conductor."""
     namespace: str = "twin"
+    key: Key | None = None
+    """The fabric's key; with it the rig's own sessions are TLS too."""
     slots: int = 1
     device: str = "cpu"
-    drive_listen: str = "tcp/127.0.0.1:0"
+    drive_listen: str = LOOPBACK
     """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
     join_dir: str = ""
     """Folder in which rigs for remote stacks are announced."""
@@ -77,6 +85,11 @@ class _Answered:
 
 
 @dataclass(frozen=True, slots=True)
+class _Undeliverable:
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
 class _Signalled:
     name: str
 
@@ -91,6 +104,8 @@ class Worker:
         self._rig: RigProcess | None = None
         self._bus: Bus | None = None
         self._spool = SpoolFolder(options.spool)
+        self._delivery: Delivery | None = None
+        self._asked_s = 0.0
         self._error = ""
         self._left = False
         self._memory_at_ns = 0
@@ -131,11 +146,17 @@ class Worker:
 
     def _startup(self) -> None:
         bind_to_parent()
+        keyed = self._options.key is not None
+        check_protected(to_listen(self._options.drive_listen, keyed=keyed), keyed=keyed)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, self._on_signal)
         self._bus = open_bus(
-            "client", connect=[self._options.connect], namespace=self._options.namespace
+            "client",
+            connect=[self._options.connect],
+            namespace=self._options.namespace,
+            key=self._options.key,
         )
+        self._delivery = Delivery(self._bus)
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
         self._carry_out(self._core.on_spool(self._spool.read()))
@@ -149,24 +170,56 @@ class Worker:
         self._requests.put(None)
         if self._bus is not None:
             self._bus.close()
+        if self._delivery is not None:
+            self._delivery.close()
 
     def _on_signal(self, number: int, _frame: object) -> None:
         self._inbox.put(_Signalled(signal.Signals(number).name))
 
     def _rpc_loop(self) -> None:
         """Requests one after the other; the main loop never waits for the conductor."""
-        assert self._bus is not None
         while (request := self._requests.get()) is not None:
-            data = self._bus.request(topics.RPC.key, encode(request), REQUEST_TIMEOUT_S)
-            reply: Reply | None = None
-            if data is not None:
-                try:
-                    reply = decode(data, Reply)
-                except WireError as error:
-                    reply = Reply(v=SCHEMA_VERSION, epoch=0, error=str(error))
+            try:
+                reply = self._next(request) if isinstance(request, Next) else self._ask(request)
+            except (TwinError, OSError) as error:
+                self._inbox.put(_Undeliverable(str(error)))
+                return
             self._inbox.put(_Answered(request, reply))
 
+    def _next(self, request: Next) -> Reply | None:
+        """Files of results that the conductor cannot see go before their commit."""
+        assert self._delivery is not None
+        tokens = [*request.held, *(result.token for result in request.results)]
+        # Files may take a while; the heartbeats that are due meanwhile are sent from here.
+        beat = Beat(
+            v=SCHEMA_VERSION, worker=request.worker, held=dict.fromkeys(map(str, tokens), 0)
+        )
+        if not self._delivery.deliver(request.results, lambda: self._beat_if_due(beat)):
+            return None
+        reply = self._ask(request)
+        if reply is not None and not reply.error:
+            self._delivery.forget(request.results)
+            for line in self._delivery.look(reply.leases):
+                _log(line)
+        return reply
+
+    def _beat_if_due(self, beat: Beat) -> None:
+        if time.monotonic() - self._asked_s > BEAT_S:
+            self._ask(beat)
+
+    def _ask(self, request: Request) -> Reply | None:
+        assert self._bus is not None
+        data = self._bus.request(topics.RPC.key, encode(request), REQUEST_TIMEOUT_S)
+        self._asked_s = time.monotonic()
+        if data is None:
+            return None
+        try:
+            return decode(data, Reply)
+        except WireError as error:
+            return Reply(v=SCHEMA_VERSION, epoch=0, error=str(error))
+
     def _turn(self) -> None:
+        assert self._delivery is not None
         try:
             event = self._inbox.get(timeout=TURN_S)
         except queue.Empty:
@@ -178,13 +231,16 @@ class Worker:
             self._memory_at_ns = now + MEMORY_PERIOD_NS
             self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
         self._carry_out(self._core.on_time(now))
-        self._resources.work = work_of(held.lease for held in self._core.held.values())
+        leases = (held.lease for held in self._core.held.values())
+        self._resources.work = work_of(map(self._delivery.localized, leases))
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core
         match event:
             case _Answered(request, reply):
                 return core.on_reply(request, reply, now)
+            case _Undeliverable(error):
+                return [decisions.Leave(error)]
             case _Signalled(name):
                 return core.on_drain(name, now)
             case (rig, _) if rig is not self._rig:
@@ -210,11 +266,13 @@ class Worker:
                 return []
 
     def _carry_out(self, effects: list[decisions.Effect]) -> None:
+        assert self._delivery is not None
         for effect in effects:
             match effect:
                 case decisions.Ask(request):
                     self._requests.put(request)
                 case decisions.StartRig(lease):
+                    lease = self._delivery.localized(lease)
                     self._rig = RigProcess(self._options, lease, self._inbox)
                 case decisions.StopRig():
                     if self._rig is not None:
@@ -222,13 +280,15 @@ class Worker:
                         self._rig = None
                 case decisions.AssignLease(lease):
                     if self._rig is not None:
-                        self._rig.assign(lease)
+                        self._rig.assign(self._delivery.localized(lease))
                 case decisions.AbandonToken(token):
                     if self._rig is not None:
                         self._rig.abandon(token)
                 case decisions.Say(line):
                     _log(line)
                 case decisions.SpoolWrite(token, data):
+                    if self._delivery.holds(token):
+                        continue  # without its files, which end with us, it is worth nothing
                     try:
                         self._spool.write(token, data)
                     except OSError as error:

@@ -24,6 +24,7 @@ from twin.fabric.bus import Bus
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer
+from twin.fabric.key_file import Key
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.pipe import (
@@ -291,7 +292,13 @@ def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Epis
 
 
 def run_simulator(
-    rig: str, listen: str, slots: int, device: str, namespace: str, view: ViewOptions
+    rig: str,
+    listen: str,
+    slots: int,
+    device: str,
+    namespace: str,
+    key: Key | None,
+    view: ViewOptions,
 ) -> int:
     """Entry of ``twin sim``; the exit code."""
     bind_to_parent()
@@ -301,7 +308,7 @@ def run_simulator(
     os.dup2(2, 1)
     bus = None
     try:
-        bus = open_bus("peer", listen=[listen], namespace=namespace)
+        bus = open_bus("peer", listen=[listen], namespace=namespace, key=key)
         feed = open_feed(rig, slots, view)
         send(out, Listening(bus.endpoints[0], feed.endpoint))
         Simulator(bus, rig, slots, device, out, feed).run()

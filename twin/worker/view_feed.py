@@ -24,7 +24,9 @@ from schemas.view import FeedEnd, ViewMode
 from schemas.wire import encode
 from twin.fabric.bus import Bus
 from twin.fabric.channel import Channel
+from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import TwinError
+from twin.fabric.key_file import Key
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.view_items import Began, Ended, Item, Run, Seen, Ticked
 
@@ -102,6 +104,8 @@ class ViewOptions:
     namespace: str = "twin"
     connect: str = ""
     """The conductor's router, for viewers; need not be reachable."""
+    key: Key | None = None
+    """The fabric's key; with it the recorder's session is TLS too."""
 
 
 class _Harmless:
@@ -149,10 +153,11 @@ def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:
     try:
         bus = open_bus(
             "peer",
-            listen=["tcp/127.0.0.1:0"] if mode.records else [],
+            listen=[to_listen(LOOPBACK, keyed=options.key is not None)] if mode.records else [],
             connect=[options.connect] if mode.shows and options.connect else [],
             connect_required=False,
             namespace=options.namespace,
+            key=options.key,
         )
     except TwinError as error:
         print(f"no view of this rig: {error}", file=sys.stderr, flush=True)

@@ -42,7 +42,7 @@ def hub() -> Iterator[Hub]:
 
 @contextlib.contextmanager
 def serving(folder: Path, hub: Hub, **options: object) -> Iterator[Conductor]:
-    conductor = Conductor(folder, bus_factory=lambda _listen, _namespace: hub.open(), **options)  # type: ignore[arg-type]
+    conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)  # type: ignore[arg-type]
     thread = threading.Thread(target=conductor.serve)
     thread.start()
     assert conductor.started.wait(WAIT_S)
@@ -184,7 +184,7 @@ def test_the_port_of_a_crashed_predecessor_is_taken_if_free(
 ) -> None:
     asked: list[str] = []
 
-    def factory(listen: Sequence[str], _: str) -> Bus:
+    def factory(listen: Sequence[str], *_: object) -> Bus:
         asked.extend(listen)
         if listen == ["tcp/127.0.0.1:4711"] and not port_is_free:
             raise UsageError("address already in use")
@@ -204,7 +204,7 @@ def test_the_port_of_a_crashed_predecessor_is_taken_if_free(
 
 
 def test_an_address_for_all_interfaces_is_told_by_host_name(tmp_path: Path, hub: Hub) -> None:
-    def factory(listen: Sequence[str], _: str) -> Bus:
+    def factory(listen: Sequence[str], *_: object) -> Bus:
         bus = hub.open()
         bus.endpoints = ["tcp/0.0.0.0:4711"]
         return bus

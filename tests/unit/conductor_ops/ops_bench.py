@@ -29,7 +29,7 @@ def running_hub() -> Iterator[Hub]:
 @contextlib.contextmanager
 def serving(folder: Path, hub: Hub, **options: Any) -> Iterator[Conductor]:
     """A conductor that serves ``folder`` on ``hub``."""
-    conductor = Conductor(folder, bus_factory=lambda _listen, _namespace: hub.open(), **options)
+    conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)
     thread = threading.Thread(target=conductor.serve, daemon=True)
     thread.start()
     assert conductor.started.wait(WAIT_S)

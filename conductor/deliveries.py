@@ -1,0 +1,106 @@
+"""Files of attempts that come through the fabric, from workers that do not share our disk.
+
+They are written by a thread of their own, before the worker commits the attempt: when the commit is
+journalled, the files are there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from schemas import SCHEMA_VERSION
+from schemas.delivery import (
+    MESSAGE_BYTES_MAX,
+    AttemptFiles,
+    Delivered,
+    Delivery,
+    SeenFolder,
+    files_sha256,
+)
+from schemas.wire import WireError, decode, encode
+from twin.fabric.bus import Respond
+from twin.fabric.channel import Channel
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.errors import storage_error
+from twin.fabric.files import write_atomic
+
+WAITING_BYTES_MAX = 128 << 20
+"""Most bytes of files that wait to be written; more are refused and sent again."""
+
+FolderOf = Callable[[str, str], Path | None]
+"""(campaign, case or empty) -> campaign folder; None if there is no such campaign or case."""
+
+
+class Deliveries:
+    """Takes what comes on ``conductor/files``."""
+
+    def __init__(self, folder_of: FolderOf) -> None:
+        self._folder_of = folder_of
+        self._channel: Channel[tuple[bytes, Respond] | None] = Channel(WAITING_BYTES_MAX)
+        self._thread = threading.Thread(target=self._run, name="deliveries", daemon=True)
+        self._thread.start()
+
+    def receive(self, payload: bytes, respond: Respond) -> None:
+        """A message came in; from any thread, never waits."""
+        if not self._channel.offer((payload, respond), len(payload) + 256):
+            error = "busy: too many files are waiting to be written"
+            respond(encode(Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=True)))
+
+    def close(self) -> None:
+        """Write what is waiting, and end."""
+        self._channel.offer(None, 0)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (item := self._channel.take()) is not None:
+            payload, respond = item
+            answer = self.handle(payload)
+            with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
+                respond(encode(answer))
+
+    def handle(self, payload: bytes) -> Delivered:
+        """Do what a message asks for."""
+        try:
+            message: Delivery = decode(payload, Delivery, MESSAGE_BYTES_MAX)
+        except WireError as error:
+            return _refused(str(error))
+        if isinstance(message, SeenFolder):
+            return Delivered(v=SCHEMA_VERSION, ok=self._is_ours(message))
+        return self._store(message)
+
+    def _is_ours(self, seen: SeenFolder) -> bool:
+        folder = self._folder_of(seen.campaign, "")
+        if folder is None:
+            return False
+        try:
+            content = (folder / CONDUCTOR_FILE).read_bytes()
+        except OSError:
+            return False
+        return hashlib.sha256(content).hexdigest() == seen.sha256
+
+    def _store(self, files: AttemptFiles) -> Delivered:
+        folder = self._folder_of(files.campaign, files.case)
+        if folder is None:
+            return _refused(f"{files.campaign}: has no case {files.case!r}")
+        if files_sha256(files.kpi, files.log) != files.sha256:
+            return _refused(f"{files.case}: damaged on its way", retry=True)
+        attempt = folder / "cases" / files.case / f"attempt-{files.attempt}"
+        try:
+            attempt.mkdir(parents=True, exist_ok=True)
+            for name, data in (("kpi.parquet", files.kpi), ("log.txt", files.log)):
+                path = attempt / name
+                if not path.exists():
+                    write_atomic(path, data)
+                elif path.read_bytes() != data:
+                    return _refused(f"{path}: is there already, with another content")
+        except OSError as error:
+            return _refused(str(storage_error(error, str(attempt))), retry=True)
+        return Delivered(v=SCHEMA_VERSION, ok=True)
+
+
+def _refused(error: str, *, retry: bool = False) -> Delivered:
+    return Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=retry)

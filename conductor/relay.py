@@ -1,0 +1,75 @@
+"""``conductor relay``: a way to the conductor for workers that cannot reach its host.
+
+A Zenoh router of its own, e.g. on a login node: workers and viewers connect to it as they would to
+the conductor, with the same key. It holds nothing; when it ends, workers keep their results until
+it is back.
+"""
+
+from __future__ import annotations
+
+import shlex
+import signal
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+from twin.fabric.bus import Bus
+from twin.fabric.discovery import Target, find_target
+from twin.fabric.endpoint import to_listen
+from twin.fabric.errors import TwinError
+from twin.fabric.zenoh_bus import open_bus
+
+LOOK_S = 1.0
+"""How often ``conductor.json`` is looked at for a conductor that has moved [s]."""
+
+
+def relay(target: Target, listen: str, state: Path | None) -> int:
+    """Pass on between ``listen`` and the conductor at ``target`` until SIGINT or SIGTERM.
+
+    Args:
+        target: the conductor, which must answer now; later it may come and go.
+        listen: endpoint for those who cannot reach it.
+        state: folder whose ``conductor.json`` tells where the conductor is, should it move.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    bus = _open(target, to_listen(listen, keyed=target.key is not None))
+    try:
+        here = bus.endpoints[0]
+        key = f" --key {shlex.quote(str(target.key.path))}" if target.key else ""
+        print(
+            f"relay to {target.endpoint} at {here}\n  worker:  twin worker --connect {here}{key}",
+            flush=True,
+        )
+        while not stop.wait(LOOK_S):
+            moved = _moved(target, state)
+            if moved is not None:
+                print(f"the conductor is at {moved.endpoint} now", flush=True)
+                bus.close()
+                bus, target = _open(moved, here, required=False), moved
+    finally:
+        bus.close()
+    return 0
+
+
+def _open(target: Target, listen: str, *, required: bool = True) -> Bus:
+    return open_bus(
+        "router",
+        listen=[listen],
+        connect=[target.endpoint],
+        namespace=target.namespace,
+        key=target.key,
+        connect_required=required,
+    )
+
+
+def _moved(target: Target, state: Path | None) -> Target | None:
+    """Where the conductor is now, if that is another place; its key stays the same."""
+    if state is None:
+        return None
+    try:
+        found = find_target(state, target.key.path if target.key else None)
+    except TwinError:
+        return None  # between two conductors
+    return replace(target, endpoint=found.endpoint) if found.endpoint != target.endpoint else None

@@ -1,0 +1,63 @@
+"""Messages of ``conductor/files``: results of workers that do not share the conductor's disk.
+
+A worker asks whether it sees the conductor's campaign folder, by the digest of the
+``conductor.json`` it finds there. If not, it delivers the files of an attempt before it commits it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from schemas.campaign import Name
+from schemas.identity import digest
+
+FILES_BYTES_MAX = 64 << 20
+"""Largest attempt that is delivered [bytes]; the KPIs of a minute are about one MiB."""
+
+MESSAGE_BYTES_MAX = FILES_BYTES_MAX + (1 << 20)
+"""Largest message of this topic [bytes]."""
+
+
+class SeenFolder(Struct, frozen=True, tag_field="verb", tag="seen"):
+    """What a worker sees where the campaign folder should be."""
+
+    v: int
+    campaign: Name
+    sha256: str
+    """Of the ``conductor.json`` there."""
+
+
+class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
+    """The files of one attempt; the same ones again are answered the same."""
+
+    v: int
+    campaign: Name
+    case: Annotated[str, Meta(min_length=1)]
+    attempt: Annotated[int, Meta(ge=1)]
+    kpi: bytes
+    """Content of ``kpi.parquet``."""
+    log: bytes
+    """Content of ``log.txt``."""
+    sha256: str
+    """See :func:`files_sha256`."""
+
+
+Delivery = SeenFolder | AttemptFiles
+
+
+class Delivered(Struct, frozen=True):
+    """Answer: ``ok`` if the folder is the conductor's own, or the files are safe on its disk."""
+
+    v: int
+    ok: bool
+    error: str = ""
+    """Why not, in one line."""
+    retry: bool = False
+    """The same may succeed later: a full disk, or too many files at once."""
+
+
+def files_sha256(kpi: bytes, log: bytes) -> str:
+    """Digest over both files with their lengths."""
+    return digest([kpi, log])

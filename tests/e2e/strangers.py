@@ -1,0 +1,79 @@
+"""People who reach a port of ours without the key: they mind no rule and use Zenoh themselves."""
+
+from __future__ import annotations
+
+import base64
+import json
+import threading
+from pathlib import Path
+
+import zenoh
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import StatusRequest
+from schemas.wire import encode
+from twin.fabric.key_file import load_key, make_key
+
+PATIENCE_MS = 500
+"""How long a stranger tries to get in [ms]; with the key it takes 5."""
+
+
+class Stranger:
+    """A Zenoh session with certificates of its own choice, or with none."""
+
+    def __init__(self, endpoint: str, tls: dict[str, object]) -> None:
+        self.heard = threading.Event()
+        """A message or an answer came."""
+        config = zenoh.Config()
+        for name, value in {
+            "mode": "client",
+            "namespace": "twin",
+            "connect/endpoints": [endpoint],
+            "connect/timeout_ms": PATIENCE_MS,
+            "scouting/multicast/enabled": False,
+            "transport/link/tls": tls,
+        }.items():
+            config.insert_json5(name, json.dumps(value))
+        try:
+            self._session: zenoh.Session | None = zenoh.open(config)
+        except zenoh.ZError:
+            self._session = None
+            return
+        self._subscriber = self._session.declare_subscriber("**", lambda _: self.heard.set())
+        request = encode(StatusRequest(v=SCHEMA_VERSION))
+        for _ in self._session.get(topics.RPC.key, payload=request, timeout=2.0):
+            self.heard.set()
+
+    @property
+    def inside(self) -> bool:
+        """Whether it got a session."""
+        return self._session is not None
+
+    def close(self) -> None:
+        """Go away."""
+        if self._session is not None:
+            self._session.close()
+
+
+def certificates_on(key: Path, folder: Path) -> dict[str, dict[str, object]]:
+    """Kind of stranger -> its TLS options, with what can be seen of the real ``key``."""
+    real = load_key(key)
+    own = make_key(folder / "stranger.key")
+    return {
+        "plain": {},
+        "no certificate": _options(real.authority),
+        "own authority": _options(own.authority, own.certificate, own.private),
+        "own certificate": _options(real.authority, own.certificate, own.private),
+    }
+
+
+def _options(authority: bytes, certificate: bytes = b"", private: bytes = b"") -> dict[str, object]:
+    found: dict[str, object] = {
+        "root_ca_certificate_base64": base64.b64encode(authority).decode(),
+        "verify_name_on_connect": False,
+    }
+    if certificate:
+        found["enable_mtls"] = True
+        found["connect_certificate_base64"] = base64.b64encode(certificate).decode()
+        found["connect_private_key_base64"] = base64.b64encode(private).decode()
+    return found

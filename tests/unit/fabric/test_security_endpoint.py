@@ -1,0 +1,73 @@
+"""What counts as this host's loopback, and what is refused to be plain."""
+
+import pytest
+
+from twin.fabric.endpoint import check_endpoint, check_protected, is_loopback, to_listen
+from twin.fabric.errors import UsageError
+
+HERE = ["tcp/127.0.0.1:0", "tcp/127.8.9.1:7447", "tcp/[::1]:0", "tcp/localhost:7447"]
+BEYOND = [
+    "tcp/0.0.0.0:0",
+    "tcp/[::]:0",
+    "tcp/:::0",
+    "tcp/10.1.2.3:7447",
+    "tcp/[fe80::1%eth0]:7447",
+    "tcp/login1:7447",
+    "tcp/localhost.example.org:7447",
+    "tcp/127.1:7447",
+    "tcp/[::ffff:127.0.0.1]:7447",
+]
+
+
+@pytest.mark.parametrize("endpoint", HERE)
+def test_loopback_may_be_plain(endpoint):
+    assert is_loopback(endpoint)
+    assert to_listen(endpoint, keyed=False) == endpoint
+    check_protected(endpoint, keyed=False)
+
+
+@pytest.mark.parametrize("endpoint", BEYOND[:2] + BEYOND[3:])
+def test_beyond_loopback_is_never_plain(endpoint):
+    assert not is_loopback(endpoint)
+    assert to_listen(endpoint, keyed=False) == "tls" + endpoint[3:]
+    for keyed in (True, False):
+        with pytest.raises(UsageError, match=r"plain TCP is for this host's loopback only; use tl"):
+            check_protected(endpoint, keyed=keyed)
+
+
+@pytest.mark.parametrize("endpoint", HERE)
+def test_with_a_key_loopback_is_tls_too(endpoint):
+    assert to_listen(endpoint, keyed=True) == "tls" + endpoint[3:]
+
+
+@pytest.mark.parametrize("endpoint", ["tls/[::1]:7447", "tls/[fd00::1]:0"])
+def test_what_zenoh_cannot_do_is_said(endpoint):
+    with pytest.raises(UsageError, match="TLS does not work with IPv6 addresses"):
+        check_protected(endpoint, keyed=True)
+    check_protected("tls/[::]:7447", keyed=True)
+
+
+def test_tls_needs_a_key():
+    with pytest.raises(UsageError, match="give --key FILE or set TWIN_KEY"):
+        check_protected("tls/127.0.0.1:7447", keyed=False)
+    check_protected("tls/10.1.2.3:7447", keyed=True)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        BEYOND[2],
+        "tcp/10.0.0.1:7447,tcp/127.0.0.1:0",
+        "tcp/127.0.0.1#iface=eth0:7447",
+        "tcp/127.0.0.1?x:7447",
+        "tcp/127.0.0.1/:7447",
+        "tcp/127.0.0.1:٣",
+        "tcp/127.0.0.1:²",
+        "quic/127.0.0.1:7447",
+        "TLS/127.0.0.1:7447",
+        "tcp/127.0.0.1 :7447",
+    ],
+)
+def test_what_zenoh_could_read_otherwise_is_no_endpoint(endpoint):
+    with pytest.raises(UsageError, match="expected tcp/HOST:PORT or tls/HOST:PORT"):
+        check_endpoint(endpoint)

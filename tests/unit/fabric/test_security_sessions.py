@@ -1,0 +1,308 @@
+"""Sessions over mutual TLS, and everybody who must get nothing from them."""
+
+import base64
+import json
+import os
+import socket
+import threading
+
+import msgspec
+import pytest
+import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
+from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.handshake import greet
+from twin.fabric.key_file import Key, make_key
+from twin.fabric.zenoh_bus import open_bus
+
+LISTEN = ["tls/127.0.0.1:0"]
+
+
+@pytest.fixture(scope="module")
+def key(tmp_path_factory):
+    return make_key(tmp_path_factory.mktemp("key") / "conductor.key")
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    return make_key(tmp_path_factory.mktemp("other") / "other.key")
+
+
+@pytest.fixture
+def router(key):
+    bus = open_bus("router", listen=LISTEN, key=key)
+    bus.serve("conductor/rpc", lambda payload, respond: respond(payload + b"!"))
+    yield bus
+    bus.close()
+
+
+def stranger(endpoint, *, authority=None, certificate=None, private=None):
+    """A Zenoh session of somebody who minds no rule of ours; None if the door stays shut."""
+    config = zenoh.Config()
+    tls = {"verify_name_on_connect": False}
+    if authority:
+        tls["root_ca_certificate_base64"] = base64.b64encode(authority).decode()
+    if certificate:
+        tls["enable_mtls"] = True
+        tls["connect_certificate_base64"] = base64.b64encode(certificate).decode()
+        tls["connect_private_key_base64"] = base64.b64encode(private).decode()
+    for name, value in {
+        "mode": "client",
+        "namespace": "twin",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 500,
+        "scouting/multicast/enabled": False,
+        "transport/link/tls": tls,
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError:
+        return None
+
+
+def test_the_right_key_opens(router, key):
+    assert router.endpoints[0].startswith("tls/127.0.0.1:")
+    client = open_bus("client", connect=router.endpoints, key=key)
+    try:
+        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+    finally:
+        client.close()
+
+
+def test_a_host_name_does_not_matter(router, key):
+    named = router.endpoints[0].replace("127.0.0.1", "localhost")
+    client = open_bus("client", connect=[named], key=key)
+    try:
+        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+    finally:
+        client.close()
+
+
+def test_strangers_stay_outside(router, key, other):
+    """Plain TCP; TLS without a certificate; another authority; the right one with another leaf."""
+    endpoint = router.endpoints[0]
+    heard = threading.Event()
+    router.subscribe("**", lambda _: heard.set())
+    tries = {
+        "plain": stranger("tcp" + endpoint[3:]),
+        "no certificate": stranger(endpoint, authority=key.authority),
+        "own authority": stranger(
+            endpoint,
+            authority=other.authority,
+            certificate=other.certificate,
+            private=other.private,
+        ),
+        "own certificate": stranger(
+            endpoint,
+            authority=key.authority,
+            certificate=other.certificate,
+            private=other.private,
+        ),
+        "stolen certificate, own private key": stranger(
+            endpoint, authority=key.authority, certificate=key.certificate, private=other.private
+        ),
+    }
+    assert tries == dict.fromkeys(tries)
+    assert not heard.is_set()
+    member = open_bus("client", connect=[endpoint], key=key)
+    try:
+        member.publish("x", b"", block=True)
+        assert heard.wait(5), "and members are still served"
+    finally:
+        member.close()
+
+
+@pytest.fixture
+def between(other):
+    """Somebody who stands between two members with a certificate of another authority.
+
+    Yields its endpoint and an event: it got a message, a request or a sign of life.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tls/127.0.0.1:{free.getsockname()[1]}"
+    config = zenoh.Config()
+    for name, value in {
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "transport/link/tls": {
+            "listen_certificate_base64": base64.b64encode(other.certificate).decode(),
+            "listen_private_key_base64": base64.b64encode(other.private).decode(),
+        },
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    heard = threading.Event()
+    with zenoh.open(config) as session:
+        session.declare_queryable("**", lambda _: heard.set())
+        session.declare_subscriber("**", lambda _: heard.set())
+        session.liveliness().declare_subscriber("**", lambda _: heard.set())
+        yield endpoint, heard
+
+
+def test_a_trusted_authority_alone_is_not_enough(between, key, other):
+    """When it connects, Zenoh trusts public web authorities as well; the name tells members.
+
+    The web's authority is played by the other key's: the client is made to trust it.
+    """
+    endpoint, heard = between
+    trusting = Key(
+        key.path, key.authority + other.authority, key.certificate, key.private, key.name
+    )
+    client = open_bus("client", connect=[endpoint], key=trusting)
+    try:
+        client.announce("worker/w1")
+        client.publish("x", b"secret", block=True)
+        assert client.request("conductor/rpc", b"secret", 0.5) is None
+        assert not heard.is_set()
+    finally:
+        client.close()
+    careless = stranger(endpoint, authority=other.authority)
+    careless.put("x", b"secret")
+    assert heard.wait(5), "so this test can fail"
+    careless.close()
+
+
+def test_a_wrong_key_is_told_from_silence(router, key, other):
+    with pytest.raises(UsageError, match=r"refused: it holds another key than .*other\.key"):
+        open_bus("client", connect=router.endpoints, key=other)
+    with pytest.raises(UsageError, match="needs the fabric's key"):
+        open_bus("client", connect=router.endpoints)
+    with pytest.raises(UnreachableError, match="nobody answers after"):
+        open_bus("client", connect=["tls/127.0.0.1:1"], key=key, connect_timeout_s=0.2)
+    plain = "tcp" + router.endpoints[0][3:]
+    with pytest.raises(UnreachableError, match=r"opened no session.* reached by tls/ and --key"):
+        open_bus("client", connect=[plain], connect_timeout_s=0.3)
+
+
+def test_tls_to_a_plain_conductor_is_named(key):
+    plain = open_bus("router", listen=["tcp/127.0.0.1:0"])
+    try:
+        endpoint = "tls" + plain.endpoints[0][3:]
+        with pytest.raises(UnreachableError, match="does not speak TLS"):
+            greet(endpoint, key, timeout_s=0.3)
+    finally:
+        plain.close()
+
+
+def test_an_expired_certificate_on_the_other_side_is_named(tmp_path):
+    """Where the other side's clock, and so its loader, is behind ours."""
+    path = tmp_path / "conductor.key"
+    with pytest.raises(UsageError, match="expired"):
+        make_key(path, days=-1)
+    certificate, authority = (
+        found.public_bytes(Encoding.PEM)
+        for found in x509.load_pem_x509_certificates(path.read_bytes())
+    )
+    private = path.read_bytes().removeprefix(certificate).removesuffix(authority)
+    expired = Key(path, authority, certificate, private, "drivetwin fabric")
+    bus = open_bus("router", listen=LISTEN, key=expired)
+    try:
+        with pytest.raises(UsageError, match="certificate has expired; compare the clocks"):
+            greet(bus.endpoints[0], expired)
+    finally:
+        bus.close()
+
+
+def test_garbage_on_the_port_ends_nothing(router, key):
+    port = int(router.endpoints[0].rpartition(":")[2])
+    idle = []
+    for data in (b"", b"\x16\x03\x01\xff\xff", os.urandom(4000), b"GET / HTTP/1.1\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.sendall(data)
+        idle.append(socket.create_connection(("127.0.0.1", port)))
+    client = open_bus("client", connect=router.endpoints, key=key)
+    try:
+        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+    finally:
+        client.close()
+        for connection in idle:
+            connection.close()
+
+
+def test_peers_and_liveliness_over_tls(key):
+    """The drive plane: simulator listens, stack connects; both are peers."""
+    simulator = open_bus("peer", listen=LISTEN, key=key, namespace="twin/rig")
+    came, went = threading.Event(), threading.Event()
+    simulator.watch("stack/*", lambda _, alive: (came if alive else went).set())
+    try:
+        stack = open_bus("peer", connect=simulator.endpoints, key=key, namespace="twin/rig")
+        stack.announce("stack/1")
+        assert came.wait(5)
+        stack.close()
+        assert went.wait(5)
+    finally:
+        simulator.close()
+
+
+def test_plain_beyond_loopback_is_refused_before_it_listens():
+    with pytest.raises(UsageError, match="plain TCP is for this host's loopback only"):
+        open_bus("router", listen=["tcp/0.0.0.0:0"])
+    with pytest.raises(UsageError, match="needs the fabric's key"):
+        open_bus("router", listen=["tls/0.0.0.0:0"])
+
+
+def announce(folder, endpoint, key=""):
+    content = ConductorFile(endpoint, 1, "h", 1, "twin", "0", key)
+    (folder / FILE_NAME).write_bytes(msgspec.json.encode(content))
+
+
+def test_the_key_is_found_beside_conductor_json_or_where_that_says(router, key, tmp_path):
+    announce(tmp_path, router.endpoints[0])
+    with pytest.raises(UsageError, match=r"conductor\.key: no such key file"):
+        await_conductor(tmp_path, 0)
+    announce(tmp_path, router.endpoints[0], str(key.path))
+    assert await_conductor(tmp_path, 0).key == key
+    beside = tmp_path / "conductor.key"
+    beside.write_bytes(key.path.read_bytes())
+    beside.chmod(0o600)
+    assert await_conductor(tmp_path, 0).key.path == beside
+
+
+def test_a_loose_key_is_not_waited_for(router, key, other, tmp_path):
+    announce(tmp_path, router.endpoints[0], str(key.path))
+    loose = tmp_path / "conductor.key"
+    loose.write_bytes(key.path.read_bytes())
+    loose.chmod(0o644)
+    with pytest.raises(UsageError, match="chmod 600"):
+        await_conductor(tmp_path, 3600)
+
+
+def test_a_given_key_wins(router, key, other, tmp_path):
+    announce(tmp_path, router.endpoints[0], str(key.path))
+    with pytest.raises(UsageError, match="another key"):
+        await_conductor(tmp_path, 0, other.path)
+
+
+def test_a_relay_passes_everything_on(router, key):
+    """Requests, liveliness and views, for those who can reach only the relay."""
+    came = threading.Event()
+    router.watch("worker/*", lambda _, alive: came.set() if alive else None)
+    relay = open_bus("router", listen=LISTEN, connect=router.endpoints, key=key)
+    feed = open_bus("peer", connect=router.endpoints, key=key, connect_required=False)
+    far = open_bus("client", connect=relay.endpoints, key=key)
+    try:
+        far.announce("worker/w1")
+        assert came.wait(5)
+        assert request_until_answered(far) == b"hi!"
+        seen = threading.Event()
+        assert not feed.wanted("view/c/1/thumbnail")
+        far.subscribe("view/*/*/thumbnail", lambda _: seen.set())
+        while not seen.wait(0.05):
+            if feed.wanted("view/c/1/thumbnail"):
+                feed.publish("view/c/1/thumbnail", b"picture")
+    finally:
+        for bus in (far, feed, relay):
+            bus.close()
+
+
+def request_until_answered(bus):
+    """Routes between two routers take a moment; members repeat their requests anyway."""
+    while True:
+        answer = bus.request("conductor/rpc", b"hi", 1)
+        if answer is not None:
+            return answer

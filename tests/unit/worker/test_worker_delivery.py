@@ -1,0 +1,151 @@
+"""A worker that does not share the conductor's disk: what it delivers, and when it may commit."""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from conductor.deliveries import Deliveries
+from schemas import SCHEMA_VERSION, topics
+from schemas.campaign import Campaign, expand
+from schemas.delivery import Delivered
+from schemas.messages import Lease, Result
+from schemas.wire import encode
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.memory_bus import Hub
+from twin.worker.delivery import PREFIX, Delivery
+
+CASE = expand(msgspec.convert({"campaign": "demo", "matrix": {"repeat": [0]}}, Campaign))[0]
+
+
+@pytest.fixture(autouse=True)
+def scratch(tmp_path, monkeypatch):
+    folder = tmp_path / "tmp"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def bus():
+    hub = Hub()
+    thread = hub.run()
+    yield hub.open()
+    hub.stop()
+    thread.join()
+
+
+@pytest.fixture
+def there(bus, tmp_path):
+    """The conductor's folder, which it serves."""
+    folder = tmp_path / "there"
+    folder.mkdir()
+    (folder / "conductor.json").write_bytes(b"{}")
+    deliveries = Deliveries(lambda name, case: folder if name == "demo" else None)
+    bus.serve(topics.FILES.key, deliveries.receive)
+    yield folder
+    deliveries.close()
+
+
+def lease(out, token=1):
+    return Lease(token=token, attempt=1, out=str(out), case=CASE)
+
+
+def simulate(found):
+    """What the simulator does: write the attempt where the lease says."""
+    attempt = f"cases/{CASE.id}/attempt-1"
+    folder = Path(found.out) / attempt
+    folder.mkdir(parents=True)
+    (folder / "kpi.parquet").write_bytes(b"kpi")
+    (folder / "log.txt").write_bytes(b"log")
+    return Result("demo", CASE.id, found.token, "verdict", "pass", True, attempt_dir=attempt)
+
+
+def test_a_shared_folder_is_written_directly(bus, there, scratch):
+    delivery = Delivery(bus)
+    assert delivery.look([lease(there)]) == []
+    assert delivery.localized(lease(there)) == lease(there)
+    assert not delivery.holds(1)
+    assert delivery.deliver([simulate(lease(there))], lambda: None)
+    assert list(scratch.iterdir()) == []
+
+
+@pytest.mark.parametrize("stale", [False, True], ids=["no folder", "a copy of an older run"])
+def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_path, stale):
+    here = tmp_path / "here"
+    if stale:
+        here.mkdir()
+        (here / "conductor.json").write_bytes(b"{'pid': 1}")
+    delivery = Delivery(bus)
+    assert "is not the conductor's folder here" in delivery.look([lease(here)])[0]
+    assert delivery.look([lease(here, 2)]) == [], "said once"
+    found = delivery.localized(lease(here))
+    assert Path(found.out).is_relative_to(scratch)
+    assert delivery.holds(1)
+    result = simulate(found)
+    sent = []
+    assert delivery.deliver([result], lambda: sent.append(1))
+    attempt = there / "cases" / CASE.id / "attempt-1"
+    assert (attempt / "kpi.parquet").read_bytes() == b"kpi"
+    assert (attempt / "log.txt").read_bytes() == b"log"
+    assert sent == [1]
+    assert delivery.deliver([result], lambda: None), "the commit is asked for again"
+    delivery.forget([result])
+    assert not delivery.holds(1)
+    assert not list(scratch.rglob("kpi.parquet"))
+    delivery.close()
+    assert list(scratch.iterdir()) == []
+
+
+def answering(bus, *answers):
+    """A conductor that answers as told."""
+    left = list(answers)
+    bus.serve(topics.FILES.key, lambda _, respond: respond(left.pop(0)))
+
+
+def test_no_commit_before_the_files_are_safe(bus, tmp_path):
+    full = Delivered(SCHEMA_VERSION, ok=False, error="disk full", retry=True)
+    good = Delivered(SCHEMA_VERSION, ok=True)
+    answering(bus, encode(full), b"\xc1", encode(good))
+    delivery = Delivery(bus)
+    delivery.look([lease(tmp_path / "here")])
+    result = simulate(delivery.localized(lease(tmp_path / "here")))
+    assert [delivery.deliver([result], lambda: None) for _ in range(3)] == [False, False, True]
+    delivery.close()
+
+
+def test_what_will_never_be_taken_ends_the_worker(bus, tmp_path):
+    never = Delivered(SCHEMA_VERSION, ok=False, error="has no case 'x'")
+    answering(bus, encode(never))
+    delivery = Delivery(bus)
+    delivery.look([lease(tmp_path / "here")])
+    result = simulate(delivery.localized(lease(tmp_path / "here")))
+    with pytest.raises(InfrastructureError, match="cannot be delivered: has no case 'x'"):
+        delivery.deliver([result], lambda: None)
+    delivery.close()
+
+
+def test_noop_cases_have_no_files(bus, tmp_path):
+    noop = msgspec.structs.replace(CASE, simulator="noop")
+    delivery = Delivery(bus)
+    assert delivery.look([msgspec.structs.replace(lease(tmp_path), case=noop)]) == []
+    assert not delivery.holds(1)
+
+
+def test_what_a_killed_worker_left_is_removed_and_a_living_one_kept(bus, scratch, tmp_path):
+    dead = scratch / f"{PREFIX}dead"
+    dead.mkdir()
+    (dead / "kpi.parquet").write_bytes(hashlib.sha256(os.urandom(8)).digest())
+    living = Delivery(bus)
+    living.look([lease(tmp_path / "here")])
+    kept = Path(living.localized(lease(tmp_path / "here")).out).parent
+    assert not dead.exists()
+    other = Delivery(bus)
+    other.look([lease(tmp_path / "here")])
+    assert kept.exists()
+    other.close()
+    living.close()
+    assert list(scratch.iterdir()) == []

@@ -1,0 +1,94 @@
+"""Endpoints such as ``tcp/HOST:PORT``: which of them leave this host, and how they are spoken."""
+
+from __future__ import annotations
+
+import ipaddress
+
+from twin.fabric.errors import UsageError
+
+PROTOCOLS = ("tcp", "tls")
+"""``tcp`` is plain and stays on loopback; ``tls`` needs the fabric's key."""
+
+LOOPBACK = "tcp/127.0.0.1:0"
+"""A free port that only this host reaches."""
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise UsageError unless ``endpoint`` looks like ``tcp/HOST:PORT`` or ``tls/HOST:PORT``."""
+    protocol, host, port = _parts(endpoint)
+    digits = port.isascii() and port.isdecimal()
+    if protocol not in PROTOCOLS or not host or not digits or not _is_host(host):
+        raise UsageError(
+            f"endpoint '{endpoint}': expected tcp/HOST:PORT or tls/HOST:PORT, "
+            "e.g. tcp/127.0.0.1:7447"
+        )
+    if int(port) > 65535:
+        raise UsageError(f"endpoint '{endpoint}': port {port}, allowed: 0-65535")
+
+
+def host_and_port(endpoint: str) -> tuple[str, int]:
+    """Host without brackets, and port."""
+    _, host, port = _parts(endpoint)
+    return host.strip("[]"), int(port)
+
+
+def is_tls(endpoint: str) -> bool:
+    """Whether ``endpoint`` is spoken with TLS."""
+    return endpoint.startswith("tls/")
+
+
+def is_loopback(endpoint: str) -> bool:
+    """Whether only this host can be meant; names other than ``localhost`` never count."""
+    _, host, _ = _parts(endpoint)
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def to_listen(endpoint: str, *, keyed: bool) -> str:
+    """``endpoint`` as it is listened on: with TLS beyond loopback, and wherever a key was given.
+
+    Raises:
+        UsageError: it is no endpoint.
+    """
+    check_endpoint(endpoint)
+    if keyed or not is_loopback(endpoint):
+        return f"tls/{endpoint.partition('/')[2]}"
+    return endpoint
+
+
+def check_protected(endpoint: str, *, keyed: bool) -> None:
+    """Raise UsageError if ``endpoint`` would be plain beyond loopback, or TLS without a key."""
+    check_endpoint(endpoint)
+    if is_tls(endpoint) and not keyed:
+        raise UsageError(
+            f"{endpoint}: needs the fabric's key; give --key FILE or set TWIN_KEY "
+            "(the conductor keeps it as conductor.key in its state folder)"
+        )
+    if is_tls(endpoint) and "[" in endpoint and "/[::]:" not in endpoint:
+        # Zenoh 1.10 takes the brackets for a part of the server's name.
+        raise UsageError(
+            f"{endpoint}: TLS does not work with IPv6 addresses; use the host's name or IPv4 "
+            "address, or [::] to listen on all interfaces"
+        )
+    if not is_tls(endpoint) and not is_loopback(endpoint):
+        raise UsageError(
+            f"{endpoint}: plain TCP is for this host's loopback only; "
+            f"use tls/{endpoint.partition('/')[2]} with --key FILE (`conductor keygen` makes one)"
+        )
+
+
+def _parts(endpoint: str) -> tuple[str, str, str]:
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
+    return protocol, host, port
+
+
+def _is_host(host: str) -> bool:
+    """A name or a bracketed IPv6 address: nothing that Zenoh would read as an option."""
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1].replace(":", "").replace("%", "")
+    return all(c.isalnum() or c in "-._" for c in host)

@@ -1,0 +1,190 @@
+"""Results of a worker that does not share the conductor's disk: through the fabric instead.
+
+Such a worker writes its attempts to a scratch folder of its own. Before a result is committed, its
+files are delivered; only then does the commit leave.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.delivery import (
+    FILES_BYTES_MAX,
+    AttemptFiles,
+    Delivered,
+    SeenFolder,
+    files_sha256,
+)
+from schemas.messages import Lease, Result
+from schemas.wire import WireError, decode, encode
+from twin.fabric.bus import Bus
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.errors import InfrastructureError
+
+PREFIX = "twin-attempts-"
+"""Of the scratch folder's name, below ``TMPDIR``."""
+
+TIMEOUT_S = 30.0
+"""Longest wait for the answer to one file; then it is sent again [s]."""
+
+
+class Delivery:
+    """Which campaign folders are shared, and what has to be delivered. Its calls may wait."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._shared: dict[str, bool] = {}
+        """Campaign folder -> whether we and the conductor see the same one."""
+        self._scratch: Path | None = None
+        self._lock: int | None = None
+        """Held as long as we live: who finds the folder without it may remove it."""
+        self._files: dict[int, tuple[Lease, Path]] = {}
+        """Token -> lease and attempt folder in our scratch."""
+        self._delivered: set[int] = set()
+
+    def look(self, leases: Sequence[Lease]) -> list[str]:
+        """Find out about the folders of new leases; what there is to say about it."""
+        said = []
+        for lease in leases:
+            if lease.case.simulator == "noop":
+                continue
+            if lease.out not in self._shared:
+                self._shared[lease.out] = self._is_shared(lease)
+                if not self._shared[lease.out]:
+                    said.append(
+                        f"{lease.out} is not the conductor's folder here: results are delivered "
+                        "through the fabric, recordings are not"
+                    )
+            if not self._shared[lease.out]:
+                attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+                folder = self._root(lease) / attempt
+                self._files[lease.token] = (lease, folder)
+        return said
+
+    def localized(self, lease: Lease) -> Lease:
+        """The lease as the simulator gets it: its campaign folder is one that we can write."""
+        if lease.token not in self._files:
+            return lease
+        return msgspec.structs.replace(lease, out=str(self._root(lease)))
+
+    def holds(self, token: int) -> bool:
+        """Whether the files of this token are in our scratch, and end with us."""
+        return token in self._files
+
+    def deliver(self, results: Sequence[Result], on_sent: Callable[[], None]) -> bool:
+        """Bring the files of ``results`` to the conductor; False: not now, ask again.
+
+        ``on_sent`` runs after each: many results over a slow line take a while.
+
+        Raises:
+            InfrastructureError: the conductor will never take one of them.
+        """
+        for result in results:
+            if result.token in self._files and result.attempt_dir:
+                lease, folder = self._files[result.token]
+                if result.token not in self._delivered and not self._send(lease, folder):
+                    return False
+                self._delivered.add(result.token)
+                on_sent()
+        return True
+
+    def forget(self, results: Sequence[Result]) -> None:
+        """Committed: the scratch copies can go."""
+        for result in results:
+            if result.token in self._files:
+                _, folder = self._files.pop(result.token)
+                self._delivered.discard(result.token)
+                shutil.rmtree(folder, ignore_errors=True)
+
+    def close(self) -> None:
+        """Remove the scratch folder."""
+        if self._scratch is not None:
+            shutil.rmtree(self._scratch, ignore_errors=True)
+        if self._lock is not None:
+            os.close(self._lock)
+
+    def _is_shared(self, lease: Lease) -> bool:
+        try:
+            content = (Path(lease.out) / CONDUCTOR_FILE).read_bytes()
+        except OSError:
+            return False
+        seen = SeenFolder(
+            v=SCHEMA_VERSION,
+            campaign=lease.case.campaign,
+            sha256=hashlib.sha256(content).hexdigest(),
+        )
+        # No answer counts as no: a delivery into a folder that is shared does no harm.
+        answer = self._ask(encode(seen))
+        return answer is not None and answer.ok
+
+    def _root(self, lease: Lease) -> Path:
+        if self._scratch is None:
+            _sweep()
+            self._scratch = Path(tempfile.mkdtemp(prefix=PREFIX))
+            self._lock = _locked(self._scratch)
+        return self._scratch / lease.case.campaign
+
+    def _send(self, lease: Lease, folder: Path) -> bool:
+        kpi, log = (folder / "kpi.parquet").read_bytes(), (folder / "log.txt").read_bytes()
+        if len(kpi) + len(log) > FILES_BYTES_MAX:
+            raise InfrastructureError(
+                f"{lease.case.id}: results of {len(kpi) + len(log)} bytes, at most "
+                f"{FILES_BYTES_MAX} are delivered; run this worker where it shares the "
+                "conductor's file system"
+            )
+        files = AttemptFiles(
+            v=SCHEMA_VERSION,
+            campaign=lease.case.campaign,
+            case=lease.case.id,
+            attempt=lease.attempt,
+            kpi=kpi,
+            log=log,
+            sha256=files_sha256(kpi, log),
+        )
+        answer = self._ask(encode(files))
+        if answer is None or (answer.retry and not answer.ok):
+            return False
+        if not answer.ok:
+            raise InfrastructureError(f"a result cannot be delivered: {answer.error}")
+        return True
+
+    def _ask(self, payload: bytes) -> Delivered | None:
+        data = self._bus.request(topics.FILES.key, payload, TIMEOUT_S)
+        if data is None:
+            return None
+        with contextlib.suppress(WireError):
+            return decode(data, Delivered)
+        return None
+
+
+def _locked(folder: Path) -> int | None:
+    """A descriptor that holds the folder's lock; None: somebody else does."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _sweep() -> None:
+    """Remove what workers of ours left that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):
+            if folder.lstat().st_uid != os.geteuid():
+                continue
+            lock = _locked(folder)
+            if lock is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(lock)
