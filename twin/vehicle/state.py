@@ -39,6 +39,7 @@ class VehicleState:
     gear: wp.float64
     shift_left: wp.float64
     rpm: wp.float64
+    traction: wp.float64
     com: wp.vec3d
     orientation: wp.quatd
     velocity: wp.vec3d
@@ -89,10 +90,12 @@ _UNITS: dict[str, str] = {
     # 0, or a code of twin.vehicle.guard; held: 1 while static friction keeps the vehicle at rest.
     "fault": "fault",
     "held": "held",
-    # -1 reverse, 0 neutral, 1.. forward; seconds left of a shift; engine speed.
+    # -1 reverse, 0 neutral, 1.. forward; seconds left of a shift; engine speed; the traction
+    # control's share of torque.
     "gear": "gear",
     "shift_left": "shift_left_s",
     "rpm": "rpm",
+    "traction": "traction",
     # Centre of mass in the world; world_from_vehicle as x, y, z, w; world velocity of the centre
     # of mass; angular velocity, velocity of the centre of mass, specific force there (what an
     # accelerometer reads: +g up at rest) and angular acceleration in vehicle axes.
