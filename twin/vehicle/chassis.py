@@ -16,7 +16,7 @@ import warp as wp
 from twin.vehicle import model as _model
 from twin.vehicle.ground import Ground, surface_below
 from twin.vehicle.model import VehicleModel
-from twin.vehicle.powertrain import ackermann, drive, steer, wheel_torque
+from twin.vehicle.powertrain import drive, steer, wheel_angles, wheel_torque
 from twin.vehicle.state import VehicleState
 from twin.vehicle.tyre import stiffnesses
 
@@ -182,7 +182,7 @@ def advance(
     s.brake = before.brake + (c.brake - before.brake) * m.brake_gain
     s.handbrake = before.handbrake + (c.handbrake - before.handbrake) * m.handbrake_gain
     s.steering = steer(m, before.steering, c.steering, before.speed)
-    s.steer = ackermann(m, s.steering)
+    s.steer = wheel_angles(m, s.steering)
     d = drive(m, before, s.throttle, c.selector, friction)
     s.gear = d.gear
     s.shift_left = d.shift_left
@@ -238,17 +238,21 @@ def advance(
         rest = wp.sqrt(wp.max(_ONE - (fy / grip_y) * (fy / grip_y), _ZERO))
         grip_x = mu * f.load * m.force_x[i] * rest
         fx = wp.clamp(fx, -grip_x, grip_x)
-        road = forward * fx + left * fy
+        tangential = forward * fx + left * fy
         if held:
             spin = _ZERO
             part = m.mass * before.load[i] / total_load
-            road = wp.vec3d(-g[0] * part, -g[1] * part, _ZERO)
-        road += n * f.load + f.push
+            tangential = wp.vec3d(-g[0] * part, -g[1] * part, _ZERO)
+        road = tangential + n * f.load + f.push
         along = wp.vec3d(road[0], road[1], _ZERO)
         susp = suspension_force(m, before, i)
         force += along
         lift += susp
-        torque += wp.cross(contact, along) + wp.cross(hub, wp.vec3d(_ZERO, _ZERO, susp))
+        # The wheel hands its forces to the body at the hub, with the moment of those along the
+        # road; its own share of the inertia needs none of the body's.
+        arm = wp.vec3d(hub[0], hub[1], hub[2] * (_ONE - m.unsprung))
+        torque += wp.cross(arm, along) + wp.cross(hub, wp.vec3d(_ZERO, _ZERO, susp))
+        torque -= wp.cross(n, tangential) * f.distance
         wheel_z[i] = road[2] - susp
         s.wheel_speed[i] = spin
         s.wheel_angle[i] = before.wheel_angle[i] + spin * m.step

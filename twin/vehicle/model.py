@@ -49,6 +49,8 @@ class VehicleModel:
     # masses
     mass: wp.float64
     sprung_mass: wp.float64
+    unsprung: wp.float64
+    """Share of the wheels in the mass [-]."""
     inertia: wp.mat33d
     inertia_inverse: wp.mat33d
     yaw_inertia: wp.float64
@@ -108,6 +110,7 @@ class VehicleModel:
     # steering and actuators
     wheelbase: wp.float64
     track: wp.float64
+    ackermann: wp.float64
     steering_max: wp.float64
     steering_rate: wp.float64
     steering_rate_speed: wp.float64
@@ -201,6 +204,7 @@ def _masses(model: VehicleModel, vehicle: Vehicle) -> None:
     model.hull_x = model.reference_x + vehicle.centre_offset_m
     model.com_height = vehicle.body.com_height_m
     model.sprung_mass, model.mass = float(mass.sum()), vehicle.mass_kg
+    model.unsprung = 4 * vehicle.wheels.mass_kg / vehicle.mass_kg
     model.inertia = wp.mat33d(*inertia.ravel())
     model.inertia_inverse = wp.mat33d(*np.linalg.inv(inertia).ravel())
     model.yaw_inertia = float(inertia[2, 2])
@@ -278,6 +282,7 @@ def _controls(model: VehicleModel, vehicle: Vehicle) -> None:
     model.brake_share = wp.vec4d(front, front, 0.5 - front, 0.5 - front)
     model.parking = wp.vec4d(0.0, 0.0, brakes.parking_torque_nm, brakes.parking_torque_nm)
     model.wheelbase, model.track = vehicle.wheelbase_m, vehicle.track_m
+    model.ackermann = steering.ackermann
     model.steering_max, model.steering_rate = steering.max_rad, steering.rate_radps
     model.steering_rate_speed = steering.rate_speed_radps
     model.throttle_gain, model.brake_gain = gain(lags.throttle_s), gain(lags.brake_s)

@@ -148,10 +148,11 @@ def steer(m: VehicleModel, position: wp.float64, target: wp.float64, speed: wp.f
 
 
 @wp.func
-def ackermann(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
+def wheel_angles(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
     """Angles of the left and right front wheel: atan(2 l tan d / (2 l -+ w tan d)) [rad]."""
     t = wp.tan(steering)
     length = _TWO * m.wheelbase
+    width = m.track * m.ackermann
     return wp.vec2d(
-        wp.atan(length * t / (length - m.track * t)), wp.atan(length * t / (length + m.track * t))
+        wp.atan(length * t / (length - width * t)), wp.atan(length * t / (length + width * t))
     )

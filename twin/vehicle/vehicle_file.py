@@ -29,7 +29,7 @@ class Body(_Spec):
     corner_mass_kg: Annotated[list[Positive], Meta(min_length=4, max_length=4)]
     """Sprung mass that rests on each wheel: front left, front right, rear left, rear right [kg]."""
     com_height_m: Positive
-    """Height of the centre of mass above the ground, at rest [m]."""
+    """Height of the sprung masses' centre above the ground, at rest [m]."""
     gyration_x: Annotated[float, Meta(gt=0, le=1.5)]
     gyration_y: Annotated[float, Meta(gt=0, le=1.5)]
     """Where the corner masses sit, as shares of the way from the centre of mass to the wheel,
@@ -186,6 +186,8 @@ class Steering(_Spec, kw_only=True):
     """kappa_delta: steering rate at standstill [rad/s]."""
     rate_speed_radps: float = 0.0
     """kappa_v: what the rate gains (or loses) up to the largest speed [rad/s]."""
+    ackermann: Share = 1.0
+    """1: the wheels' axes meet in one point (Ackermann); 0: both wheels turn alike [-]."""
 
 
 class Lags(_Spec):
