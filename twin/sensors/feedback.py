@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.messages import VEHICLE_COLUMNS
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 
 _COLUMNS = [COLUMN[name] for name in VEHICLE_COLUMNS]
 
