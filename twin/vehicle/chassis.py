@@ -58,6 +58,8 @@ class Footing:
     load: wp.float64
     normal: wp.vec3d
     push: wp.vec3d
+    up: wp.vec3d
+    """The normal in world axes."""
     distance: wp.float64
     """Hub to ground along the normal [m]."""
     grip: wp.float64
@@ -95,7 +97,8 @@ def footing(
     p = s.com + wp.quat_rotate(s.orientation, hub)
     below = surface_below(ground, p)
     f.grip = below.grip
-    f.normal = _axis(s, below.normal)
+    f.up = below.normal
+    f.normal = _axis(s, f.up)
     f.distance = (p[2] - below.height) * below.normal[2]
     f.load = _spring(m, f.distance, radius, wp.dot(hub_velocity, f.normal))
     f.distance = wp.min(f.distance, radius)
@@ -198,6 +201,7 @@ def advance(
     force = drag(m, s, s.throttle, v)
     torque = wp.vec3d(_ZERO, _ZERO, _ZERO)
     lift = wp.float64(0.0)
+    up = wp.vec3d(_ZERO, _ZERO, _ZERO)
     wheel_z = wp.vec4d(_ZERO, _ZERO, _ZERO, _ZERO)
     for i in range(m.wheels):
         hub = wp.vec3d(m.wheel_x[i], m.wheel_y[i], m.mount_z[i] + before.suspension[i])
@@ -208,6 +212,7 @@ def advance(
         heading = wp.vec3d(wp.cos(angle), wp.sin(angle), _ZERO)
         f = footing(m, ground, before, i, hub, hub_v, heading)
         n = f.normal
+        up += f.up
         forward = wp.normalize(heading - n * wp.dot(heading, n))
         left = wp.cross(n, forward)
         mu = friction * f.grip
@@ -263,14 +268,19 @@ def advance(
         force[0] / m.mass, force[1] / m.mass, force[2] / m.mass + lift / m.sprung_mass
     )
     s.rate_change = m.inertia_inverse * (torque - wp.cross(w, m.inertia * w))
-    return move(m, before, s, wheel_z, held)
+    return move(m, before, s, wheel_z, held, wp.normalize(up))
 
 
 @wp.func
 def move(
-    m: VehicleModel, before: VehicleState, after: VehicleState, wheel_z: wp.vec4d, held: wp.bool
+    m: VehicleModel,
+    before: VehicleState,
+    after: VehicleState,
+    wheel_z: wp.vec4d,
+    held: wp.bool,
+    up: wp.vec3d,
 ) -> VehicleState:
-    """Integrate the body and the wheels' travel."""
+    """Integrate the body and the wheels' travel; ``up``: the ground's normal, world axes."""
     s = after
     w = before.rate
     for i in range(m.wheels):
@@ -290,8 +300,7 @@ def move(
     s.accel = s.specific_force[0] + _axis(before, g)[0]
     s.held = _ZERO
     if held:
-        up = _axis(s, s.velocity)[2]
-        s.velocity = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ZERO, up))
+        s.velocity = up * wp.dot(s.velocity, up)
         s.accel = _ZERO
         s.held = _ONE
     s.com = before.com + s.velocity * m.step

@@ -108,10 +108,12 @@ class Fleet:
         y_m: float = 0.0,
         z_m: float = 0.0,
         yaw_rad: float = 0.0,
+        refresh: bool = True,
     ) -> None:
         """Put a vehicle's reference point at a place, level and settled on its springs.
 
-        The slot's friction is set for all its vehicles; its collisions are forgotten.
+        The slot's friction is set for all its vehicles; its collisions are forgotten. Without
+        ``refresh``, call :meth:`refresh` once after placing many.
         """
         model = self._host_models[vehicle]
         row = self.state[slot, vehicle]
@@ -121,7 +123,8 @@ class Fleet:
         self.commands[slot, vehicle, :, COMMANDS.index("selector")] = 1.0
         self.events[slot] = 0.0
         self.event_count[slot] = 0
-        self.refresh()
+        if refresh:
+            self.refresh()
 
     def place_prop(self, slot: int, prop: int, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
         """Put a prop at rest somewhere."""

@@ -233,8 +233,6 @@ class Reference(_Spec):
     """Yaw rate 2 s after a step to 2 degrees at 80 km/h [deg/s]."""
     step_steer_rise_s: float | None = None
     """Time from the step to 90 % of that [s]."""
-    understeer_degps2pm: float | None = None
-    """Understeer gradient, road-wheel angle over lateral acceleration [deg s^2/m]."""
 
 
 class Vehicle(_Spec, kw_only=True):
