@@ -10,10 +10,10 @@ from __future__ import annotations
 import warp as wp
 
 from twin.vehicle.chassis import Command, advance, observe
-from twin.vehicle.contact import Box, hull_of, meet, near
+from twin.vehicle.contact import Box, Meeting, hull_of, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
-from twin.vehicle.hull import hull_at, separation
+from twin.vehicle.hull import hull_at, overlap, separation
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.props import PropModel, prop_box, slide_prop, write_prop
 from twin.vehicle.state import VehicleState
@@ -104,11 +104,10 @@ def _note(
             and events[slot, e, 2] == wp.float64(kind)
             and events[slot, e, 3] == wp.float64(partner)
         ):
-            recent = now - events[slot, e, 7] <= _APART_STEPS
+            if now - events[slot, e, 7] > _APART_STEPS:
+                break
             events[slot, e, 7] = now
-            if recent:
-                return False
-            break
+            return False
     if counts[slot] < _EVENTS_MAX:
         e = counts[slot]
         events[slot, e, 0] = now
@@ -154,6 +153,33 @@ def _touch(
 
 
 @wp.func
+def _blocked(scene: Scene, b: Box) -> wp.bool:
+    """Whether a prop stands in a wall."""
+    for k in range(scene.colliders.shape[0]):
+        wall = _wall_box(scene.colliders, k)
+        if near(b, wall):
+            if overlap(hull_of(b), hull_of(wall)):
+                return True
+    return False
+
+
+@wp.func
+def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
+    """Contact of a vehicle and a prop; a prop that would be pushed into a wall is as hard as it."""
+    t = meet(a, b)
+    if t.touched:
+        if _blocked(scene, t.b):
+            wall = b
+            wall.inverse_mass = _ZERO
+            wall.inverse_inertia = _ZERO
+            wall.vx = _ZERO
+            wall.vy = _ZERO
+            wall.rate = _ZERO
+            t = meet(a, wall)
+    return t
+
+
+@wp.func
 def _vehicle_contacts(
     models: wp.array(dtype=VehicleModel),
     scene: Scene,
@@ -180,7 +206,7 @@ def _vehicle_contacts(
         a = _vehicle_box(m, states[slot, v])
         b = prop_box(scene.props[p], props, slot, p)
         if near(a, b):
-            t = meet(a, b)
+            t = _meet_prop(scene, a, b)
             if t.touched:
                 new = _note(events, counts, slot, now, v, _PROP, p, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
