@@ -26,8 +26,8 @@ _ONE = wp.constant(wp.float64(1.0))
 _GRAVITY = wp.constant(wp.float64(_model.GRAVITY_MPS2))
 _AIR = wp.constant(wp.float64(_model.AIR_DENSITY_KGPM3))
 _LOAD_MIN = wp.constant(wp.float64(1.0e-3))
-_HOLD_MPS = wp.constant(wp.float64(0.02))
-"""Below this speed static friction may take hold [m/s]."""
+_HOLD_S = wp.constant(wp.float64(0.1))
+"""Static friction takes hold of what it can stop within this time [s]."""
 _HOLD_RADPS = wp.constant(wp.float64(0.02))
 _GRIP_SHARE = wp.constant(wp.float64(0.95))
 _ABS_MPS = wp.constant(wp.float64(1.0))
@@ -125,11 +125,15 @@ def footing(
 def holds(m: VehicleModel, s: VehicleState, brake: wp.float64, torque: wp.float64, mu: wp.float64):
     """Whether static friction keeps a vehicle at rest that (almost) stands.
 
+    Almost: slower than a locked wheel slides before its tyre's extremum.
+
     Along the vehicle every wheel holds with its brakes and rolling resistance, as far as it grips;
     sideways it holds with its grip.
     """
     v = _axis(s, s.velocity)
-    if wp.abs(v[0]) > _HOLD_MPS or wp.abs(v[1]) > _HOLD_MPS or wp.abs(s.rate[2]) > _HOLD_RADPS:
+    vx = wp.abs(v[0])
+    vy = wp.abs(v[1])
+    if vx > m.hold_speed or vy > m.hold_speed or wp.abs(s.rate[2]) > _HOLD_RADPS:
         return False
     g = _axis(s, wp.vec3d(_ZERO, _ZERO, -_GRAVITY)) * m.mass
     along = wp.float64(0.0)
@@ -140,7 +144,9 @@ def holds(m: VehicleModel, s: VehicleState, brake: wp.float64, torque: wp.float6
         own = brake * m.brake_force * m.brake_share[i] + m.rolling * s.load[i]
         own += s.handbrake * m.parking[i] / m.radius
         along += wp.min(own, grip)
-    return wp.abs(g[0] + torque / m.radius) <= along and wp.abs(g[1]) <= across
+    along -= wp.abs(g[0] + torque / m.radius) + vx * m.mass / _HOLD_S
+    across -= wp.abs(g[1]) + vy * m.mass / _HOLD_S
+    return along >= _ZERO and across >= _ZERO
 
 
 @wp.func

@@ -83,6 +83,7 @@ class VehicleModel:
     tail_force_y: wp.vec4d
     shape_y: wp.vec4d
     slip_speed_min: wp.float64
+    hold_speed: wp.float64
     # drive
     engine_rpm: table
     engine_torque: table
@@ -252,6 +253,7 @@ def _tyres(model: VehicleModel, vehicle: Vehicle) -> None:
     height = vehicle.body.com_height_m
     roll = 1.0 + model.mass * height**2 / float(model.inertia[0, 0])
     model.slip_speed_min = model.step * steepest * GRAVITY_MPS2 * roll / _STABILITY
+    model.hold_speed = 0.8 * model.slip_speed_min * min(float(slip) for slip in model.slip_x)
 
 
 def _drive(model: VehicleModel, vehicle: Vehicle) -> None:
