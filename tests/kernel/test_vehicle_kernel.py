@@ -31,9 +31,12 @@ def slope_ground(grade, grip=1.0):
     return GroundMesh(CPU, points, faces, np.full(2, grip))
 
 
-def on_ground(ground, command, steps, speed=0.0, friction=0.85, vehicle=CAR, z=0.0, pitch=0.0):
+def on_ground(ground, command, steps, speed=0.0, friction=0.85, vehicle=CAR, grade=0.0):
     fleet = Fleet([vehicle], 1, CPU, ground=ground)
-    fleet.place(0, 0.0, speed, friction, z_m=z)
+    fleet.place(0, 0.0, speed, friction)
+    pitch = -math.atan(grade)
+    x = fleet.state[0, 0, COLUMN["com_x_m"]]
+    fleet.state[0, 0, COLUMN["com_z_m"]] = grade * x + vehicle.body.com_height_m / math.cos(pitch)
     fleet.state[0, 0, columns("orientation")] = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
     fleet.refresh()
     fleet.active[0] = 1
@@ -278,13 +281,13 @@ def test_a_kerb_lifts_the_car_and_jolts_it():
 @pytest.mark.parametrize("grade", [-0.1, 0.1, 0.25])
 def test_parking_brake_holds_on_a_slope_and_gravity_moves_without_it(grade):
     pitch = -math.atan(grade)
-    held = on_ground(slope_ground(grade), (0, 0, 0, 1.0, 0), 4000, pitch=pitch)
+    held = on_ground(slope_ground(grade), (0, 0, 0, 1.0, 0), 4000, grade=grade)
     settled = held[len(held) // 2 :]
     assert (settled[:, COLUMN["held"]] == 1.0).all()
     assert np.ptp(settled[:, COLUMN["com_x_m"]]) < 1e-4
     load = settled[-1, columns("load")].sum()
     assert load == pytest.approx(CAR.mass_kg * GRAVITY_MPS2 * math.cos(pitch), rel=0.01)
-    free = on_ground(slope_ground(grade), (0, 0, 0, 0, 0), 1500, pitch=pitch)
+    free = on_ground(slope_ground(grade), (0, 0, 0, 0, 0), 1500, grade=grade)
     wheels = CAR.wheels
     inertia = CAR.mass_kg + 4 * wheels.inertia_kgm2 / wheels.radius_m**2
     pull = abs(math.sin(pitch)) - wheels.rolling_resistance * math.cos(pitch)
