@@ -69,7 +69,9 @@ def test_corner_masses_give_mass_centre_and_inertia(vehicle):
     yaw = roll + pitch + vehicle.wheels.mass_kg * (wheels**2).sum()
     assert inertia[2, 2] == pytest.approx(yaw, rel=1e-6)
     np.testing.assert_allclose(inertia_of(mass, points)[0, 1], 0.0, atol=1e-6 * roll)
-    np.testing.assert_allclose(np.array(model.inertia_inverse).reshape(3, 3) @ inertia, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(
+        np.array(model.inertia_inverse).reshape(3, 3) @ inertia, np.eye(3), atol=1e-9
+    )
 
 
 def test_bmw_file_holds_the_package_s_values():
@@ -203,7 +205,9 @@ def test_steering_rate_and_ackermann_angles():
     assert left == pytest.approx(math.atan(2 * length * t / (2 * length - width * t)))
     assert right == pytest.approx(math.atan(2 * length * t / (2 * length + width * t)))
     # Both wheels' axes meet on the rear axle.
-    assert length / math.tan(left) + width / 2 == pytest.approx(length / math.tan(right) - width / 2)
+    assert length / math.tan(left) + width / 2 == pytest.approx(
+        length / math.tan(right) - width / 2
+    )
 
 
 @pytest.mark.parametrize("driven", ["front", "rear", "all"])

@@ -39,7 +39,9 @@ EXPECTED = {
 def test_every_manoeuvre_is_within_tolerance(name):
     checks = {check.name: check for check in table.validate(load_vehicle(name))}
     assert set(EXPECTED[name]) <= set(checks)
-    wrong = [f"{c.name}: {c.value:g}, reference {c.reference:g}" for c in checks.values() if not c.passed]
+    wrong = [
+        f"{c.name}: {c.value:g}, reference {c.reference:g}" for c in checks.values() if not c.passed
+    ]
     assert not wrong
     if name == "opencav":
         gradient = checks["understeer gradient, ISO 4138"]

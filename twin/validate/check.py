@@ -64,9 +64,7 @@ class Check:
         }
 
 
-def thinned(
-    x: np.ndarray, y: np.ndarray, x_title: str, y_title: str
-) -> Series:
+def thinned(x: np.ndarray, y: np.ndarray, x_title: str, y_title: str) -> Series:
     """A curve with at most :data:`POINTS_MAX` points."""
     step = max(1, len(x) // POINTS_MAX)
     return Series(x[::step].copy(), y[::step].copy(), x_title, y_title)

@@ -51,9 +51,7 @@ def braking_fmvss135(vehicle: Vehicle) -> list[Check]:
     """100 km/h to rest within 70 m."""
     run = stop(vehicle, 100 / 3.6, DRY)
     distance = float(run.end[COLUMN["x_m"]])
-    return [
-        Check("braking from 100 km/h", "m", distance, 70.0, 0.0, "FMVSS 135 S7.5", "at most")
-    ]
+    return [Check("braking from 100 km/h", "m", distance, 70.0, 0.0, "FMVSS 135 S7.5", "at most")]
 
 
 def braking_on(vehicle: Vehicle, frictions: tuple[float, ...] = (0.8, 0.5, 0.2)) -> list[Check]:

@@ -163,7 +163,9 @@ def drag(m: VehicleModel, s: VehicleState, throttle: wp.float64, v: wp.vec3d) ->
 
 
 @wp.func
-def pressure_of(m: VehicleModel, pressure: wp.float64, brake: wp.float64, sx: wp.float64, speed: wp.float64):
+def pressure_of(
+    m: VehicleModel, pressure: wp.float64, brake: wp.float64, sx: wp.float64, speed: wp.float64
+):
     """The ABS's share of a wheel's brake pressure; ``sx``: slip over the extremum's."""
     if m.abs == _ZERO or brake <= _ZERO or speed < _ABS_MPS:
         return _ONE

@@ -81,6 +81,9 @@ class Fleet:
         self._switch_step = Mirror((slots,), wp.int32, device)
         self._first_step = Mirror((slots,), wp.int32, device)
         self._active = Mirror((slots,), wp.int32, device)
+        self._outputs = [self._state, self._events, self._event_count]
+        if kinds:
+            self._outputs.append(self._props)
         self.state = self._state.host
         self.props = self._props.host
         self.events = self._events.host
@@ -126,7 +129,9 @@ class Fleet:
         if refresh:
             self.refresh()
 
-    def place_prop(self, slot: int, prop: int, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
+    def place_prop(
+        self, slot: int, prop: int, x_m: float, y_m: float, yaw_rad: float = 0.0
+    ) -> None:
         """Put a prop at rest somewhere."""
         self.props[slot, prop] = (x_m, y_m, yaw_rad, 0.0, 0.0, 0.0)
         self._props.push()
@@ -149,7 +154,7 @@ class Fleet:
         """Advance all active slots by ``steps`` physics steps."""
         self.push()
         self.launch(steps)
-        for mirror in (self._state, self._props, self._events, self._event_count):
+        for mirror in self._outputs:
             mirror.pull()
 
     def push(self) -> None:

@@ -80,7 +80,9 @@ def surface_below(ground: Ground, p: wp.vec3d) -> Surface:
 class GroundMesh:
     """Holds a ground's arrays; ``kernel`` is what kernels take."""
 
-    def __init__(self, device: wp.Device, points_m: np.ndarray, faces: np.ndarray, grip: np.ndarray):
+    def __init__(
+        self, device: wp.Device, points_m: np.ndarray, faces: np.ndarray, grip: np.ndarray
+    ):
         """``points_m`` [V, 3], ``faces`` [F, 3], ``grip`` [F]."""
         self._mesh = wp.Mesh(
             wp.array(points_m.astype(np.float32), dtype=wp.vec3, device=device),

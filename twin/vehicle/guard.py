@@ -35,15 +35,18 @@ _DEPTH = wp.constant(wp.float64(DEPTH_MAX_M))
 def fault_of(s: VehicleState) -> wp.float64:
     """The fault of a state, 0.0 for none."""
     # A sum is a number exactly if its terms are (or cancel, which the limits below exclude).
-    sum = wp.dot(s.velocity, s.velocity) + wp.dot(s.rate, s.rate) + wp.dot(s.com, s.com)
-    sum += wp.dot(s.wheel_speed, s.wheel_speed) + wp.dot(s.suspension, s.suspension)
-    sum += wp.dot(s.suspension_rate, s.suspension_rate) + s.steering + s.throttle + s.brake
-    sum += s.orientation[0] + s.orientation[1] + s.orientation[2] + s.orientation[3] + s.rpm
-    if not wp.isfinite(sum):
+    total = wp.dot(s.velocity, s.velocity) + wp.dot(s.rate, s.rate) + wp.dot(s.com, s.com)
+    total += wp.dot(s.wheel_speed, s.wheel_speed) + wp.dot(s.suspension, s.suspension)
+    total += wp.dot(s.suspension_rate, s.suspension_rate) + s.steering + s.throttle + s.brake
+    total += s.orientation[0] + s.orientation[1] + s.orientation[2] + s.orientation[3] + s.rpm
+    if not wp.isfinite(total):
         return wp.float64(NOT_A_NUMBER)
     if wp.dot(s.velocity, s.velocity) > _SPEED_SQUARE:
         return wp.float64(TOO_MUCH_ENERGY)
-    if wp.dot(s.rate, s.rate) > _RATE_SQUARE or wp.dot(s.wheel_speed, s.wheel_speed) > _WHEEL_SQUARE:
+    if (
+        wp.dot(s.rate, s.rate) > _RATE_SQUARE
+        or wp.dot(s.wheel_speed, s.wheel_speed) > _WHEEL_SQUARE
+    ):
         return wp.float64(SPINNING)
     if wp.abs(s.com[0]) > _REACH or wp.abs(s.com[1]) > _REACH or s.com[2] < -_DEPTH:
         return wp.float64(OUT_OF_WORLD)

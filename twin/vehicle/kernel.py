@@ -157,9 +157,8 @@ def _blocked(scene: Scene, b: Box) -> wp.bool:
     """Whether a prop stands in a wall."""
     for k in range(scene.colliders.shape[0]):
         wall = _wall_box(scene.colliders, k)
-        if near(b, wall):
-            if overlap(hull_of(b), hull_of(wall)):
-                return True
+        if near(b, wall) and overlap(hull_of(b), hull_of(wall)):
+            return True
     return False
 
 
@@ -167,15 +166,14 @@ def _blocked(scene: Scene, b: Box) -> wp.bool:
 def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
     """Contact of a vehicle and a prop; a prop that would be pushed into a wall is as hard as it."""
     t = meet(a, b)
-    if t.touched:
-        if _blocked(scene, t.b):
-            wall = b
-            wall.inverse_mass = _ZERO
-            wall.inverse_inertia = _ZERO
-            wall.vx = _ZERO
-            wall.vy = _ZERO
-            wall.rate = _ZERO
-            t = meet(a, wall)
+    if t.touched and _blocked(scene, t.b):
+        wall = b
+        wall.inverse_mass = _ZERO
+        wall.inverse_inertia = _ZERO
+        wall.vx = _ZERO
+        wall.vy = _ZERO
+        wall.rate = _ZERO
+        t = meet(a, wall)
     return t
 
 

@@ -146,7 +146,9 @@ def corner_points(vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     """
     mass = np.array(vehicle.body.corner_mass_kg)
     half = vehicle.track_m / 2
-    wheels = np.array([(vehicle.wheelbase_m, half), (vehicle.wheelbase_m, -half), (0, half), (0, -half)])
+    wheels = np.array(
+        [(vehicle.wheelbase_m, half), (vehicle.wheelbase_m, -half), (0, half), (0, -half)]
+    )
     wheels = wheels - mass @ wheels / mass.sum()
     points = np.zeros((4, 3))
     points[:, :2] = wheels * (vehicle.body.gyration_x, vehicle.body.gyration_y)
@@ -215,7 +217,9 @@ def _masses(model: VehicleModel, vehicle: Vehicle) -> None:
 def _suspension(model: VehicleModel, vehicle: Vehicle) -> None:
     _, mass, _ = corner_points(vehicle)
     axles = (vehicle.front, vehicle.front, vehicle.rear, vehicle.rear)
-    stiffness = np.array([m * a.natural_frequency_radps**2 for m, a in zip(mass, axles, strict=True)])
+    stiffness = np.array(
+        [m * a.natural_frequency_radps**2 for m, a in zip(mass, axles, strict=True)]
+    )
     sag = mass * GRAVITY_MPS2 / stiffness
     ratio = np.array([a.damping_ratio for a in axles])
     wheels = vehicle.wheels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -124,7 +125,7 @@ class Engine(_Spec, kw_only=True):
 
     def __post_init__(self) -> None:
         speeds = [row[0] for row in self.torque_nm]
-        if any(b <= a for a, b in zip(speeds, speeds[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(speeds)):
             raise ValueError("torque_nm: engine speeds must rise from row to row")
 
 
@@ -144,7 +145,7 @@ class Gearbox(_Spec, kw_only=True):
     """A shift interrupts the torque for this long [s]."""
 
     def __post_init__(self) -> None:
-        steps = [a / b for a, b in zip(self.ratios, self.ratios[1:], strict=False)]
+        steps = [a / b for a, b in pairwise(self.ratios)]
         if any(step <= 1.0 for step in steps):
             raise ValueError("ratios: every gear's ratio must be below that of the gear before")
         for up, down in zip(self.shift_up_rpm, self.shift_down_rpm, strict=True):
