@@ -23,6 +23,7 @@ th, td { border-bottom: 1px solid #d9dee6; padding: .3rem .6rem; text-align: lef
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 tr.failed { background: #fde8e6; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 1rem; }
+.plots > div { min-width: 0; }
 </style><script>{{ plotly }}</script></head><body>
 <h1>{{ vehicle.vehicle }}: manoeuvres against references</h1>
 <p>{{ checks | selectattr("passed") | list | length }} of {{ checks | length }} within tolerance.
@@ -54,7 +55,9 @@ def _figure(title: str, series: Series) -> Markup:
         template="plotly_white",
     )
     found = json.loads(figure.to_json())
-    text = json.dumps([found["data"], found["layout"], {"displayModeBar": False}])
+    text = json.dumps(
+        [found["data"], found["layout"], {"displayModeBar": False, "responsive": True}]
+    )
     # Newlines and tags inside a script would end it.
     return Markup(text[1:-1].replace("<", "\\u003c"))
 
