@@ -11,11 +11,15 @@ from typing import Annotated
 import typer
 
 from schemas.view import ViewMode
+from twin.bench.command import app as bench_app
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
+from twin.validate.command import app as validate_app
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
+app.add_typer(validate_app, name="validate")
+app.add_typer(bench_app, name="bench")
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 

@@ -20,7 +20,9 @@ from twin.render.light import fill_light, switch_lamps
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
-from twin.vehicle.planar import COLUMN, PHYSICS_STEP_NS, PlanarVehicles
+from twin.vehicle.fleet import Fleet
+from twin.vehicle.ground import drivable
+from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
@@ -119,8 +121,15 @@ class Engine:
             image_out,
         )
         self._boxes = BoxSensor(slots, warp_device)
-        self._vehicles = PlanarVehicles(vehicle, self._world.colliders, slots, warp_device)
-        self._suite = SensorSuite(case, vehicle, scene.origin, slots, warp_device)
+        self._vehicles = Fleet(
+            [vehicle],
+            slots,
+            warp_device,
+            colliders=self._world.colliders,
+            ground=drivable(self._world, warp_device),
+            stop_at_impact=True,
+        )
+        self._suite = SensorSuite(case, scene.origin, slots, warp_device)
         self.refill_every = math.lcm(self.camera_every, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
@@ -129,9 +138,9 @@ class Engine:
 
     @property
     def state(self) -> np.ndarray:
-        """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.planar.COLUMN`;
+        """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.state.COLUMN`;
         a view, for those who only look."""
-        return self._vehicles.state
+        return self._vehicles.state[:, 0]
 
     @property
     def colliders(self) -> np.ndarray:
@@ -183,20 +192,20 @@ class Engine:
 
         All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
-        state = self._vehicles.state
+        state = self.state
         sensors = {
             "vehicle": SensorData(by_wire(state, self.active)),
             "environment": SensorData(
                 environment(self._illuminance_lx, self._extinction_per_m, self.active)
             ),
         }
-        own = self._suite.read(self._vehicles.state_device, self.tick, self.active)
+        own = self._suite.read(self._vehicles.rows_device, self.tick, self.active)
         sensors.update((name, SensorData(values)) for name, values in own.items())
         due = self.tick[self.active] % self.camera_every == 0
         assert due.all() or not due.any(), "active slots are not due for a frame together"
         if due.any():
             self._write_lights()
-            image = self._camera.render(self._vehicles.state_device)
+            image = self._camera.render(self._vehicles.ego_device)
             boxes, count = self._boxes.read(self._camera.boxes)
             sensors["camera"] = SensorData(image)
             sensors["boxes"] = SensorData(boxes, count)
@@ -272,24 +281,25 @@ class Engine:
         run.pending.append((first_step + delay, command))
         vehicles = self._vehicles
         vehicles.first_step[slot] = first_step
-        vehicles.commands[slot, 0] = vehicles.commands[slot, 1]
+        vehicles.commands[slot, 0, 0] = vehicles.commands[slot, 0, 1]
         vehicles.switch_step[slot] = self._steps
         while run.pending and run.pending[0][0] < first_step + self._steps:
             step, current = run.pending.popleft()
-            vehicles.commands[slot, 1] = (current.throttle, current.brake, current.steering_rad)
+            asked = (current.throttle, current.brake, current.steering_rad)
+            vehicles.commands[slot, 0, 1, : len(asked)] = asked
             vehicles.switch_step[slot] = step - first_step
             run.lights = current.lights
 
     def _record(self, slot: int, run: _Run, command: Command | None) -> None:
-        state = self._vehicles.state[slot]
+        state = self.state[slot]
         run.recorder.add(int(self.tick[slot]), int(self.sim_time_ns[slot]), state, command)
 
     def _end(self, slot: int, run: _Run) -> Finished | None:
         """The finished case if it ends at the tick just reached."""
-        state = self._vehicles.state[slot]
-        if state[COLUMN["finite"]] == 0.0 or not np.isfinite(state).all():
-            time_s = self.sim_time_ns[slot] / 1e9
-            return self._fail(slot, run, f"vehicle state is not a number at {time_s:.3f} s")
+        state = self.state[slot]
+        fault = self._vehicles.fault(slot)
+        if fault:
+            return self._fail(slot, run, f"{fault}, at {self.sim_time_ns[slot] / 1e9:.3f} s")
         if not judging.has_ended(run.case.scenario, int(self.sim_time_ns[slot]), state):
             return None
         self._record(slot, run, None)
@@ -302,7 +312,7 @@ class Engine:
         )
 
     def _fail(self, slot: int, run: _Run, reason: str) -> Finished:
-        scalars = judging.scalars(run.recorder, self._vehicles.state[slot])
+        scalars = judging.scalars(run.recorder, self.state[slot])
         table = run.recorder.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)

@@ -3,8 +3,8 @@
     python tests/device/gpu_check.py --device cuda:0 --out FOLDER
 
 Runs chaos-16 with 1, 4 and 16 slots and aeb-demo with 1 and 8, compares the fingerprints, measures
-frames per second of the engine, and writes ``FOLDER/gpu_check.json``. Exit code 1: fingerprints
-differ.
+frames per second of the engine and vehicle substeps per second, and writes
+``FOLDER/gpu_check.json``. Exit code 1: fingerprints or the bytes of vehicles differ.
 """
 
 from __future__ import annotations
@@ -60,6 +60,44 @@ def frames_per_s(device: str, slots: int, width: int, height: int, ticks: int) -
     return slots * ticks / (time.perf_counter() - started)
 
 
+def vehicles(device: str) -> dict[str, object]:
+    """Vehicle substeps per second, and whether slots and batches give the same bytes."""
+    import warp as wp
+
+    from twin.bench.vehicle import VEHICLES, measure
+    from twin.validate.straight import DRY
+    from twin.vehicle.fleet import Fleet
+    from twin.vehicle.vehicle_file import load_vehicle
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()
+    kind = device.partition(":")[0]
+    bench = measure(device, VEHICLES[kind])
+
+    def drive(slots: int, order: list[int]) -> list[bytes]:
+        fleet = Fleet([load_vehicle("opencav")], slots, wp.get_device(device))
+        for k, slot in enumerate(order):
+            fleet.place(slot, 3.0 * k, 5.0 + 4.0 * k, DRY, refresh=False)
+            fleet.commands[slot, 0, :] = (0.1 * k, 0.2 * (k % 3), 0.02 * k, 0.0, 1.0)
+            fleet.switch_step[slot], fleet.active[slot] = 1000, 1
+        fleet.refresh()
+        for first in range(0, 1000, 25):
+            fleet.first_step[:] = first
+            fleet.advance(25)
+        return [fleet.state[slot].tobytes() for slot in order]
+
+    one = drive(8, list(range(8)))
+    equal = (
+        one == drive(8, [7, 2, 5, 0, 1, 3, 6, 4]) == drive(300, [299, 5, 17, 80, 1, 200, 64, 65])
+    )
+    return {
+        "substeps_per_s": bench.substeps_per_s,
+        "target_substeps_per_s": bench.target,
+        "oracle_steps_per_s": bench.oracle_steps_per_s,
+        "bytes_equal": equal,
+    }
+
+
 def main() -> None:
     """Run all and print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -80,6 +118,7 @@ def main() -> None:
     found = {
         "device": options.device,
         "fingerprints_equal": equal,
+        "vehicles": (cars := vehicles(options.device)),
         "frames_per_s_320x180": frames_per_s(options.device, options.slots, 320, 180, 30),
         "frames_per_s_640x360": frames_per_s(options.device, options.slots, 640, 360, 30),
         "runs": runs,
@@ -87,7 +126,7 @@ def main() -> None:
     text = json.dumps(found, indent=1)
     (options.out / "gpu_check.json").write_text(text)
     print(text)
-    sys.exit(0 if equal else 1)
+    sys.exit(0 if equal and cars["bytes_equal"] else 1)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ LON = GNSS_COLUMNS.index("longitude_deg")
 YAW_RATE = IMU_COLUMNS.index("rate_z_radps")
 UP = IMU_COLUMNS.index("accel_z_mps2")
 REAR = [ENCODER_COLUMNS.index(f"rear_{side}_ticks") for side in ("left", "right")]
-WAY_PER_TICK_M = 2 * math.pi * 0.35 / 100
+WAY_PER_TICK_M = 2 * math.pi * 0.36 / 100
 JAMMED, FREE = 10, 20
 
 

@@ -13,10 +13,7 @@ from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver
 from twin.sensors.imu import InertialUnit
 from twin.sensors.noise import gaussian
-from twin.sensors.planar_truth import WHEEL_RADIUS_M, PlanarTruth
 from twin.sensors.truth import TRUTH
-from twin.vehicle.planar import COLUMN
-from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import Origin
 
 HOME = Origin(latitude_deg=34.8, longitude_deg=-82.32, altitude_m=250.0)
@@ -208,47 +205,6 @@ def test_ticks_over_a_drive_add_up():
         now = int(sensor.read(on_device(rows), np.array([tick], np.int32))[0, 3])
         counted, last = counted + now - last, now
     assert counted == math.floor(120 * (angles[-1] / (2 * math.pi)))
-
-
-# --- truth of the planar vehicle ----------------------------------------------------------------
-
-
-def planar(track, tick, **columns):
-    state = np.zeros((1, len(COLUMN)))
-    for name, value in columns.items():
-        state[0, COLUMN[name]] = value
-    rows = track.update(on_device(state), np.array([tick], np.int32), np.ones(1, np.bool_))
-    return dict(zip(TRUTH, rows.numpy()[0], strict=True))
-
-
-def test_planar_wheels_roll_along_their_own_arcs():
-    car = load_vehicle("opencav")
-    track = PlanarTruth(car, 1, CPU)
-    radius_m, turned_rad, steps = 20.0, 1.2, 7
-    planar(track, 0, x_m=5.0, y_m=3.0)
-    for step in range(1, steps + 1):
-        yaw = turned_rad * step / steps
-        x_m, y_m = 5.0 + radius_m * math.sin(yaw), 3.0 + radius_m * (1 - math.cos(yaw))
-        found = planar(
-            track, step, x_m=x_m, y_m=y_m, yaw_rad=yaw, speed_mps=4.0, yaw_rate_radps=0.2
-        )
-    for name, left, forward in (
-        ("fl", 1, car.wheelbase_m),
-        ("fr", -1, car.wheelbase_m),
-        ("rl", 1, 0.0),
-        ("rr", -1, 0.0),
-    ):
-        arc_m = turned_rad * math.hypot(radius_m - left * car.track_m / 2, forward)
-        assert found[f"wheel_{name}_rad"] * WHEEL_RADIUS_M == pytest.approx(arc_m, rel=1e-9)
-    assert found["force_y_mps2"] == pytest.approx(0.8)
-    assert (found["qz"], found["qw"]) == pytest.approx((math.sin(0.6), math.cos(0.6)))
-    again = planar(track, 0, x_m=1.0)
-    assert again["wheel_fl_rad"] == 0.0
-
-
-def test_planar_vehicle_at_rest_feels_plus_g():
-    found = planar(PlanarTruth(load_vehicle("opencav"), 1, CPU), 0)
-    assert [found[f"force_{axis}_mps2"] for axis in "xyz"] == [0, 0, GRAVITY_MPS2]
 
 
 # --- independence of slots ----------------------------------------------------------------------

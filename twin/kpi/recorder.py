@@ -9,7 +9,7 @@ import numpy as np
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
 from schemas.messages import Command
 from twin.kpi.table import Detections, KpiColumn, KpiTable
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 
 CLOSING_MIN_MPS = 0.05
 """Time to collision exists only above this closing speed [m/s]."""

@@ -9,7 +9,8 @@ import numpy as np
 from schemas.campaign import Scenario
 from schemas.kpi import SCALARS
 from twin.kpi.recorder import Recorder
-from twin.vehicle.planar import COLUMN, PHYSICS_STEP_NS
+from twin.vehicle.model import PHYSICS_STEP_NS
+from twin.vehicle.state import COLUMN
 
 Scalars = dict[str, float | int | None]
 

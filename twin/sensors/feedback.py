@@ -5,18 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.messages import VEHICLE_COLUMNS
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 
-# The planar vehicle has no handbrake: its column stays zero.
-_FOUND = [(i, COLUMN[name]) for i, name in enumerate(VEHICLE_COLUMNS) if name in COLUMN]
-_TO, _FROM = ([pair[k] for pair in _FOUND] for k in range(2))
+_COLUMNS = [COLUMN[name] for name in VEHICLE_COLUMNS]
 
 
 def by_wire(state: np.ndarray, active: np.ndarray) -> np.ndarray:
     """State [S, T] -> :data:`schemas.messages.VEHICLE_COLUMNS` [S, 7]; zeros where inactive."""
-    feedback = np.zeros((len(state), len(VEHICLE_COLUMNS)))
-    feedback[:, _TO] = np.where(active[:, None], state[:, _FROM], 0.0)
-    return feedback
+    return np.where(active[:, None], state[:, _COLUMNS], 0.0)
 
 
 def environment(

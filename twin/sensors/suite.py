@@ -13,8 +13,7 @@ from schemas.messages import SensorErrors
 from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver
 from twin.sensors.imu import InertialUnit
-from twin.sensors.planar_truth import PlanarTruth
-from twin.vehicle.vehicle_file import Vehicle
+from twin.sensors.vehicle_truth import VehicleTruth
 from twin.world.scene import Origin
 
 
@@ -40,9 +39,7 @@ class Sensor(Protocol):
 class SensorSuite:
     """Sensors of a rig. Which there are and their rates are the rig's, their errors the case's."""
 
-    def __init__(
-        self, case: Case, vehicle: Vehicle, origin: Origin, slots: int, device: wp.Device
-    ) -> None:
+    def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
         self._sensors: dict[str, Sensor] = {}
         wanted = case.sensors.rates(case.control_hz)
         if "encoders" in wanted:
@@ -51,7 +48,7 @@ class SensorSuite:
             self._sensors["gnss"] = SatelliteReceiver(case, origin, slots, device)
         if "imu" in wanted:
             self._sensors["imu"] = InertialUnit(case, slots, device)
-        self._truth = PlanarTruth(vehicle, slots, device) if wanted else None
+        self._truth = VehicleTruth(slots, device) if wanted else None
         self.period = math.lcm(*(sensor.every for sensor in self._sensors.values()))
         """Control periods after which all sensors are due together again."""
 
@@ -84,13 +81,13 @@ class SensorSuite:
         """Readings of the sensors that are due; to be called at every tick, before the step.
 
         Args:
-            state: state of the vehicles, on the device.
+            state: :class:`twin.vehicle.state.VehicleState` [S, V] on the device, the ego first.
             tick: case ticks [S].
             active: bool [S].
         """
         if self._truth is None or not active.any():
             return {}
-        truth = self._truth.update(state, tick, active)
+        truth = self._truth.update(state)
         phase = tick[active] % self.period
         assert (phase == phase[0]).all(), "active slots are not due for their sensors together"
         return {

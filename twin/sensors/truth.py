@@ -1,7 +1,7 @@
 """What the car's own sensors measure, without errors: the contract between vehicle and sensors.
 
 A vehicle model hands over one row per slot, on the device; whoever replaces the vehicle writes one
-small adapter (see :mod:`twin.sensors.planar_truth`) and no sensor changes.
+small adapter (see :mod:`twin.sensors.vehicle_truth`) and no sensor changes.
 """
 
 from __future__ import annotations

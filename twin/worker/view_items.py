@@ -23,7 +23,7 @@ class Seen:
     tick: int
     sim_time_ns: int
     state: np.ndarray
-    """[T] of :data:`twin.vehicle.planar.COLUMN`."""
+    """[T] of :data:`twin.vehicle.state.COLUMN`."""
     command: Command | None
     image: np.ndarray | None
     """uint8 [H, W, 3] RGB; None: no frame was due."""

@@ -22,7 +22,7 @@ from schemas.wire import encode
 from twin.engine import Finished
 from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.worker.view_items import Began, Ended, Item, Seen, Ticked
 from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M

@@ -10,7 +10,7 @@ from schemas.campaign import Case, expand, parse_campaign
 from schemas.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
 from twin.engine import Engine
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 
 
 def case(name="a", weather="clear", time="12:00", latency_ms=0, camera=None, hz=20, **scenario):
@@ -117,8 +117,8 @@ def test_a_command_is_in_force_exactly_after_the_latency(latency_ms):
         engine.step([ask(engine, 0, throttle=1.0)])
         steps = (tick + 1) * 25 - math.ceil(latency_ms / 2)  # steps with the command in force
         expected = 1.0 - (1.0 - gain) ** max(0, steps)
-        assert engine._vehicles.state[0, actuator] == pytest.approx(expected, abs=1e-12)
-        assert (engine._vehicles.state[0, actuator] == 0.0) == (steps <= 0)
+        assert engine.state[0, actuator] == pytest.approx(expected, abs=1e-12)
+        assert (engine.state[0, actuator] == 0.0) == (steps <= 0)
 
 
 def test_latency_longer_than_many_periods_keeps_the_order():
@@ -132,7 +132,7 @@ def test_latency_longer_than_many_periods_keeps_the_order():
         for step in range(tick * 10, tick * 10 + 10):
             given = (step - 105) // 10
             position += ((asked[given] if given >= 0 else 0.0) - position) * gain
-        found = engine._vehicles.state[0, COLUMN["throttle"]]
+        found = engine.state[0, COLUMN["throttle"]]
         assert found == pytest.approx(position, abs=1e-12)
 
 
@@ -203,7 +203,7 @@ def test_start_distance_and_ttc_are_exact():
     one = case(ego_start_m=60.0, ego_speed_mps=5.0)
     engine = Engine(one, 1)
     engine.reset(0, one)
-    assert engine._vehicles.state[0, COLUMN["dtc_m"]] == pytest.approx(60.0, abs=1e-9)
+    assert engine.state[0, COLUMN["dtc_m"]] == pytest.approx(60.0, abs=1e-9)
     ended, _ = run(engine, {0: one}, lambda e, s: ask(e, s))["a"]
     ttc = ended.table.columns["ttc_s"]
     assert ttc.valid[0]
@@ -235,11 +235,11 @@ def test_a_nan_state_fails_its_slot_only():
     engine = Engine(cases[0], 2)
     for slot, one in cases.items():
         engine.reset(slot, one)
-    engine._vehicles.state[0, COLUMN["speed_mps"]] = math.nan
+    engine.state[0, COLUMN["velocity_x_mps"]] = math.nan
     ended = engine.step([ask(engine, 0), ask(engine, 1)])
     assert [(e.slot, e.outcome) for e in ended] == [(0, "failed")]
     assert engine.active.tolist() == [False, True]
-    assert np.isfinite(engine._vehicles.state[1]).all()
+    assert np.isfinite(engine.state[1]).all()
 
 
 def test_sensors_come_when_due_and_inactive_slots_are_zero():

@@ -15,7 +15,7 @@ from schemas.messages import (
     SensorErrors,
 )
 from twin.engine import Engine
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN, columns
 
 ALL = {"gnss": {}, "imu": {}, "encoders": {}}
 FIX = GNSS_COLUMNS.index("fix")
@@ -116,7 +116,7 @@ def test_errors_differ_by_slot_of_one_rig():
     engine.reset(0, quiet)
     engine.reset(1, noisy)
     sensors = engine.sense()
-    assert sensors["imu"].values[0].tolist() == [0, 0, 9.80665, 0, 0, 0]
+    assert sensors["imu"].values[0] == pytest.approx([0, 0, 9.80665, 0, 0, 0], abs=1e-9)
     assert (sensors["imu"].values[1] != sensors["imu"].values[0]).all()
     assert (sensors["gnss"].values[0] != sensors["gnss"].values[1])[:3].all()
 
@@ -143,12 +143,15 @@ def test_sensors_follow_the_vehicle():
         engine.step([command(engine, 0)])
         sensors = engine.sense()
     way_m = engine.state[0, COLUMN["x_m"]] - x_m
+    turned = engine.state[0, columns("wheel_angle")] / (2 * math.pi)
     radius_m = 6371e3 * math.cos(math.radians(start[0]))
     east_m = math.radians(sensors["gnss"].values[0, 1] - start[1]) * radius_m
     assert east_m == pytest.approx(way_m, rel=0.005)
     ticks = sensors["encoders"].values[0]
-    assert ticks == pytest.approx([1000 * way_m / (2 * math.pi * 0.35)] * 4, abs=1)
-    assert sensors["imu"].values[0, 0] == engine.state[0, COLUMN["accel_mps2"]]
+    assert ticks.tolist() == np.floor(1000 * turned).tolist()
+    assert turned == pytest.approx([way_m / (2 * math.pi * 0.36)] * 4, rel=0.02)
+    force = engine.state[0, columns("specific_force")]
+    assert sensors["imu"].values[0, :3].tolist() == force.tolist()
     assert len(ticks) == len(ENCODER_COLUMNS)
 
 

@@ -57,10 +57,10 @@ def test_mistakes_in_a_vehicle_file(tmp_path):
     path = tmp_path / "car.yaml"
     shipped = load_vehicle.__globals__["_MODELS"] / "opencav.yaml"
     text = shipped.read_text()
-    path.write_text(text.replace("mass_kg: 1850.0", "mass_kg: -1"))
+    path.write_text(text.replace("mass_kg: 42.0", "mass_kg: -1"))
     with pytest.raises(ValueError, match=r"mass_kg: given -1, allowed: a number > 0"):
         load_vehicle(str(path))
-    path.write_text(text.replace("length_m: 4.98", "length_m: 3.0"))
+    path.write_text(text.replace("length_m: 5.17", "length_m: 3.0"))
     with pytest.raises(ValueError, match="longer than length_m"):
         load_vehicle(str(path))
 

@@ -14,7 +14,7 @@ from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, Thumbnai
 from schemas.wire import decode
 from twin.fabric.memory_bus import Hub
 from twin.kpi.recorder import Recorder
-from twin.vehicle.planar import COLUMN
+from twin.vehicle.state import COLUMN
 from twin.worker import view_feed
 from twin.worker.view_feed import NoFeed, ViewFeed, _Harmless
 

@@ -1,0 +1,270 @@
+"""Contacts of hulls: momentum, energy, walls at any speed and angle, props, events."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.vehicle.fleet import Fleet
+from twin.vehicle.kernel import CAR, EVENT, PROP, WALL
+from twin.vehicle.model import vehicle_model
+from twin.vehicle.props import PROPS
+from twin.vehicle.state import COLUMN, columns
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.kernel_cache import prepare_kernels
+
+prepare_kernels()
+CPU = wp.get_device("cpu")
+CAR_FILE = load_vehicle("opencav")
+OTHER_FILE = load_vehicle("bmw_320i")
+ICE = 1.0e-6  # no road force worth mentioning
+NEUTRAL = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def fleet(vehicles=(CAR_FILE,), **more):
+    made = Fleet(vehicles, 1, CPU, **more)
+    made.active[0] = 1
+    return made
+
+
+def advance(made, steps, first=0):
+    made.commands[0, :] = NEUTRAL
+    made.first_step[0] = first
+    made.advance(steps)
+
+
+def planar(made, masses, inertias):
+    """Momentum (x, y), angular momentum about the origin, and energy in the plane."""
+    momentum, spin, energy = np.zeros(2), 0.0, 0.0
+    for v, (mass, inertia) in enumerate(zip(masses, inertias, strict=True)):
+        row = made.state[0, v]
+        x, velocity = row[columns("com")][:2], row[columns("velocity")][:2]
+        rate = row[COLUMN["yaw_rate_radps"]]
+        momentum += mass * velocity
+        spin += mass * (x[0] * velocity[1] - x[1] * velocity[0]) + inertia * rate
+        energy += mass * velocity @ velocity / 2 + inertia * rate**2 / 2
+    return momentum, spin, energy
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    speed=st.floats(1.0, 40.0),
+    other=st.floats(-40.0, 10.0),
+    aside=st.floats(-1.7, 1.7),
+    yaw=st.floats(-3.1, 3.1),
+)
+def test_two_cars_conserve_momentum_and_gain_no_energy(speed, other, aside, yaw):
+    if speed - other * math.cos(yaw) < 0.5:
+        return  # they part
+    made = fleet((CAR_FILE, OTHER_FILE))
+    models = [vehicle_model(v) for v in made.vehicles]
+    masses = [float(m.mass) for m in models]
+    inertias = [float(m.yaw_inertia) for m in models]
+    made.place(0, 0.0, speed, ICE)
+    made.place(0, 12.0, other, ICE, vehicle=1, y_m=aside, yaw_rad=yaw)
+    before = planar(made, masses, inertias)
+    for k in range(40):
+        last = planar(made, masses, inertias)
+        advance(made, 25, 25 * k)
+        now = planar(made, masses, inertias)
+        # Air drag and the tyres' trace of friction take a little; nothing gives.
+        assert now[2] <= last[2] * (1 + 1e-9)
+    scale = masses[0] * speed + masses[1] * abs(other)
+    drag_ns = 2 * 0.5 * 1.225 * 0.84 * max(speed, abs(other)) ** 2 * 2.0
+    np.testing.assert_allclose(now[0], before[0], atol=1e-3 * scale + drag_ns)
+    if made.event_count[0]:
+        event = dict(zip(EVENT, made.events[0, 0], strict=True))
+        assert (event["vehicle"], event["partner_kind"], event["partner"]) == (0, CAR, 1)
+
+
+def test_a_collision_conserves_momentum_exactly_in_its_step():
+    made = fleet((CAR_FILE, OTHER_FILE))
+    models = [vehicle_model(v) for v in made.vehicles]
+    masses = [float(m.mass) for m in models]
+    inertias = [float(m.yaw_inertia) for m in models]
+    made.place(0, 0.0, 20.0, ICE)
+    made.place(0, 6.0, -15.0, ICE, vehicle=1, y_m=0.9, yaw_rad=0.3)
+    before = None
+    for k in range(200):
+        last = planar(made, masses, inertias)
+        advance(made, 1, k)
+        if made.event_count[0]:
+            before = last
+            break
+    assert before is not None
+    momentum, spin, energy = planar(made, masses, inertias)
+    scale = masses[0] * 20.0
+    np.testing.assert_allclose(momentum, before[0], atol=1e-3 * scale)
+    # Pushing the hulls apart moves their centres by centimetres.
+    assert spin == pytest.approx(before[1], abs=5e-3 * scale * 6.0)
+    assert energy < before[2]
+    rate = made.state[0, :, COLUMN["yaw_rate_radps"]]
+    assert (np.abs(rate) > 0.05).all()
+
+
+def test_equal_cars_head_on_stop_with_the_restitution():
+    made = fleet((CAR_FILE, CAR_FILE))
+    made.place(0, 0.0, 10.0, ICE)
+    made.place(0, 9.0, 10.0, ICE, vehicle=1, yaw_rad=math.pi)
+    advance(made, 200)
+    speed = made.state[0, :, COLUMN["speed_mps"]]
+    assert speed == pytest.approx([-1.0, -1.0], abs=0.05)
+    event = dict(zip(EVENT, made.events[0, 0], strict=True))
+    assert made.event_count[0] == 1
+    assert event["speed_mps"] == pytest.approx(20.0, abs=0.1)
+    assert event["x_m"] == pytest.approx(4.5, abs=0.1)
+    assert event["y_m"] == pytest.approx(0.0, abs=1e-6)
+    assert made.state[0, :, COLUMN["collisions"]].tolist() == [1.0, 1.0]
+    assert made.state[0, 0, COLUMN["impact_speed_mps"]] == pytest.approx(10.0, abs=0.05)
+
+
+@pytest.mark.parametrize("speed", [5.0, 15.0, 30.0, 45.0, 60.0])
+@pytest.mark.parametrize("thickness", [0.01, 0.2])
+def test_no_wall_is_passed(speed, thickness):
+    """A thin wall across x = 0, hit at all angles, straight, sideways and while turning."""
+    wall = np.array([[0.0, 0.0, 0.0, thickness / 2, 500.0]])
+    angles = np.radians(np.arange(-88, 89, 8))
+    made = Fleet([CAR_FILE], 3 * len(angles), CPU, colliders=wall)
+    for slot in range(made.slots):
+        course = angles[slot // 3]
+        yaw = course + (0.0, math.pi / 2, 1.0)[slot % 3]
+        made.place(slot, -8.0, 0.0, 0.3, yaw_rad=yaw, refresh=False)
+        made.state[slot, 0, columns("com")][:2] = (-3.2, 0.0)
+        velocity = (speed * math.cos(course), speed * math.sin(course), 0.0)
+        made.state[slot, 0, columns("velocity")] = velocity
+        made.state[slot, 0, COLUMN["rate_z_radps"]] = 3.0 * (slot % 3 == 2)
+        made.active[slot] = 1
+    made.refresh()
+    hit = np.zeros(made.slots, bool)
+    for k in range(60):
+        made.commands[:, 0] = (1.0, 0.0, 0.0, 0.0, 1.0)
+        made.first_step[:] = 20 * k
+        made.advance(20)
+        assert (made.state[:, 0, COLUMN["com_x_m"]] < 0.0).all()
+        hit |= made.event_count > 0
+    straight = np.abs(angles) < math.radians(75)
+    assert hit.reshape(-1, 3)[straight].all()
+    assert (made.state[:, 0, COLUMN["fault"]] == 0.0).all()
+
+
+def test_pushing_against_a_wall_gives_no_speed_back():
+    wall = np.array([[10.0, 0.0, 0.0, 0.5, 20.0]])
+    made = fleet(colliders=wall)
+    made.place(0, 0.0, 0.0, 0.85)
+    made.commands[0, 0] = (1.0, 0.0, 0.0, 0.0, 1.0)
+    made.advance(4000)
+    front = made.state[0, 0, COLUMN["x_m"]] + CAR_FILE.front_offset_m
+    assert front == pytest.approx(9.5, abs=0.02)
+    assert abs(made.state[0, 0, COLUMN["speed_mps"]]) < 0.05
+    assert made.state[0, 0, COLUMN["dtc_m"]] < 0.02
+
+
+@pytest.mark.parametrize("kind", list(PROPS))
+def test_props_are_pushed_and_come_to_rest(kind):
+    made = fleet(props=[PROPS[kind]])
+    made.place(0, 0.0, 10.0, 0.85)
+    made.place_prop(0, 0, 8.0, 0.3, 0.2)
+    speed = made.state[0, 0, COLUMN["speed_mps"]]
+    advance(made, 300)
+    assert made.props[0, 0, 0] > 8.5
+    event = dict(zip(EVENT, made.events[0, 0], strict=True))
+    assert (event["partner_kind"], event["partner"]) == (PROP, 0)
+    assert 9.5 < event["speed_mps"] < 10.5
+    lost = speed - made.state[0, 0, COLUMN["speed_mps"]]
+    assert lost > 0.2 if kind == "barrier" else lost < 2.0
+    made.state[0, 0, columns("com")] += (0.0, 50.0, 0.0)  # out of the way
+    made.refresh()
+    advance(made, 4000, 300)
+    assert made.props[0, 0, 3:].tolist() == [0.0, 0.0, 0.0]
+    rest = made.props[0, 0].copy()
+    advance(made, 100, 4300)
+    assert made.props[0, 0].tobytes() == rest.tobytes()
+
+
+def test_a_prop_slides_as_far_as_friction_and_drag_let_it():
+    kind = PROPS["bin"]
+    made = fleet(props=[kind])
+    made.place(0, -50.0, 0.0, 0.8)
+    made.place_prop(0, 0, 0.0, 0.0)
+    made.props[0, 0, 3] = 8.0
+    advance(made, 2000)
+    grip = kind.friction * 0.8 * 9.80665
+    drag = 0.5 * 1.225 * kind.drag_area_m2 / kind.mass_kg
+    way = math.log1p(drag * 64.0 / grip) / (2 * drag)
+    assert made.props[0, 0, 0] == pytest.approx(way, rel=0.01)
+
+
+def test_a_prop_cannot_be_pushed_through_a_wall():
+    wall = np.array([[12.0, 0.0, 0.0, 0.2, 20.0]])
+    made = fleet(props=[PROPS["bin"]], colliders=wall)
+    made.place(0, 0.0, 25.0, 0.85)
+    made.place_prop(0, 0, 8.0, 0.0)
+    for k in range(40):
+        advance(made, 10, 10 * k)
+        assert made.props[0, 0, 0] < 12.0
+        assert made.state[0, 0, COLUMN["com_x_m"]] < 12.0
+
+
+def test_events_count_separate_touches_only():
+    wall = np.array([[10.0, 0.0, 0.0, 0.5, 20.0], [300.0, 0.0, 0.0, 1.0, 1.0]])
+    made = fleet(colliders=wall)
+    made.place(0, 0.0, 8.0, 0.85)
+    made.commands[0, 0] = (1.0, 0.0, 0.0, 0.0, 1.0)
+    made.advance(50)
+    made.first_step[0] = 50
+    made.advance(1500)
+    events = made.events[0, : made.event_count[0]]
+    assert (events[:, EVENT.index("partner_kind")] == WALL).all()
+    assert (events[:, EVENT.index("partner")] == 0).all()
+    # It rebounds once, comes back, and then leans on the wall: that is two.
+    assert made.event_count[0] == 2
+    assert events[1, EVENT.index("step")] - events[0, EVENT.index("last_step")] > 50
+    assert events[1, EVENT.index("last_step")] == 1550
+
+
+def test_more_events_than_room_are_still_counted():
+    walls = np.array([[20.0 + 3 * k, 1.05, 0.0, 0.05, 0.05] for k in range(40)])
+    made = fleet(colliders=walls)
+    made.place(0, 0.0, 40.0, ICE)
+    made.commands[0, 0] = NEUTRAL
+    for k in range(30):
+        # Held on its course: a grazing row of posts.
+        made.state[0, 0, columns("com")][1] = 0.0
+        made.state[0, 0, columns("orientation")] = (0.0, 0.0, 0.0, 1.0)
+        made.state[0, 0, columns("velocity")] = (40.0, 0.3, 0.0)
+        made.state[0, 0, columns("rate")] = 0.0
+        made.first_step[0] = 100 * k
+        made.advance(100)
+    assert made.event_count[0] > made.events.shape[1]
+    assert made.state[0, 0, COLUMN["collisions"]] == made.event_count[0]
+
+
+def test_stop_at_impact_freezes_at_the_first_contact():
+    gap_m = 1.0
+    wall = np.array([[CAR_FILE.front_offset_m + gap_m + 2.0, 0.0, 0.0, 2.0, 1.0]])
+    made = fleet(colliders=wall, stop_at_impact=True)
+    made.place(0, 0.0, 10.0, ICE)
+    assert made.state[0, 0, COLUMN["dtc_m"]] == pytest.approx(gap_m, abs=1e-9)
+    assert made.state[0, 0, COLUMN["closing_mps"]] == pytest.approx(10.0)
+    advance(made, 500)
+    state = made.state[0, 0]
+    assert state[COLUMN["collisions"]] == 1.0
+    assert state[COLUMN["impact_speed_mps"]] == pytest.approx(10.0, abs=0.01)
+    assert state[COLUMN["impact_step"]] in (50, 51)  # 1 m at 10 m/s
+    assert state[COLUMN["speed_mps"]] == 0.0
+    assert state[COLUMN["dtc_m"]] == 0.0
+    assert state[COLUMN["closing_mps"]] == 0.0
+
+
+def test_any_collider_counts_but_distance_is_to_the_first():
+    posts = np.array([[500.0, 0.0, 0.0, 2.0, 1.0], [30.0, 1.0, 0.4, 0.2, 0.2]])
+    made = fleet(colliders=posts, stop_at_impact=True)
+    made.place(0, 0.0, 20.0, 0.85)
+    advance(made, 2000)
+    assert made.state[0, 0, COLUMN["collisions"]] == 1.0
+    assert made.state[0, 0, COLUMN["dtc_m"]] > 400.0
+    event = dict(zip(EVENT, made.events[0, 0], strict=True))
+    assert event["partner"] == 1

@@ -1,0 +1,80 @@
+"""``twin bench``: how fast parts of the simulator are."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from twin.fabric.errors import UsageError
+
+app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, help="Measure how fast parts of the simulator are."
+)
+
+
+class Output(StrEnum):
+    """How results are printed."""
+
+    human = "human"
+    json = "json"
+
+
+@app.callback()
+def _root() -> None:
+    """Measure how fast parts of the simulator are."""
+
+
+@app.command()
+def vehicle(
+    device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
+    vehicles: Annotated[
+        int, typer.Option(min=0, help="Cars, one per slot; 0: 64 on a CPU, 16384 on a GPU.")
+    ] = 0,
+    output: Annotated[Output, typer.Option(help="How to print the result.")] = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 below the target.")] = False,
+) -> None:
+    """Vehicle substeps of 2 ms per second, and the ratio to an independent single-track model.
+
+    The target is 150,000/s on one CPU core at 64 vehicles and 100 million/s on an H200 at 16,384.
+    The other model is that of commonroad-vehicle-models, if it is installed.
+    """
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
+
+    import warp as wp
+
+    from twin.bench.vehicle import ORACLE, VEHICLES, measure
+
+    if device not in {str(d) for d in wp.get_devices()}:
+        known = ", ".join(str(d) for d in wp.get_devices())
+        raise UsageError(f"device '{device}': not here; allowed: {known}")
+    found = measure(device, vehicles or VEHICLES[device.partition(":")[0]])
+    missed = found.substeps_per_s < found.target
+    if output is Output.json:
+        result = {
+            "device": found.device,
+            "vehicles": found.vehicles,
+            "substeps_per_s": found.substeps_per_s,
+            "target_substeps_per_s": found.target,
+            "oracle_steps_per_s": found.oracle_steps_per_s,
+            "ratio": found.ratio,
+        }
+        print(json.dumps(result, indent=1))
+    else:
+        rate = f"{found.substeps_per_s:,.0f} vehicle substeps/s"
+        print(f"{rate} on {found.device}, {found.vehicles} vehicles (target {found.target:,.0f})")
+        if found.ratio is None:
+            print(f"no ratio: {ORACLE} is not installed (pip install {ORACLE}==3.0.2)")
+        else:
+            print(
+                f"{found.ratio:,.0f} times the {found.oracle_steps_per_s:,.0f} single-track "
+                f"Runge-Kutta steps/s of {ORACLE} in the same run"
+            )
+    if check and missed:
+        print(f"twin: below the target of {found.target:,.0f} substeps/s", file=sys.stderr)
+        raise typer.Exit(1)

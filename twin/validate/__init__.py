@@ -1,0 +1,1 @@
+"""Manoeuvres that compare a vehicle with closed forms, regulations and published figures."""

@@ -1,0 +1,241 @@
+"""The vehicles of all slots: constant Model, changing State, one launch per control period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from twin.vehicle import kernel
+from twin.vehicle.ground import FlatGround, GroundMesh
+from twin.vehicle.guard import FAULTS
+from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel, vehicle_model
+from twin.vehicle.powertrain import COMMANDS
+from twin.vehicle.props import PROP_STATE, PropKind, PropModel, prop_model
+from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
+from twin.vehicle.vehicle_file import Vehicle
+from twin.world.mirror import Mirror
+
+_BLOCK = 64  # threads; small blocks spread a few thousand slots over all of a GPU's processors
+_NO_COLLIDERS = np.zeros((0, 5))
+
+
+class Fleet:
+    """V vehicles and P props in each of S slots.
+
+    Host arrays, written before :meth:`advance`: ``friction`` [S], ``commands`` [S, V, 2, 5] with
+    the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
+    ``active`` [S]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state`` [S, V, T], ``props``
+    [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after each call.
+    """
+
+    def __init__(
+        self,
+        vehicles: Sequence[Vehicle],
+        slots: int,
+        device: wp.Device,
+        *,
+        colliders: np.ndarray = _NO_COLLIDERS,
+        ground: FlatGround | GroundMesh | None = None,
+        props: Sequence[PropKind] = (),
+        stop_at_impact: bool = False,
+    ) -> None:
+        """Every slot has the same ``vehicles`` and ``props``.
+
+        Args:
+            colliders: static hulls [K, 5]: x, y, yaw, half length, half width; distances are
+                measured to the first.
+            ground: the plane z = 0 by default.
+            stop_at_impact: a vehicle's first collision freezes it.
+        """
+        self.vehicles = tuple(vehicles)
+        self.slots = slots
+        self._device = device
+        self._host_models = [vehicle_model(v) for v in vehicles]
+        self._models = wp.array(self._host_models, dtype=VehicleModel, device=device)
+        self._ground = ground or FlatGround(device)
+        step_s = PHYSICS_STEP_NS / 1e9
+        scene = kernel.Scene()
+        scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
+        kinds = [prop_model(kind, step_s) for kind in props]
+        scene.props = wp.array(kinds or [PropModel()], dtype=PropModel, device=device)
+        scene.ground = self._ground.kernel
+        scene.stop_at_impact = int(stop_at_impact)
+        self._scene = scene
+        count = len(self.vehicles)
+        self._state = Mirror((slots, count, len(TELEMETRY)), wp.float64, device)
+        self._rows = wp.array(
+            ptr=self._state.device.ptr,
+            dtype=VehicleState,
+            shape=(slots, count),
+            device=device,
+            copy=False,
+        )
+        self._props = Mirror((slots, len(kinds), len(PROP_STATE)), wp.float64, device)
+        self._events = Mirror((slots, kernel.EVENTS_MAX, len(kernel.EVENT)), wp.float64, device)
+        self._event_count = Mirror((slots,), wp.int32, device)
+        self._friction = Mirror((slots,), wp.float64, device)
+        self._commands = Mirror((slots, count, 2, len(COMMANDS)), wp.float64, device)
+        self._switch_step = Mirror((slots,), wp.int32, device)
+        self._first_step = Mirror((slots,), wp.int32, device)
+        self._active = Mirror((slots,), wp.int32, device)
+        self._outputs = [self._state, self._events, self._event_count]
+        if kinds:
+            self._outputs.append(self._props)
+        self.state = self._state.host
+        self.props = self._props.host
+        self.events = self._events.host
+        self.event_count = self._event_count.host
+        self.friction = self._friction.host
+        self.commands = self._commands.host
+        self.switch_step = self._switch_step.host
+        self.first_step = self._first_step.host
+        self.active = self._active.host
+        wp.load_module(kernel, device=device, block_dim=_BLOCK)
+
+    @property
+    def rows_device(self) -> wp.array:
+        """State on the device, VehicleState [S, V]."""
+        return self._rows
+
+    @property
+    def ego_device(self) -> wp.array:
+        """State of every slot's vehicle 0 on the device, float64 [S, T]; x, y, yaw come first."""
+        return self._state.device[:, 0]
+
+    def place(
+        self,
+        slot: int,
+        x_m: float,
+        speed_mps: float,
+        friction: float,
+        *,
+        vehicle: int = 0,
+        y_m: float = 0.0,
+        z_m: float = 0.0,
+        yaw_rad: float = 0.0,
+        refresh: bool = True,
+    ) -> None:
+        """Put a vehicle's reference point at a place, level and settled on its springs.
+
+        The slot's friction is set for all its vehicles; its collisions are forgotten. Without
+        ``refresh``, call :meth:`refresh` once after placing many.
+        """
+        model = self._host_models[vehicle]
+        row = self.state[slot, vehicle]
+        row[:] = initial_state(model, x_m, y_m, z_m, yaw_rad, speed_mps)
+        self.friction[slot] = friction
+        self.commands[slot, vehicle] = 0.0
+        self.commands[slot, vehicle, :, COMMANDS.index("selector")] = 1.0
+        self.events[slot] = 0.0
+        self.event_count[slot] = 0
+        if refresh:
+            self.refresh()
+
+    def place_prop(
+        self, slot: int, prop: int, x_m: float, y_m: float, yaw_rad: float = 0.0
+    ) -> None:
+        """Put a prop at rest somewhere."""
+        self.props[slot, prop] = (x_m, y_m, yaw_rad, 0.0, 0.0, 0.0)
+        self._props.push()
+
+    def refresh(self) -> None:
+        """Derived columns anew, after ``state`` was written on the host."""
+        for mirror in (self._state, self._events, self._event_count):
+            mirror.push()
+        wp.launch(
+            kernel.measure_kernel,
+            (self.slots, len(self.vehicles)),
+            inputs=[self._models, self._scene],
+            outputs=[self._rows],
+            device=self._device,
+            block_dim=_BLOCK,
+        )
+        self._state.pull()
+
+    def advance(self, steps: int) -> None:
+        """Advance all active slots by ``steps`` physics steps."""
+        self.push()
+        self.launch(steps)
+        for mirror in self._outputs:
+            mirror.pull()
+
+    def push(self) -> None:
+        """Host inputs -> device."""
+        for mirror in (
+            self._friction,
+            self._commands,
+            self._switch_step,
+            self._first_step,
+            self._active,
+        ):
+            mirror.push()
+
+    def launch(self, steps: int) -> None:
+        """Only the kernel: nothing is moved between host and device."""
+        wp.launch(
+            kernel.drive_kernel,
+            self.slots,
+            inputs=[
+                self._models,
+                self._scene,
+                steps,
+                self._friction.device,
+                self._commands.device,
+                self._switch_step.device,
+                self._first_step.device,
+                self._active.device,
+            ],
+            outputs=[
+                self._rows,
+                self._props.device,
+                self._events.device,
+                self._event_count.device,
+            ],
+            device=self._device,
+            block_dim=_BLOCK,
+        )
+
+    def fault(self, slot: int) -> str:
+        """Why a slot cannot go on, or nothing."""
+        rows = self.state[slot]
+        for code in rows[:, COLUMN["fault"]]:
+            if code != 0.0:
+                return FAULTS.get(int(code), FAULTS[1]) if math.isfinite(code) else FAULTS[1]
+        return "" if np.isfinite(rows).all() else FAULTS[1]
+
+
+def initial_state(
+    model: VehicleModel, x_m: float, y_m: float, z_m: float, yaw_rad: float, speed_mps: float
+) -> np.ndarray:
+    """A level vehicle [T] at rest on its springs, rolling at a speed, in the gear for it."""
+    row = np.zeros(len(TELEMETRY))
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    ahead, aside = float(model.reference_x), float(model.reference_y)
+    height, radius = float(model.com_height), float(model.radius)
+    row[columns("com")] = (
+        x_m - cosine * ahead + sine * aside,
+        y_m - sine * ahead - cosine * aside,
+        z_m + height,
+    )
+    row[columns("orientation")] = (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2))
+    row[columns("velocity")] = (speed_mps * cosine, speed_mps * sine, 0.0)
+    row[columns("specific_force")] = (0.0, 0.0, GRAVITY_MPS2)
+    row[columns("wheel_speed")] = speed_mps / radius
+    # The suspension's mount is where the wheel hangs without load.
+    row[columns("suspension")] = radius - height - np.array(model.mount_z)
+    row[columns("load")] = float(model.tyre_stiffness) * (np.array(model.free_radius) - radius)
+    row[columns("pressure")] = row[COLUMN["traction"]] = 1.0
+    row[COLUMN["impact_step"]] = row[COLUMN["rest_step"]] = -1.0
+    row[COLUMN["moved"]] = float(speed_mps != 0.0)
+    turning = abs(speed_mps) / radius * 30 / math.pi
+    ratios = [float(ratio) for ratio in model.ratios][: model.gear_count]
+    gear = 1 if speed_mps >= 0.0 else -1
+    while 0 < gear < len(ratios) and turning * ratios[gear - 1] > float(model.shift_up[0]):
+        gear += 1
+    ratio = ratios[gear - 1] if gear > 0 else float(model.reverse_ratio)
+    row[COLUMN["gear"]] = gear
+    row[COLUMN["rpm"]] = max(float(model.idle_rpm), turning * ratio)
+    return row

@@ -1,0 +1,115 @@
+"""What wheels roll on: the plane z = 0, or a mesh with a grip for every face."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from twin.world import materials
+from twin.world.street import World
+
+KERB_MAX_M = 0.5
+"""Static faces that end below this height can be driven on [m]."""
+
+_GRIP = {materials.PAVING: 0.9}
+"""Friction of a surface over that of asphalt; wet paving stones are a little smoother [-]."""
+
+_ABOVE = wp.constant(wp.float64(0.25))
+_BELOW = wp.constant(wp.float32(4.0))
+_NOWHERE = wp.constant(wp.float64(-1.0e4))
+_ZERO = wp.constant(wp.float64(0.0))
+_ONE = wp.constant(wp.float64(1.0))
+
+
+@wp.struct
+class Ground:
+    """A ground for kernels."""
+
+    flat: wp.int32
+    """1: the plane z = 0, and the mesh is not asked."""
+    mesh: wp.uint64
+    grip: wp.array(dtype=wp.float64)
+    """Friction over that of asphalt, per face [-]."""
+
+
+@wp.struct
+class Surface:
+    """The ground below a point: height [m], unit normal, grip [-]."""
+
+    height: wp.float64
+    normal: wp.vec3d
+    grip: wp.float64
+
+
+@wp.func
+def _corner(mesh: wp.uint64, index: wp.int32) -> wp.vec3d:
+    p = wp.mesh_get_point(mesh, index)
+    return wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
+
+
+@wp.func
+def surface_below(ground: Ground, p: wp.vec3d) -> Surface:
+    """The ground straight below ``p``; far below where there is none.
+
+    The ray only finds the face: height and normal follow from its corners in double precision, so
+    a level mesh at z = 0 gives exactly the plane's values.
+    """
+    s = Surface()
+    s.normal = wp.vec3d(_ZERO, _ZERO, _ONE)
+    s.grip = _ONE
+    if ground.flat != 0:
+        return s
+    s.height = _NOWHERE
+    start = wp.vec3(wp.float32(p[0]), wp.float32(p[1]), wp.float32(p[2] + _ABOVE))
+    hit = wp.mesh_query_ray(ground.mesh, start, wp.vec3(0.0, 0.0, -1.0), _BELOW)
+    if hit.result:
+        a = _corner(ground.mesh, 3 * hit.face)
+        b = _corner(ground.mesh, 3 * hit.face + 1)
+        c = _corner(ground.mesh, 3 * hit.face + 2)
+        n = wp.normalize(wp.cross(b - a, c - a))
+        if n[2] < _ZERO:
+            n = -n
+        if n[2] > wp.float64(1.0e-3):
+            # The sum turns -0.0 into 0.0, as the plane has it.
+            s.normal = n + wp.vec3d(_ZERO, _ZERO, _ZERO)
+            s.height = a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]
+            s.grip = ground.grip[hit.face]
+    return s
+
+
+class GroundMesh:
+    """Holds a ground's arrays; ``kernel`` is what kernels take."""
+
+    def __init__(
+        self, device: wp.Device, points_m: np.ndarray, faces: np.ndarray, grip: np.ndarray
+    ):
+        """``points_m`` [V, 3], ``faces`` [F, 3], ``grip`` [F]."""
+        self._mesh = wp.Mesh(
+            wp.array(points_m.astype(np.float32), dtype=wp.vec3, device=device),
+            wp.array(faces.astype(np.int32).ravel(), dtype=wp.int32, device=device),
+        )
+        self.kernel = Ground()
+        self.kernel.mesh = self._mesh.id
+        self.kernel.grip = wp.array(grip, dtype=wp.float64, device=device)
+
+
+class FlatGround:
+    """The plane z = 0 with the grip of asphalt."""
+
+    def __init__(self, device: wp.Device) -> None:
+        self.kernel = Ground()
+        self.kernel.flat = 1
+        self.kernel.grip = wp.zeros(1, dtype=wp.float64, device=device)
+
+
+def drivable(world: World, device: wp.Device) -> GroundMesh:
+    """The part of a world's mesh that wheels can stand on.
+
+    Static faces that end below :data:`KERB_MAX_M`: road, sidewalks and kerbs. Paint has no height
+    for a tyre, and objects and their contact shadows are no ground.
+    """
+    mesh = world.mesh
+    low = mesh.points_m[mesh.faces][:, :, 2].max(axis=1) < KERB_MAX_M
+    wanted = low & (mesh.instance < 0) & (mesh.material != materials.PAINT)
+    grip = np.array([_GRIP.get(int(m), 1.0) for m in mesh.material[wanted]])
+    return GroundMesh(device, mesh.points_m, mesh.faces[wanted], grip)

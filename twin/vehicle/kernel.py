@@ -1,0 +1,335 @@
+"""The vehicles' kernels: one thread per slot, the loop over physics steps inside.
+
+A slot's vehicles and props advance one after the other, then meet: nothing depends on other slots
+or on how many there are. A vehicle whose state leaves its limits keeps the last good state and a
+fault; its slot ends, the batch goes on.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.vehicle.chassis import Command, advance, observe
+from twin.vehicle.contact import Box, Meeting, hull_of, meet, near
+from twin.vehicle.ground import Ground
+from twin.vehicle.guard import fault_of
+from twin.vehicle.hull import hull_at, overlap, separation
+from twin.vehicle.model import VehicleModel
+from twin.vehicle.props import PropModel, prop_box, slide_prop, write_prop
+from twin.vehicle.state import VehicleState
+
+wp.set_module_options({"enable_backward": False})
+
+EVENTS_MAX = 16
+"""Collisions kept per slot; further ones are counted only."""
+
+EVENT = ("step", "vehicle", "partner_kind", "partner", "speed_mps", "x_m", "y_m", "last_step")
+"""Columns of a collision event, float64 [S, EVENTS_MAX, 8]: the physics step since reset at which
+two hulls met, who, with which relative speed, where, and the last step at which they touched."""
+
+WALL, CAR, PROP = 0, 1, 2
+"""Kinds of partners: a static collider, a vehicle, a prop."""
+
+_WALL, _CAR, _PROP = (wp.constant(wp.int32(k)) for k in (WALL, CAR, PROP))
+_EVENTS_MAX = wp.constant(wp.int32(EVENTS_MAX))
+_APART_STEPS = wp.constant(wp.float64(50.0))
+"""Hulls that touch again within 0.1 s have not been apart: no new collision."""
+_ZERO = wp.constant(wp.float64(0.0))
+_ONE = wp.constant(wp.float64(1.0))
+
+
+@wp.struct
+class Scene:
+    """What a slot's vehicles share; counts may be 0."""
+
+    colliders: wp.array2d(dtype=wp.float64)
+    """[K, 5]: centre x, y [m], yaw [rad], half length and width [m]."""
+    props: wp.array(dtype=PropModel)
+    ground: Ground
+    stop_at_impact: wp.int32
+    """1: a vehicle's first collision freezes it where it is, for cases that end there."""
+
+
+@wp.func
+def _vehicle_box(m: VehicleModel, s: VehicleState) -> Box:
+    b = Box()
+    b.x = s.com[0]
+    b.y = s.com[1]
+    b.yaw = s.yaw
+    b.vx = s.velocity[0]
+    b.vy = s.velocity[1]
+    b.rate = s.rate[2]
+    b.inverse_mass = _ONE / m.mass
+    b.inverse_inertia = _ONE / m.yaw_inertia
+    b.offset = m.hull_x
+    b.half_length = m.half_length
+    b.half_width = m.half_width
+    b.restitution = m.restitution
+    b.friction = m.friction
+    return b
+
+
+@wp.func
+def _wall_box(colliders: wp.array2d(dtype=wp.float64), k: int) -> Box:
+    b = Box()
+    b.x = colliders[k, 0]
+    b.y = colliders[k, 1]
+    b.yaw = colliders[k, 2]
+    b.half_length = colliders[k, 3]
+    b.half_width = colliders[k, 4]
+    b.restitution = _ONE
+    b.friction = _ONE
+    return b
+
+
+@wp.func
+def _note(
+    events: wp.array3d(dtype=wp.float64),
+    counts: wp.array(dtype=wp.int32),
+    slot: int,
+    now: wp.float64,
+    vehicle: int,
+    kind: wp.int32,
+    partner: int,
+    speed: wp.float64,
+    x: wp.float64,
+    y: wp.float64,
+) -> wp.bool:
+    """Keep a contact as a collision unless the pair has just touched; whether it is new."""
+    stored = wp.min(counts[slot], _EVENTS_MAX)
+    for i in range(stored):
+        e = stored - 1 - i
+        if (
+            events[slot, e, 1] == wp.float64(vehicle)
+            and events[slot, e, 2] == wp.float64(kind)
+            and events[slot, e, 3] == wp.float64(partner)
+        ):
+            if now - events[slot, e, 7] > _APART_STEPS:
+                break
+            events[slot, e, 7] = now
+            return False
+    if counts[slot] < _EVENTS_MAX:
+        e = counts[slot]
+        events[slot, e, 0] = now
+        events[slot, e, 1] = wp.float64(vehicle)
+        events[slot, e, 2] = wp.float64(kind)
+        events[slot, e, 3] = wp.float64(partner)
+        events[slot, e, 4] = speed
+        events[slot, e, 5] = x
+        events[slot, e, 6] = y
+        events[slot, e, 7] = now
+    counts[slot] = counts[slot] + 1
+    return True
+
+
+@wp.func
+def _touch(
+    m: VehicleModel,
+    scene: Scene,
+    states: wp.array2d(dtype=VehicleState),
+    slot: int,
+    v: int,
+    box: Box,
+    new: wp.bool,
+    now: wp.float64,
+):
+    """Give a vehicle the velocity and place that a contact left it."""
+    s = states[slot, v]
+    if new:
+        s.collisions = s.collisions + _ONE
+        if s.impact_step < _ZERO:
+            s.impact_speed = s.speed
+            s.impact_step = now
+    if scene.stop_at_impact != 0:
+        s.velocity = wp.vec3d(_ZERO, _ZERO, _ZERO)
+        s.rate = wp.vec3d(_ZERO, _ZERO, _ZERO)
+        s.accel = _ZERO
+    else:
+        s.com = wp.vec3d(box.x, box.y, s.com[2])
+        s.velocity = wp.vec3d(box.vx, box.vy, s.velocity[2])
+        s.rate = wp.vec3d(s.rate[0], s.rate[1], box.rate)
+        s.held = _ZERO
+    states[slot, v] = observe(m, s)
+
+
+@wp.func
+def _blocked(scene: Scene, b: Box) -> wp.bool:
+    """Whether a prop stands in a wall."""
+    for k in range(scene.colliders.shape[0]):
+        wall = _wall_box(scene.colliders, k)
+        if near(b, wall) and overlap(hull_of(b), hull_of(wall)):
+            return True
+    return False
+
+
+@wp.func
+def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
+    """Contact of a vehicle and a prop; a prop that would be pushed into a wall is as hard as it."""
+    t = meet(a, b)
+    if t.touched and _blocked(scene, t.b):
+        wall = b
+        wall.inverse_mass = _ZERO
+        wall.inverse_inertia = _ZERO
+        wall.vx = _ZERO
+        wall.vy = _ZERO
+        wall.rate = _ZERO
+        t = meet(a, wall)
+    return t
+
+
+@wp.func
+def _vehicle_contacts(
+    models: wp.array(dtype=VehicleModel),
+    scene: Scene,
+    states: wp.array2d(dtype=VehicleState),
+    props: wp.array3d(dtype=wp.float64),
+    events: wp.array3d(dtype=wp.float64),
+    counts: wp.array(dtype=wp.int32),
+    slot: int,
+    v: int,
+    now: wp.float64,
+):
+    """Contacts of vehicle ``v`` with vehicles after it, props and walls."""
+    m = models[v]
+    for u in range(v + 1, states.shape[1]):
+        a = _vehicle_box(m, states[slot, v])
+        b = _vehicle_box(models[u], states[slot, u])
+        if near(a, b):
+            t = meet(a, b)
+            if t.touched:
+                new = _note(events, counts, slot, now, v, _CAR, u, t.speed, t.x, t.y)
+                _touch(m, scene, states, slot, v, t.a, new, now)
+                _touch(models[u], scene, states, slot, u, t.b, new, now)
+    for p in range(props.shape[1]):
+        a = _vehicle_box(m, states[slot, v])
+        b = prop_box(scene.props[p], props, slot, p)
+        if near(a, b):
+            t = _meet_prop(scene, a, b)
+            if t.touched:
+                new = _note(events, counts, slot, now, v, _PROP, p, t.speed, t.x, t.y)
+                _touch(m, scene, states, slot, v, t.a, new, now)
+                write_prop(props, slot, p, t.b)
+    for k in range(scene.colliders.shape[0]):
+        a = _vehicle_box(m, states[slot, v])
+        b = _wall_box(scene.colliders, k)
+        if near(a, b):
+            t = meet(a, b)
+            if t.touched:
+                new = _note(events, counts, slot, now, v, _WALL, k, t.speed, t.x, t.y)
+                _touch(m, scene, states, slot, v, t.a, new, now)
+
+
+@wp.func
+def _prop_contacts(scene: Scene, props: wp.array3d(dtype=wp.float64), slot: int, p: int):
+    """Contacts of prop ``p`` with props after it and with walls; they are no events."""
+    for q in range(p + 1, props.shape[1]):
+        a = prop_box(scene.props[p], props, slot, p)
+        b = prop_box(scene.props[q], props, slot, q)
+        if near(a, b):
+            t = meet(a, b)
+            if t.touched:
+                write_prop(props, slot, p, t.a)
+                write_prop(props, slot, q, t.b)
+    for k in range(scene.colliders.shape[0]):
+        a = prop_box(scene.props[p], props, slot, p)
+        b = _wall_box(scene.colliders, k)
+        if near(a, b):
+            t = meet(a, b)
+            if t.touched:
+                write_prop(props, slot, p, t.a)
+
+
+@wp.func
+def _measure(m: VehicleModel, scene: Scene, state: VehicleState) -> VehicleState:
+    """Distance to the obstacle (collider 0) and closing speed."""
+    s = state
+    k = scene.colliders
+    if k.shape[0] == 0:
+        return s
+    way = separation(
+        hull_of(_vehicle_box(m, s)), hull_at(k[0, 0], k[0, 1], k[0, 2], k[0, 3], k[0, 4])
+    )
+    s.dtc = way[2]
+    s.closing = _ZERO
+    if way[2] > _ZERO:
+        s.closing = (s.velocity[0] * way[0] + s.velocity[1] * way[1]) / way[2]
+    return s
+
+
+@wp.kernel
+def measure_kernel(
+    # model
+    models: wp.array(dtype=VehicleModel),
+    scene: Scene,
+    # state in and out
+    states: wp.array2d(dtype=VehicleState),
+):
+    """Derived columns of all vehicles, for states that were just set."""
+    slot, v = wp.tid()
+    q = states[slot, v].orientation
+    if wp.dot(q, q) > _ZERO:
+        states[slot, v] = _measure(models[v], scene, observe(models[v], states[slot, v]))
+
+
+@wp.kernel
+def drive_kernel(
+    # model
+    models: wp.array(dtype=VehicleModel),
+    scene: Scene,
+    # args
+    steps: wp.int32,
+    friction: wp.array(dtype=wp.float64),
+    commands: wp.array4d(dtype=wp.float64),
+    switch_step: wp.array(dtype=wp.int32),
+    first_step: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # state in and out
+    states: wp.array2d(dtype=VehicleState),
+    props: wp.array3d(dtype=wp.float64),
+    events: wp.array3d(dtype=wp.float64),
+    counts: wp.array(dtype=wp.int32),
+):
+    """Advance all active slots by ``steps`` physics steps.
+
+    ``commands`` [S, V, 2, 5]: in force before and from ``switch_step``. ``first_step`` [S]: physics
+    steps since reset at the start.
+    """
+    slot = wp.tid()
+    if active[slot] == 0:
+        return
+    vehicles = states.shape[1]
+    for k in range(steps):
+        row = wp.where(k >= switch_step[slot], 1, 0)
+        now = wp.float64(first_step[slot] + k + 1)
+        for v in range(vehicles):
+            s = states[slot, v]
+            frozen = scene.stop_at_impact != 0 and s.collisions > _ZERO
+            if s.fault == _ZERO and not frozen:
+                c = Command()
+                c.throttle = commands[slot, v, row, 0]
+                c.brake = commands[slot, v, row, 1]
+                c.steering = commands[slot, v, row, 2]
+                c.handbrake = commands[slot, v, row, 3]
+                c.selector = commands[slot, v, row, 4]
+                n = observe(models[v], advance(models[v], scene.ground, s, c, friction[slot]))
+                fault = fault_of(n)
+                if fault != _ZERO:
+                    s.fault = fault
+                    states[slot, v] = s
+                else:
+                    if n.speed != _ZERO:
+                        n.moved = _ONE
+                        n.rest_step = -_ONE
+                    elif n.moved > _ZERO and n.rest_step < _ZERO:
+                        n.rest_step = now
+                    states[slot, v] = n
+        for p in range(props.shape[1]):
+            slide_prop(scene.props[p], props, slot, p, friction[slot])
+        for v in range(vehicles):
+            frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
+            if states[slot, v].fault == _ZERO and not frozen:
+                _vehicle_contacts(models, scene, states, props, events, counts, slot, v, now)
+        for p in range(props.shape[1]):
+            _prop_contacts(scene, props, slot, p)
+    for v in range(vehicles):
+        states[slot, v] = _measure(models[v], scene, states[slot, v])

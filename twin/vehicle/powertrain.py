@@ -1,0 +1,158 @@
+"""From commands to wheel torques: actuators, engine, automatic gearbox, differential, Ackermann.
+
+tau_total = T(rpm) GR FDR tau A with A the pedal's non-linear map; the engine speed follows the
+driven wheels through the gears, lagged, but not below what the torque converter lets it keep. (The
+paper adds the idle speed to the wheels' speed; here the larger of the two counts, so that the
+engine turns as the gears say.) The gearbox shifts by the road speed, so wheelspin does not hunt.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.vehicle.model import VehicleModel
+from twin.vehicle.state import VehicleState
+
+_ZERO = wp.constant(wp.float64(0.0))
+_ONE = wp.constant(wp.float64(1.0))
+_TWO = wp.constant(wp.float64(2.0))
+_RPM = wp.constant(wp.float64(9.549296585513721))  # rad/s -> rpm
+_DROP_MAX = wp.constant(wp.float64(0.9))
+_ENGAGE_MPS = wp.constant(wp.float64(1.0))
+_TRACTION_RATE = wp.constant(wp.float64(8.0))
+"""Change of the traction control's share of torque per slip error [1/s]."""
+_TRACTION_DROP = wp.constant(wp.float64(-3.0))
+_RATE_MIN = wp.constant(wp.float64(0.01))
+
+COMMANDS = ("throttle", "brake", "steering_rad", "handbrake", "selector")
+"""Columns of a command: 0..1, 0..1, road-wheel angle, 0..1, and 1 drive, 0 neutral, -1 reverse."""
+
+
+@wp.struct
+class Drive:
+    """What the powertrain gives in a step."""
+
+    torque: wp.float64
+    """At the differential, all driven wheels together [N m]."""
+    gear: wp.float64
+    shift_left: wp.float64
+    rpm: wp.float64
+    traction: wp.float64
+    """The traction control's share of torque [-]."""
+
+
+@wp.func
+def engine_torque(m: VehicleModel, rpm: wp.float64) -> wp.float64:
+    """Full-load torque, linear between the map's rows, 0 beyond its last [N m]."""
+    torque = m.engine_torque[0]
+    for i in range(1, m.engine_rows):
+        low = m.engine_rpm[i - 1]
+        high = m.engine_rpm[i]
+        if rpm > low:
+            share = wp.min((rpm - low) / (high - low), _ONE)
+            torque = m.engine_torque[i - 1] + share * (m.engine_torque[i] - m.engine_torque[i - 1])
+    if rpm > m.engine_rpm[m.engine_rows - 1]:
+        torque = _ZERO
+    return torque
+
+
+@wp.func
+def overall_ratio(m: VehicleModel, gear: wp.float64) -> wp.float64:
+    """Engine speed over wheel speed, negative in reverse, 0 in neutral [-]."""
+    if gear < _ZERO:
+        return -m.reverse_ratio
+    if gear < _ONE:
+        return _ZERO
+    return m.ratios[wp.int32(gear) - 1]
+
+
+@wp.func
+def next_gear(
+    m: VehicleModel, gear: wp.float64, selector: wp.float64, speed: wp.float64, pedal: wp.float64
+) -> wp.float64:
+    """The gear that the selector and the engine's band ask for."""
+    if selector == _ZERO:
+        return _ZERO
+    if selector < _ZERO:
+        return wp.where(speed < _ENGAGE_MPS, -_ONE, _ZERO)
+    if gear < _ONE:
+        return wp.where(speed > -_ENGAGE_MPS, _ONE, _ZERO)
+    rpm = wp.abs(speed) / m.radius * _RPM * overall_ratio(m, gear)
+    up = m.shift_up[0] + pedal * (m.shift_up[1] - m.shift_up[0])
+    down = m.shift_down[0] + pedal * (m.shift_down[1] - m.shift_down[0])
+    if rpm > up and gear < wp.float64(m.gear_count):
+        return gear + _ONE
+    if rpm < down and gear > _ONE:
+        return gear - _ONE
+    return gear
+
+
+@wp.func
+def drive(
+    m: VehicleModel,
+    s: VehicleState,
+    throttle: wp.float64,
+    selector: wp.float64,
+    friction: wp.float64,
+) -> Drive:
+    """One step of engine and gearbox at actuator position ``throttle``."""
+    d = Drive()
+    d.gear = s.gear
+    d.shift_left = wp.max(s.shift_left - m.step, _ZERO)
+    if d.shift_left == _ZERO:
+        wanted = next_gear(m, s.gear, selector, s.speed, throttle)
+        if wanted != s.gear:
+            # Engaging from neutral or reverse happens at walking pace and takes no time.
+            d.shift_left = wp.where(wanted >= _ONE and s.gear >= _ONE, m.shift_time, _ZERO)
+            d.gear = wanted
+    share = throttle - (_ONE - throttle) * wp.abs(s.speed) / m.pedal_speed
+    share = wp.clamp(share, _ZERO, _ONE)
+    ratio = overall_ratio(m, d.gear)
+    turning = wp.float64(0.0)
+    driven = wp.float64(0.0)
+    slip = wp.float64(0.0)
+    for i in range(m.wheels):
+        if m.drive_share[i] > _ZERO:
+            turning += s.wheel_speed[i]
+            driven += _ONE
+            slip = wp.max(slip, wp.abs(s.slip[i]) / m.slip_x[i])
+    d.traction = _ONE
+    if m.traction != _ZERO and throttle > _ZERO:
+        error = wp.max(_ONE - slip / friction, _TRACTION_DROP)
+        d.traction = wp.clamp(s.traction + m.step * _TRACTION_RATE * error, _ZERO, _ONE)
+    coupled = wp.max(turning / driven * ratio * _RPM, _ZERO)
+    floor = m.idle_rpm + share * (m.stall_rpm - m.idle_rpm)
+    d.rpm = s.rpm + (wp.max(coupled, floor) - s.rpm) * m.rpm_gain
+    if d.shift_left > _ZERO or d.gear == _ZERO:
+        return d
+    slipping = _ONE - wp.min(coupled / wp.max(d.rpm, _ONE), _ONE)
+    converter = _ONE + (m.converter - _ONE) * slipping
+    d.torque = engine_torque(m, d.rpm) * share * d.traction * converter * ratio * m.efficiency
+    return d
+
+
+@wp.func
+def wheel_torque(m: VehicleModel, wheel: wp.int32, total: wp.float64, steering: wp.float64):
+    """Drive torque of a wheel after the differential: the wheel inside the turn loses torque."""
+    inside = wp.where(wheel % 2 == 0, wp.max(steering, _ZERO), wp.max(-steering, _ZERO))
+    return total * m.drive_share[wheel] * (_ONE - wp.clamp(m.drop * inside, _ZERO, _DROP_MAX))
+
+
+@wp.func
+def steer(m: VehicleModel, position: wp.float64, target: wp.float64, speed: wp.float64):
+    """Next position of the steering motor: lagged, its rate kappa_d + kappa_v v / v_max at most."""
+    rate = m.steering_rate + m.steering_rate_speed * wp.min(wp.abs(speed) / m.speed_max, _ONE)
+    way = wp.max(rate, _RATE_MIN) * m.step
+    target = wp.clamp(target, -m.steering_max, m.steering_max)
+    return position + wp.clamp((target - position) * m.steering_gain, -way, way)
+
+
+@wp.func
+def wheel_angles(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
+    """Angles of the left and right front wheel: atan(2 l tan d / (2 l -+ w tan d)) [rad]."""
+    t = wp.tan(steering)
+    length = _TWO * m.wheelbase
+    width = m.track * m.ackermann
+    return wp.vec2d(
+        wp.atan(length * t / (length - width * t)), wp.atan(length * t / (length + width * t))
+    )
