@@ -83,9 +83,9 @@ class Imu(_Spec, frozen=True):
     (Allan deviation N / sqrt(tau)) and a bias that wanders as a first-order Gauss-Markov process.
     Its own Allan deviation has its highest point at 1.89 ``bias_time_s``; the parameter ``*_bias``
     is the value there, so that it can be read off a data sheet's curve as "bias instability" (IEEE
-    Std 952, annex C). Defaults are the figures of Xsens' MTi-1: 120 ug/sqrt(Hz), 0.03 mg, 0.007 deg/s/sqrt(Hz), 10 deg/h (table in
-    Transactions on Aerospace Research 2023, 10.2478/tar-2023-0022); the correlation time and the
-    scale errors are inferred.
+    Std 952, annex C). Defaults are the figures of Xsens' MTi-1: 120 ug/sqrt(Hz), 0.03 mg,
+    0.007 deg/s/sqrt(Hz), 10 deg/h (table in Transactions on Aerospace Research 2023,
+    10.2478/tar-2023-0022); the correlation time and the scale errors are inferred.
     """
 
     on: bool = True
