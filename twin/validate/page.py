@@ -22,8 +22,8 @@ table { border-collapse: collapse; width: 100%; }
 th, td { border-bottom: 1px solid #d9dee6; padding: .3rem .6rem; text-align: left; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 tr.failed { background: #fde8e6; }
-.plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 1rem; }
-.plots > div { min-width: 0; }
+.plots { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 1rem; }
+@media (max-width: 60rem) { .plots { grid-template-columns: minmax(0, 1fr); } }
 </style><script>{{ plotly }}</script></head><body>
 <h1>{{ vehicle.vehicle }}: manoeuvres against references</h1>
 <p>{{ checks | selectattr("passed") | list | length }} of {{ checks | length }} within tolerance.
