@@ -190,7 +190,14 @@ def validate(
         raise
     cases = expand(loaded)
     if output is Output.json:
-        print(json.dumps({"valid": True, "mistakes": [], "cases": [case.id for case in cases]}))
+        found = {
+            "valid": True,
+            "mistakes": [],
+            "cases": [case.id for case in cases],
+            "deadline_s": loaded.deadline_s,
+            "placement": loaded.autonomy.placement,
+        }
+        print(json.dumps(found))
         return
     print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
 
