@@ -15,7 +15,13 @@ import typer
 
 from hpc.options import Options, Output, SchedulerName, own_bin_folder, with_options
 from twin.fabric.cli import make_app, run
-from twin.fabric.errors import EXIT_INFRASTRUCTURE, UsageError
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_INFRASTRUCTURE,
+    EXIT_PASS,
+    EXIT_UNFINISHED,
+    UsageError,
+)
 
 if TYPE_CHECKING:
     from hpc.campaigns import CampaignFacts
@@ -112,7 +118,9 @@ def status(
         found.native or "not known any more; see its log",
         f"waits for: {found.reason}" if found.reason else "",
         f"on {found.nodes}" if found.nodes else "",
-        f"exit code {found.exit_code}" if found.exit_code is not None else "",
+        f"exit code {found.exit_code}{_meaning(found.exit_code)}"
+        if found.exit_code is not None
+        else "",
         f"{found.restarts} restarts" if found.restarts else "",
     ]
     print(f"{backend.kind} job {number}: {', '.join(part for part in parts if part)}")
@@ -276,6 +284,16 @@ def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
             "or a job's id"
         )
     return scheduler(which.value), job
+
+
+def _meaning(code: int) -> str:
+    """A campaign with a collision is a job that "failed", for the scheduler."""
+    meanings = {
+        EXIT_PASS: "all passed",
+        EXIT_FAILED: "done, a verdict is not a pass",
+        EXIT_UNFINISHED: "unfinished",
+    }
+    return f" ({meanings[code]})" if code in meanings else ""
 
 
 def _short(path: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import socket
 import sys
@@ -13,6 +14,7 @@ import psutil
 
 from hpc.commands import call, exists
 from hpc.doctor import Address, Facts, Partition
+from hpc.pbs_commands import attributes
 from hpc.site import usual_path
 from hpc.submit import probe
 from twin.fabric.errors import TwinError
@@ -89,13 +91,10 @@ def _pbs() -> tuple[str, tuple[Partition, ...]]:
 
 def parse_queues(text: str) -> tuple[Partition, ...]:
     """What ``qstat -Qf`` prints."""
-    queues: list[dict[str, str]] = []
-    for line in text.replace("\n\t", "").splitlines():
-        if line.startswith("Queue:"):
-            queues.append({"name": line.partition(":")[2].strip()})
-        elif " = " in line and queues:
-            name, _, value = line.strip().partition(" = ")
-            queues[-1][name] = value
+    queues = [
+        {"name": part.splitlines()[0].strip(), **attributes(part)}
+        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1:]
+    ]
     return tuple(
         Partition(
             queue["name"],
@@ -122,8 +121,8 @@ def _containers() -> tuple[str, ...]:
         if exists(program):
             with contextlib.suppress(TwinError):
                 done = call(program, "--version", wait_s=WAIT_S)
-                words = (done.out or done.err).split()
-                found.append(f"{program} {words[-1]}" if words else program)
+                version = re.search(r"\b\d+\.\d[\w.~-]*", done.out + done.err)
+                found.append(f"{program} {version[0]}" if version else program)
     return tuple(found)
 
 

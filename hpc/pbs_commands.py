@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -82,11 +83,7 @@ class Pbs:
 
 def parse_job(text: str) -> JobStatus:
     """The attributes that ``qstat -f`` prints; long lines go on after a tab."""
-    found: dict[str, str] = {}
-    for line in text.replace("\n\t", "").splitlines():
-        name, separator, value = line.strip().partition(" = ")
-        if separator:
-            found[name] = value.strip()
+    found = attributes(text)
     native = found.get("job_state", "")
     state = _STATES.get(native[:1], "unknown")
     code = found.get("Exit_status", found.get("exit_status", ""))
@@ -99,6 +96,19 @@ def parse_job(text: str) -> JobStatus:
         exit_code=int(code) if state == "ended" and code.lstrip("-").isdecimal() else None,
         restarts=max(0, int(count) - 1) if count.isdecimal() else 0,
     )
+
+
+def attributes(text: str) -> dict[str, str]:
+    """``name = value`` lines; a line that is none goes on with the one before."""
+    found: dict[str, str] = {}
+    name = ""
+    for line in text.splitlines():
+        match = re.fullmatch(r"\s+([A-Za-z_][\w.]*) = (.*)", line)
+        if match:
+            name, found[match[1]] = match[1], match[2].strip()
+        elif name and line.startswith("\t"):
+            found[name] += line.strip()
+    return found
 
 
 def _refusal(what: str, done: Done) -> TwinError:

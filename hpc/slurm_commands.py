@@ -105,7 +105,7 @@ def parse_job(line: str) -> JobStatus:
     return JobStatus(
         state=_state(native),
         native=native,
-        reason="" if reason == "None" else reason,
+        reason=reason if _state(native) == "pending" and reason != "None" else "",
         nodes="" if nodes == "(null)" else nodes,
         exit_code=_exit_code(found.get("ExitCode", "")) if _state(native) == "ended" else None,
         restarts=int(found.get("Restarts", "0")),
