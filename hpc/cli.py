@@ -229,14 +229,11 @@ def _kind(options: Options, site: Site) -> SchedulerName:
 
 
 def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts, JobRequest]:
-    """The cheap mistakes of the command line are said before the campaign is looked at."""
     from hpc.campaigns import checked
 
-    request = _request(campaign, options, site, remote_stacks=False)
     facts = checked(campaign)
-    return facts, dataclasses.replace(
-        request, campaign=facts.name, remote_stacks=facts.remote_stacks
-    )
+    request = _request(campaign, options, site, remote_stacks=facts.remote_stacks)
+    return facts, dataclasses.replace(request, campaign=facts.name)
 
 
 def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:

@@ -123,7 +123,10 @@ def _workers(request: JobRequest) -> str:
     role = "worker"
     if request.remote_stacks:
         role = f"$([ $task -lt {count} ] && echo worker || echo stack)"
-    pick = ""
+    stacks = pick = ""
+    if request.remote_stacks:
+        stacks = f"""
+  kill -TERM "${{started[@]:{count}}}" 2>/dev/null # they would wait for further simulators"""
     if request.gpus:
         pick = """
 one_gpu() { # RANK: of the GPUs that PBS gives this job on the node, or simply by number
@@ -167,7 +170,7 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
       kill -0 "${{started[task]}}" 2>/dev/null && ended=no && wait "${{started[task]}}"
     done
     [ $ended = no ] || break
-  done
+  done{stacks}
 {script.LOST}
 }} &
 workers=$!"""

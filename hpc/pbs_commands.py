@@ -31,7 +31,7 @@ class Pbs:
         """The job script."""
         return render(request)
 
-    def check(self, text: str) -> None:
+    def check(self, text: str, _request: JobRequest, /) -> None:
         """PBS has no trial run: the lines are checked against the reference."""
         mistakes = lint(text)
         if mistakes:

@@ -37,7 +37,7 @@ class Scheduler(Protocol):
     def render(self, request: JobRequest) -> str:
         """The job script."""
 
-    def check(self, text: str) -> None:
+    def check(self, text: str, request: JobRequest, /) -> None:
         """Raise unless the script would be accepted; nothing is submitted."""
 
     def submit(self, path: Path, folder: Path) -> str:

@@ -33,7 +33,7 @@ def render(request: JobRequest) -> str:
             script.on_each_node(request, _NODE_ADDRESS, device),
             script.conductor(request).replace("{TRAPS}", _TRAPS),
             _workers(request),
-            script.WAIT,
+            script.WAIT + (_END_STACKS if request.remote_stacks else ""),
             script.VERDICT + "\n" + _END,
         )
     )
@@ -115,21 +115,21 @@ def _workers(request: JobRequest) -> str:
     note = "# --- The workers, one per task."
     if request.gpus:
         note += " Each sees one GPU only (CUDA_VISIBLE_DEVICES), so that is cuda:0."
-    steps = ["0"]
+    end = 'scancel --signal="$1" "$SLURM_JOB_ID.0" 2>/dev/null'
     exact = stacks = ""
     if request.remote_stacks:
-        steps = ["0", "1"]
+        end = 'for step in 0 1; do scancel --signal="$1" "$SLURM_JOB_ID.$step"; done 2>/dev/null'
         exact = " --exact"
         stacks = f"""
 # --- The hosts of the stacks, on the tasks that the workers leave free.
 srun --exact {each} \\
   {keep} \\
-  bash -c "$on_node; stack" &"""
-    ends = "; ".join(f'scancel --signal="$1" "$SLURM_JOB_ID.{step}" 2>/dev/null' for step in steps)
+  bash -c "$on_node; stack" &
+stacks=$!"""
     return f"""\
 {note}
 # --- One that dies does not take the others with it; its cases go to them.
-end_workers() {{ {ends}; }}
+end_workers() {{ {end}; }}
 {{
   kill -0 "$conductor" 2>/dev/null || exit
   srun{exact} {each} \\
@@ -139,6 +139,11 @@ end_workers() {{ {ends}; }}
 }} &
 workers=$!{stacks}"""
 
+
+_END_STACKS = """
+# The hosts of the stacks would wait for further simulators.
+end_workers TERM
+wait "$stacks\""""
 
 _END = """\
 if [ "$verdict" = 75 ] && [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%T)" = RUNNING ]

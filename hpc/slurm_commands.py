@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from hpc.commands import Done, call, exists
-from hpc.request import JobRequest
+from hpc.request import JobRequest, hours_minutes
 from hpc.scheduler import JobStatus, Kind, State
 from hpc.slurm import options, render
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError
@@ -28,11 +28,25 @@ class Slurm:
         """The job script."""
         return render(request)
 
-    def check(self, text: str) -> None:
-        """``sbatch --test-only``: partition, account, limits and resources."""
+    def check(self, text: str, request: JobRequest, /) -> None:
+        """``sbatch --test-only``: partition, account and resources; then the partition's time.
+
+        A job that is longer than its partition allows is taken by many sites, and waits for ever.
+        """
         done = call("sbatch", "--test-only", text=text)
         if done.code:
             raise self._refusal("Slurm refuses this job", done)
+        rows = call("sinfo", "--noheader", "--format=%P %l").out.splitlines()
+        limits = dict(row.split() for row in rows if len(row.split()) == 2)
+        wanted = request.partition.split(",") if request.partition else []
+        names = [n for n in limits if (n.rstrip("*") in wanted if wanted else n.endswith("*"))]
+        found = [minutes(limits[name]) for name in names]
+        if found and all(limit is not None and limit < request.walltime_min for limit in found):
+            allowed = ", ".join(f"{name.rstrip('*')} up to {limits[name]}" for name in names)
+            raise UsageError(
+                f"--time {hours_minutes(request.walltime_min)}: longer than the partition allows "
+                f"({allowed}); an unfinished job queues itself again anyway"
+            )
 
     def submit(self, path: Path, folder: Path) -> str:
         """``sbatch``; the log goes to its working folder."""
@@ -123,6 +137,15 @@ def parse_account(lines: str) -> JobStatus:
         exit_code=_exit_code(code) if _state(native) == "ended" else None,
         restarts=int(restarts or 0),
     )
+
+
+def minutes(limit: str) -> int | None:
+    """A time of Slurm (``2-12:00:00``, ``30:00``) in whole minutes; None: no limit, or unknown."""
+    match = re.fullmatch(r"(?:(\d+)-)?(?:(\d+):)?(\d+):(\d+)", limit)
+    if match is None:
+        return None
+    days, hours, mins, _ = (int(part or 0) for part in match.groups())
+    return 24 * 60 * days + 60 * hours + mins
 
 
 def _state(native: str) -> State:

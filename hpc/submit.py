@@ -47,7 +47,7 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
     text = scheduler.render(request)
     with _undone_on_failure(folder) as undo:
         probe(folder)
-        scheduler.check(text)
+        scheduler.check(text, request)
         script = folder / SCRIPT
         undo.file(script)
         _write(script, text)

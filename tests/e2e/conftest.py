@@ -31,3 +31,16 @@ def quiet(tmp_path_factory):
         return {"folder": folder, **json.loads(done.stdout)}
     finally:
         starter.end()
+
+
+@pytest.fixture(scope="session")
+def local(tmp_path_factory):
+    """``conductor run aeb-demo`` on this machine, without a scheduler: its fingerprint."""
+    folder = tmp_path_factory.mktemp("local") / "aeb-demo"
+    starter = Marked()
+    try:
+        done = starter.run("conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json")
+        assert done.returncode == 1, done.stderr
+        return json.loads(done.stdout)["fingerprint"]
+    finally:
+        starter.end()

@@ -66,7 +66,7 @@ SlurmdTimeout=30
 NodeName=n1 {n1} CPUs=4 RealMemory=4000
 NodeName=n2 {n2} CPUs=8 RealMemory=4000 \
 Gres=gpu:a100:2
-NodeName=n3 {n3} CPUs=8 RealMemory=4000 \
+NodeName=n3 {n3} CPUs=16 RealMemory=4000 \
 Gres=gpu:v100:4
 PartitionName=main Nodes=n1,n2,n3 Default=YES MaxTime=24:00:00 State=UP
 """
