@@ -1,7 +1,6 @@
 """From ``hpc submit`` to the verdict on a real Slurm: a private cluster, for this module alone."""
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,9 +18,14 @@ pytestmark = [
     pytest.mark.skipif(bool(slurm_cluster.missing()), reason=slurm_cluster.missing()),
 ]
 SKEWED = """
-[ "$SLURM_PROCID" != 1 ] || exec faketime -f +300s "$real" "$@"
+[ "$SLURM_PROCID" != 1 ] || export PYTHONPATH="$(dirname "$0")/ahead"
 """
-"""The clock of worker 1 is five minutes ahead, for it and for its rig."""
+"""Worker 1, its simulator and its stack believe that it is five minutes later."""
+AHEAD = """
+import time
+true_clock = time.time
+time.time = lambda: true_clock() + 300.0
+"""
 ON_THE_CPU = """
 echo "$SLURMD_NODENAME $CUDA_VISIBLE_DEVICES ${@: -1}" > "$3/seen-$SLURM_PROCID"
 exec "$real" "${@/cuda:0/cpu}"
@@ -156,15 +160,21 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
 def test_told_to_stop(marked, cluster, quiet, tmp_path):
     """As before the end of the wall time: drained, queued again, finished by the second start.
 
-    Where faketime is there, the clock of one worker is five minutes ahead all the while.
+    The clock of one worker is five minutes ahead all the while.
     """
-    skewed = SKEWED if shutil.which("faketime") else ""
-    commands = str(wrapped_commands(tmp_path, skewed))
-    options = ("--workers", "2", "--bin", commands)
+    commands = wrapped_commands(tmp_path, SKEWED)
+    (commands / "ahead").mkdir()
+    (commands / "ahead" / "sitecustomize.py").write_text(AHEAD)
+    options = ("--workers", "2", "--bin", str(commands))
     job = Job(marked, cluster, tmp_path, "chaos-16", *options)
     job.wait(lambda: committed(job.out) >= 2, "two cases")
     job.hpc("requeue")
     job.wait(lambda: cluster.job(job.id)["Restarts"] == "1", "the second start")
+    again = ("submit", "chaos-16", "--workers", "1", "--time", "00:30", "--out", str(job.out))
+    refused = hpc(cluster, *again, folder=tmp_path)
+    assert f"job {job.id} is " in refused.stderr
+    assert "and works here" in refused.stderr
+    assert refused.returncode == 2
     rows = outcomes(job.out)
     done = {name for name, row in rows.items() if row["outcome"]}
     assert 2 <= len(done) < 16
@@ -177,7 +187,6 @@ def test_told_to_stop(marked, cluster, quiet, tmp_path):
     assert {row["outcome"] for row in rows.values()} == {"verdict"}
     assert all(row["charges"] == [] for row in rows.values())
     assert before == {name: kpi_ns(job.out, rows[name]) for name in done}, "done twice"
-    assert len({row["worker"] for row in rows.values()}) == 4, "two workers in each start"
     assert quiet["fingerprint"] in job.text
 
 
@@ -190,10 +199,6 @@ def test_cancelled(marked, cluster, quiet, tmp_path):
     """Whoever cancels a job does not want it queued again; submitted again, it goes on."""
     job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2")
     job.wait(lambda: committed(job.out) >= 1, "a case")
-    again = ("submit", "chaos-16", "--workers", "1", "--time", "00:30", "--out", str(job.out))
-    refused = hpc(cluster, *again, folder=tmp_path)
-    assert f"job {job.id} is RUNNING and works here" in refused.stderr
-    assert refused.returncode == 2
     job.hpc("cancel")
     found = job.end()
     assert (found["JobState"], found["Restarts"]) == ("CANCELLED", "0")
