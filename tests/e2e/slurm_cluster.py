@@ -18,6 +18,7 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import psutil
 
@@ -31,6 +32,9 @@ PACKAGES = {
 MARK = "TWIN_TEST_SLURM"
 """Environment variable by which the daemons of a cluster are found again."""
 PATIENCE_S = 60.0
+JOB_PATIENCE_S = 500.0
+"""Longest a job may take; it has to share two slow cores."""
+T = TypeVar("T")
 NODES = ("n1", "n2", "n3")
 ENDED = ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED")
 
@@ -113,8 +117,7 @@ class SlurmCluster:
         )
         self._wait(lambda: (munge / "sock").exists(), "munged")
         self._daemon("slurmctld", "-D")
-        for node in NODES:
-            self._daemon(*self.node_command(node))
+        self._nodes = {node: self._daemon(*self.node_command(node)) for node in NODES}
         states = ("sinfo", "--noheader", "--Node", "--format=%T")
         self._wait(
             lambda: self.call(*states, check=False).stdout.split() == ["idle"] * 3, "idle nodes"
@@ -180,6 +183,15 @@ class SlurmCluster:
         found = self.job(job)
         return found if found["JobState"] in ENDED else None
 
+    def wait(self, look: Callable[[], T], what: str) -> T:
+        """Poll until ``look`` returns something true."""
+        until = time.monotonic() + JOB_PATIENCE_S
+        while time.monotonic() < until:
+            if found := look():
+                return found
+            time.sleep(0.1)
+        raise AssertionError(f"in vain: {what}\n{self.logs()}")
+
     def logs(self) -> str:
         """The daemons' logs, for the message of a failure."""
         return "\n".join(
@@ -219,7 +231,7 @@ class SlurmCluster:
         """The command line that is a node."""
         return ("slurmd", "-D", "-N", node)
 
-    def _daemon(self, program: str, *arguments: str) -> None:
+    def _daemon(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
         log = (self.folder / "log" / f"{program}-{len(self._daemons)}.out").open("wb")
         with log:
             self._daemons.append(
@@ -233,6 +245,7 @@ class SlurmCluster:
                     start_new_session=True,
                 )
             )
+        return self._daemons[-1]
 
     def _wait(self, look: Callable[[], bool], what: str) -> None:
         until = time.monotonic() + PATIENCE_S

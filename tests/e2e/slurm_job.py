@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -14,8 +13,6 @@ from processes import MARK, Marked
 from slurm_cluster import SlurmCluster
 
 T = TypeVar("T")
-PATIENCE_S = 500.0
-"""Longest a job may take; it has to share two slow cores."""
 
 
 def hpc(
@@ -56,12 +53,10 @@ class Job:
 
     def wait(self, look: Callable[[], T], what: str) -> T:
         """Poll until ``look`` returns something true."""
-        until = time.monotonic() + PATIENCE_S
-        while time.monotonic() < until:
-            if found := look():
-                return found
-            time.sleep(0.1)
-        raise AssertionError(f"in vain: {what}\n{self.text}\n{self.cluster.logs()}")
+        try:
+            return self.cluster.wait(look, what)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.text}") from None
 
     def end(self) -> dict[str, str]:
         """Wait until it has ended; what Slurm knows of it."""

@@ -88,9 +88,10 @@ class NamespacedCluster(SlurmCluster):
     def switch_off(self, node: str) -> None:
         """Nobody hears of it."""
         self.cut(node)
-        daemon = self._daemons.pop(-len(NODES) + NODES.index(node))
+        daemon = self._nodes[node]
         daemon.kill()
         daemon.wait()
+        self._daemons.remove(daemon)
 
     def _name(self, node: str) -> str:
         return f"s{self._tag}{node}"
