@@ -55,6 +55,7 @@ def run_command(
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases together per worker.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+    case: Annotated[str, typer.Option(help="Only this case; choose another --out for it.")] = "",
     by_batch: ByBatch = False,
     listen: Listen = "tcp/127.0.0.1:0",
     view: Annotated[
@@ -69,9 +70,11 @@ def run_command(
     yourself (`twin worker --state OUT`) do the work.
     """
     from conductor.run import RunOptions, run_campaign
-    from conductor.source import load
+    from conductor.source import load, only_case
 
     loaded = load(campaign, seed=seed)
+    if case:
+        loaded = only_case(loaded, case)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
         workers=workers,

@@ -39,8 +39,10 @@ def local(tmp_path_factory):
     folder = tmp_path_factory.mktemp("local") / "aeb-demo"
     starter = Marked()
     try:
-        done = starter.run("conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json")
-        assert done.returncode == 1, done.stderr
-        return json.loads(done.stdout)["fingerprint"]
+        asked = ("conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json")
+        child = starter.start(*asked)
+        out, err = child.communicate(timeout=500)
+        assert child.returncode == 1, err
+        return json.loads(out)["fingerprint"]
     finally:
         starter.end()
