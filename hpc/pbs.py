@@ -198,8 +198,8 @@ kill "$timer" 2>/dev/null
 _END = """\
 if [ "$verdict" = 75 ] && [ "$deleted" = no ]; then
   if [ "$restarts" -lt "$restarts_max" ]; then
-    printf -v again 'cd %q && qsub -W depend=afterany:%q -v DRIVETWIN_RESTARTS=%q %q' \\
-      "${PBS_O_WORKDIR:-$out}" "$PBS_JOBID" $((restarts + 1)) "$out/job.sh"
+    printf -v again 'cd %q && qsub -W depend=afterany:%q -v DRIVETWIN_RESTARTS=%q job.sh' \\
+      "$out" "$PBS_JOBID" $((restarts + 1))
     # Nodes of some sites may not submit; then ask the host that this job came from.
     if next=$(eval "$again") || next=$(ssh -o BatchMode=yes "$PBS_O_HOST" "$again"); then
       echo "pbs $next" > "$out/job.id"

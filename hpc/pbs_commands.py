@@ -38,8 +38,8 @@ class Pbs:
             raise UsageError("\n".join(f"job script: {mistake}" for mistake in mistakes))
 
     def submit(self, path: Path, folder: Path) -> str:
-        """``qsub``; the log goes to its working folder."""
-        done = call("qsub", str(path), folder=folder)
+        """``qsub`` in the script's folder, which is where the log goes."""
+        done = call("qsub", path.name, folder=folder)
         if done.code or not done.out.strip():
             raise _refusal("PBS did not take the job", done)
         return done.out.split()[-1]

@@ -72,7 +72,7 @@ def test_ends(tmp_path, environment, code, submitted):
     assert bool(job.said("qsub")) == bool(submitted)
     if submitted:
         assert job.said("qsub").startswith("-W depend=afterany:7.head ")
-        assert job.said("qsub").endswith(f"{tmp_path}/o ut/job.sh\n")
+        assert job.said("qsub").endswith(" job.sh\n")
         assert (tmp_path / "o ut" / "job.id").read_text() == "pbs 12.head\n"
 
 
