@@ -57,8 +57,10 @@ def jobs(cluster: SlurmCluster, job: str) -> list[dict[str, str]]:
 def run(cluster: SlurmCluster, job: str) -> dict[str, float]:
     """Wait for the end; what it took."""
     started_s = time.monotonic()
-    while not all(each["JobState"] in ENDED for each in (found := jobs(cluster, job))):
+    found = jobs(cluster, job)
+    while not all(each["JobState"] in ENDED for each in found):
         time.sleep(0.2)
+        found = jobs(cluster, job)
     makespan_s = time.monotonic() - started_s
     core_s = 0.0
     for each in found:
