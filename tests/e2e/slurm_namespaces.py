@@ -35,6 +35,7 @@ class NamespacedCluster(SlurmCluster):
         self._tag = self.mark[:5]
         self._network = f"10.78.{random.SystemRandom().randrange(1, 255)}"
         self.address = f"{self._network}.254"
+        self.network = f"{self._network}.0/24"
 
     def start(self) -> None:
         """Bridge, cables and namespaces first."""

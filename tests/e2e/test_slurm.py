@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import slurm_cluster
 import yaml
-from processes import committed, outcomes
+from processes import MARK, committed, outcomes
 from slurm_cluster import SlurmCluster
 from slurm_job import Job, hpc, wrapped_commands
 
@@ -208,3 +208,19 @@ def test_cancelled(marked, cluster, quiet, tmp_path):
     assert resumed.end()["ExitCode"] == "1:0", resumed.text
     assert "going on, " in resumed.text
     assert quiet["fingerprint"] in resumed.text
+
+
+def test_a_second_job_joins(marked, cluster, quiet, tmp_path):
+    """As docs/cluster.md says it; it was there first and waited for the campaign."""
+    out = tmp_path / "a folder"
+    worker = f"{sys.executable} -m twin worker --state '{out}' --wait 120 --until-done"
+    cluster.call(
+        *("sbatch", "--ntasks=1", "--time=00:30:00", "--signal=TERM@60"),
+        *("--wrap", f"srun --no-kill {worker}"),
+        folder=tmp_path,
+        environment={MARK: marked.mark},
+    )
+    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "1")
+    assert job.end()["ExitCode"] == "1:0", job.text
+    assert len({row["worker"] for row in outcomes(job.out).values()}) == 2
+    assert quiet["fingerprint"] in job.text

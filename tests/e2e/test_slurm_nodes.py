@@ -57,7 +57,8 @@ def campaign(folder, name, change):
 def test_stacks_on_another_node(marked, cluster, local, tmp_path):
     """``autonomy.placement: node``: frames over TCP between two nodes, the same values."""
     path = campaign(tmp_path, "aeb-demo", lambda data: data["autonomy"].update(placement="node"))
-    job = Job(marked, cluster, tmp_path, path, "--workers", "1", "--nodes", "2", "--slots", "4")
+    where = ("--workers", "1", "--nodes", "2", "--interface", "eth0")
+    job = Job(marked, cluster, tmp_path, path, *where, "--slots", "4")
     found = job.end()
     assert found["ExitCode"] == "1:0", job.text
     assert "joining" in job.text
@@ -102,7 +103,8 @@ def test_a_node_is_switched_off(marked, cluster, quiet, tmp_path):
 
     The last test of this cluster: the node stays off.
     """
-    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2", "--nodes", "2")
+    where = ("--workers", "2", "--nodes", "2", "--interface", cluster.network)
+    job = Job(marked, cluster, tmp_path, "chaos-16", *where)
     job.wait(lambda: committed(job.out) >= 2, "two cases")
     batch = cluster.job(job.id)["BatchHost"]
     (lost,) = {"n1", "n2"} - {batch}
