@@ -35,7 +35,7 @@ def quiet(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def local(tmp_path_factory):
-    """``conductor run aeb-demo`` on this machine, without a scheduler: its fingerprint."""
+    """``conductor run aeb-demo`` on this machine, without a scheduler."""
     folder = tmp_path_factory.mktemp("local") / "aeb-demo"
     starter = Marked()
     try:
@@ -43,6 +43,6 @@ def local(tmp_path_factory):
         child = starter.start(*asked)
         out, err = child.communicate(timeout=500)
         assert child.returncode == 1, err
-        return json.loads(out)["fingerprint"]
+        return {"folder": folder, **json.loads(out)}
     finally:
         starter.end()

@@ -131,7 +131,7 @@ class SlurmCluster:
             with contextlib.suppress(AssertionError):  # what hangs is killed below
                 self._wait(lambda: not self.call(*queue, check=False).stdout.split(), "empty queue")
         for daemon in reversed(self._daemons):
-            daemon.terminate()
+            self.end_daemon(daemon)
         for daemon in reversed(self._daemons):
             try:
                 daemon.wait(10)
@@ -226,6 +226,10 @@ class SlurmCluster:
     def place(self, node: str, port: int) -> str:
         """Where a node is, in the words of slurm.conf."""
         return f"NodeHostname=localhost NodeAddr={self.address} Port={port}"
+
+    def end_daemon(self, daemon: subprocess.Popen[bytes]) -> None:
+        """Tell it to end."""
+        daemon.terminate()
 
     def node_command(self, node: str) -> tuple[str, ...]:
         """The command line that is a node."""

@@ -78,6 +78,13 @@ class NamespacedCluster(SlurmCluster):
             *("bash", "-c", inside),
         )
 
+    def end_daemon(self, daemon: subprocess.Popen[bytes]) -> None:
+        """``unshare`` passes no signal on, but what is inside ends with it."""
+        if daemon in self._nodes.values():
+            daemon.kill()
+        else:
+            super().end_daemon(daemon)
+
     def cut(self, node: str) -> None:
         """Pull its cable."""
         _ip("link", "set", self._cable(node), "down")

@@ -50,7 +50,7 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
     last = job.end()
     assert last["ExitCode"] == "1:0", logs(job)
     assert logs(job).count("unfinished, queued again as") == 1
-    assert f"fingerprint {local}" in logs(job)
+    assert f"fingerprint {local['fingerprint']}" in logs(job)
     rows = outcomes(job.out).values()
     assert {row["outcome"] for row in rows} == {"verdict"}
     assert all(row["charges"] == [] for row in rows)

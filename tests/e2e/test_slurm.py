@@ -150,7 +150,7 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
     assert found["ExitCode"] == "1:0", job.text
     assert (found["Restarts"], found["NumNodes"]) == ("0", "2")
     done = marked.run("conductor", "fingerprint", str(job.out))
-    assert done.stdout.strip() == local
+    assert done.stdout.strip() == local["fingerprint"]
     assert (job.out / "report.html").exists()
     assert "6 of 8 passed" in job.text
     assert {line[:2] for line in job.text.splitlines() if "slot(s) on cpu" in line} == {"0:", "1:"}

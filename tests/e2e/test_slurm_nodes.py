@@ -56,15 +56,28 @@ def campaign(folder, name, change):
 
 def test_stacks_on_another_node(marked, cluster, local, tmp_path):
     """``autonomy.placement: node``: frames over TCP between two nodes, the same values."""
-    path = campaign(tmp_path, "aeb-demo", lambda data: data["autonomy"].update(placement="node"))
+
+    def half_elsewhere(data):
+        data["autonomy"].update(placement="node")
+        data["exclude"] = [{"model": "yolov2"}, {"model": "yolov3-tiny"}]
+
+    path = campaign(tmp_path, "aeb-demo", half_elsewhere)
     where = ("--workers", "1", "--nodes", "2", "--interface", "eth0")
     job = Job(marked, cluster, tmp_path, path, *where, "--slots", "4")
+
+    def places():
+        steps = cluster.call("squeue", "--steps", "--noheader", "--format=%i %N").stdout
+        return [line.split()[1] for line in steps.splitlines() if line.split()[0][-2:] != "ch"]
+
+    nodes = job.wait(lambda: len(places()) == 2 and places(), "workers and stacks")
+    assert sorted(nodes) == ["n1", "n2"]
     found = job.end()
     assert found["ExitCode"] == "1:0", job.text
     assert "joining" in job.text
-    assert f"fingerprint {local}" in job.text
-    (worker,) = {row["worker"].split("-")[0] for row in outcomes(job.out).values()}
-    assert worker == found["BatchHost"]
+    rows, expected = outcomes(job.out), outcomes(local["folder"])
+    assert len(rows) == 4
+    for name, row in rows.items():
+        assert row["kpi_sha256"] == expected[name]["kpi_sha256"]
 
 
 def test_late_commits_of_a_node_that_was_cut_off_are_fenced(marked, cluster, tmp_path):
