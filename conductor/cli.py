@@ -61,6 +61,7 @@ def run_command(
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases together per worker.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+    case: Annotated[str, typer.Option(help="Only this case; choose another --out for it.")] = "",
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
@@ -80,10 +81,12 @@ def run_command(
     yourself (`twin worker --state OUT`) do the work.
     """
     from conductor.run import RunOptions, run_campaign
-    from conductor.source import load
+    from conductor.source import load, only_case
     from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
+    if case:
+        loaded = only_case(loaded, case)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
         workers=workers,
@@ -257,7 +260,14 @@ def validate(
         raise
     cases = expand(loaded)
     if output is Output.json:
-        print(json.dumps({"valid": True, "mistakes": [], "cases": [case.id for case in cases]}))
+        found = {
+            "valid": True,
+            "mistakes": [],
+            "cases": [case.id for case in cases],
+            "deadline_s": loaded.deadline_s,
+            "placement": loaded.autonomy.placement,
+        }
+        print(json.dumps(found))
         return
     print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
 

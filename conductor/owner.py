@@ -26,6 +26,10 @@ BEAT_S = 1.0
 """How often the heartbeat is renewed and the owner's name is read again at least [s]."""
 
 
+WATCH_S = 3.0
+"""How long a heartbeat that looks old is watched: clocks of two hosts may differ by minutes [s]."""
+
+
 class FolderLockedError(UsageError):
     """Another process has the journal open."""
 
@@ -91,7 +95,16 @@ class Claim:
         found, changed_s = self.read()
         if found is None:
             return ""
-        return obstacle(found, self.me, time.time() - changed_s, self._stale_s)
+        reason = obstacle(found, self.me, time.time() - changed_s, self._stale_s)
+        if reason or obstacle(found, self.me, 0.0, self._stale_s) == "":
+            return reason
+        # Only its age speaks for a takeover, and that is measured with two clocks.
+        until_s = time.monotonic() + WATCH_S
+        while time.monotonic() < until_s:
+            if self.read() != (found, changed_s):
+                return obstacle(found, self.me, 0.0, self._stale_s)
+            time.sleep(WATCH_S / 30)
+        return ""
 
     def of_another_host(self) -> bool:
         """Whether the file names an owner elsewhere, whose lock says nothing about its life."""

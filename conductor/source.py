@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from schemas.campaign import Campaign, Case, parse_cases
+from schemas.campaign import Campaign, Case, only, parse_cases
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -64,6 +64,21 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
     return campaign
+
+
+def only_case(campaign: Campaign, case: str) -> Campaign:
+    """The campaign with this one case.
+
+    Raises:
+        UsageError: it has no such case.
+    """
+    found = only(campaign, case)
+    if found is None:
+        raise UsageError(
+            f"--case {case}: no case of '{campaign.campaign}'; "
+            "`conductor validate FILE --output json` lists them"
+        )
+    return found
 
 
 def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:

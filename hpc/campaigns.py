@@ -3,41 +3,48 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from hpc.commands import call
 from twin.fabric.errors import EXIT_PASS, EXIT_USAGE, InfrastructureError, UsageError
 
-TIMEOUT_S = 120.0
-"""Longest wait for the check of a campaign; a cold shared file system is slow [s]."""
+
+@dataclass(frozen=True, slots=True)
+class CampaignFacts:
+    """What a job has to know about a campaign."""
+
+    name: str
+    """As a job can name it: a shipped name, or a file's absolute path."""
+    cases: tuple[str, ...]
+    """Ids of the cases in file order."""
+    deadline_s: float
+    """Longest time without progress before an attempt is given up [s]."""
+    remote_stacks: bool
+    """Simulators and stacks run on different nodes."""
 
 
-def checked(campaign: str) -> str:
-    """The campaign as a job can name it: a shipped name, or a file's absolute path.
+def checked(campaign: str) -> CampaignFacts:
+    """Look at a campaign.
 
     Raises:
         UsageError: it is none; one line per mistake.
         InfrastructureError: the check itself did not work.
     """
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "conductor", "validate", "--output", "json", "--", campaign],
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise InfrastructureError(
-            f"{campaign}: not checked in {TIMEOUT_S:.0f} s; try `conductor validate {campaign}`"
-        ) from None
-    if done.returncode == EXIT_USAGE and done.stdout:
-        raise UsageError("\n".join(json.loads(done.stdout)["mistakes"]))
-    if done.returncode != EXIT_PASS:
-        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        raise InfrastructureError(f"{campaign}: `conductor validate` failed: {lines[-1]}")
+    done = call(sys.executable, "-m", "conductor", "validate", "--output", "json", "--", campaign)
+    if done.code == EXIT_USAGE and done.out:
+        raise UsageError("\n".join(json.loads(done.out)["mistakes"]))
+    if done.code != EXIT_PASS:
+        raise InfrastructureError(f"{campaign}: `conductor validate` failed: {done.last_words}")
+    found: dict[str, Any] = json.loads(done.out)
     path = Path(campaign)
     # A shipped name stays one, also when a file in this folder happens to be called like it.
     is_file = path.is_file() and ("/" in campaign or path.suffix != "")
-    return str(path.absolute()) if is_file else campaign
+    return CampaignFacts(
+        name=str(path.absolute()) if is_file else campaign,
+        cases=tuple(found["cases"]),
+        deadline_s=found["deadline_s"],
+        remote_stacks=found["placement"] == "node",
+    )

@@ -5,110 +5,300 @@ from __future__ import annotations
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
-import sys
-from enum import StrEnum
+import dataclasses
+import json
+import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hpc.image_cli import add_commands
+from hpc.options import Options, Output, SchedulerName, own_bin_folder, with_options
 from twin.fabric.cli import make_app, run
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_INFRASTRUCTURE,
+    EXIT_PASS,
+    EXIT_UNFINISHED,
+    UsageError,
+)
 
-
-class Scheduler(StrEnum):
-    """Batch systems that a script can be written for."""
-
-    slurm = "slurm"
-
+if TYPE_CHECKING:
+    from hpc.campaigns import CampaignFacts
+    from hpc.request import JobRequest
+    from hpc.scheduler import Scheduler
+    from hpc.site import Site
 
 app = make_app(
     "hpc",
-    "Campaigns on clusters. `hpc render aeb-256 --gpus 4 --time 01:00 > job.sh` writes a job "
-    "script to read, change and submit with `sbatch job.sh`.",
+    "Campaigns on clusters. `hpc doctor` says what is here, `hpc submit aeb-256 --gpus 4 --time "
+    "01:00` writes a job script, checks and submits it; `hpc render` only prints it.",
 )
+
+Campaign = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
+Job = Annotated[str, typer.Argument(help="Run folder, e.g. runs/aeb-256, or a job's id.")]
+OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
+Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system of a job's id.")]
 
 
 @app.command()
+@with_options
 def render(
-    campaign: Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")],
-    time: Annotated[str, typer.Option(help="Longest duration of one start of the job, HH:MM.")],
-    scheduler: Annotated[Scheduler, typer.Option(help="Batch system.")] = Scheduler.slurm,
-    gpus: Annotated[int, typer.Option(help="GPUs; one worker on each.")] = 0,
-    workers: Annotated[int, typer.Option(help="Or: workers on the CPU.")] = 0,
-    nodes: Annotated[
-        int | None, typer.Option(help="Nodes; default: the scheduler's choice.")
-    ] = None,
-    partition: Annotated[str, typer.Option(help="Partition (queue).")] = "",
-    account: Annotated[str, typer.Option(help="Account to charge.")] = "",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Campaign folder that all nodes see; default runs/CAMPAIGN, here."),
-    ] = None,
-    slots: Annotated[int, typer.Option(help="Cases together per worker.")] = 1,
-    cpus_per_worker: Annotated[
-        int | None, typer.Option(help="CPUs per worker; default 4 beside a GPU, else 1.")
-    ] = None,
-    signal_lead: Annotated[
-        int, typer.Option(help="Stop this long before the end of the time [s].")
-    ] = 60,
-    restarts_max: Annotated[
-        int, typer.Option(help="How often an unfinished job queues itself again.")
-    ] = 20,
-    address: Annotated[
-        str,
-        typer.Option(help="Where the conductor listens; default: its node's address in Slurm."),
-    ] = "",
-    bin_folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--bin", help="Folder of `conductor` and `twin` on the nodes; default: this one's."
-        ),
-    ] = None,
+    campaign: Campaign,
+    array: Annotated[
+        bool,
+        typer.Option("--array", help="For comparison: a job array with one case per index."),
+    ] = False,
+    *,
+    options: Options,
 ) -> None:
     """Print a job script that runs a campaign in one allocation.
 
     The job's exit code is the verdict. Before its time is over it queues itself again and goes on.
     """
-    from hpc.campaigns import checked
-    from hpc.request import JobRequest, parse_walltime
-    from hpc.slurm import job_name
+    from hpc.array import render as render_array
+    from hpc.pbs import render as render_pbs
     from hpc.slurm import render as render_slurm
 
-    walltime_min = parse_walltime(time)
-    named = checked(campaign)
-    folder = out or Path("runs") / job_name(named)
-    request = JobRequest(
-        campaign=named,
+    site = _site(options)
+    facts, request = _checked(campaign, options, site)
+    if array:
+        if _kind(options, site) is SchedulerName.pbs:
+            raise UsageError("--array: for Slurm only; the comparison needs one of the two")
+        text = render_array(request, facts.cases)
+    elif _kind(options, site) is SchedulerName.pbs:
+        text = render_pbs(request)
+    else:
+        text = render_slurm(request)
+    print(text, end="")
+
+
+@app.command()
+@with_options
+def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: Options) -> None:
+    """Write a job script into the run folder, check it, submit it, and say what to do next.
+
+    Whatever is wrong is said in one line, and then nothing was submitted. The same command again
+    goes on with a campaign that has stopped.
+    """
+    from hpc.scheduler import scheduler
+    from hpc.submit import submit as submit_job
+
+    site = _site(options)
+    backend = scheduler(_kind(options, site).value)
+    facts, request = _checked(campaign, options, site)
+    done = submit_job(request, backend, facts.deadline_s)
+    folder = shlex.quote(_short(done.out))
+    commands = {
+        "queue": f"hpc status {folder}",
+        "watch": f"conductor status --state {folder} --watch",
+        "log": f"tail -F {shlex.quote(_short(done.log))}",
+        "view": f"viewer live --run {folder}",
+        "cancel": f"hpc cancel {folder}",
+    }
+    if output is Output.json:
+        print(json.dumps(dataclasses.asdict(done) | {"commands": commands}))
+        return
+    print(f"submitted {done.scheduler} job {done.job}; its script is {_short(done.script)}")
+    for name, command in commands.items():
+        print(f"  {name:7} {command}")
+
+
+@app.command()
+def status(
+    job: Job, which: Which = SchedulerName.auto, output: OutputOption = Output.human
+) -> None:
+    """Say how a job stands in the queue; what its cases do, `conductor status` tells."""
+    backend, number = _job(job, which)
+    found = backend.status(number)
+    if output is Output.json:
+        print(json.dumps({"scheduler": backend.kind, "job": number, **dataclasses.asdict(found)}))
+        return
+    parts = [
+        found.native or "not known any more; see its log",
+        f"waits for: {found.reason}" if found.reason else "",
+        f"on {found.nodes}" if found.nodes else "",
+        f"exit code {found.exit_code}{_meaning(found.exit_code)}"
+        if found.exit_code is not None
+        else "",
+        f"{found.restarts} restarts" if found.restarts else "",
+    ]
+    print(f"{backend.kind} job {number}: {', '.join(part for part in parts if part)}")
+
+
+@app.command()
+def cancel(job: Job, which: Which = SchedulerName.auto) -> None:
+    """End a job for good. Committed cases stay; `hpc submit` goes on where it stopped."""
+    backend, number = _job(job, which)
+    backend.cancel(number)
+    print(f"{backend.kind} job {number}: told to end; the same `hpc submit` goes on later")
+
+
+@app.command()
+def requeue(job: Job, which: Which = SchedulerName.auto) -> None:
+    """Let a running job stop cleanly now and queue itself again, as before the end of its time."""
+    backend, number = _job(job, which)
+    backend.requeue(number)
+    print(f"{backend.kind} job {number}: told to stop and to queue itself again")
+
+
+@app.command(context_settings={"allow_interspersed_args": False})
+@with_options
+def shell(
+    command: Annotated[
+        list[str] | None, typer.Argument(help="Instead of a shell; after `--`.")
+    ] = None,
+    show: Annotated[
+        bool, typer.Option("--print", help="Print the command instead of running it.")
+    ] = False,
+    *,
+    options: Options,
+) -> None:
+    """Open an interactive allocation (`salloc`, `qsub -I`) with the set-up that jobs have."""
+    from hpc.commands import become
+    from hpc.interactive import shell_command
+    from hpc.scheduler import scheduler
+
+    site = _site(options)
+    request = _request("interactive", options, site, remote_stacks=False)
+    backend = scheduler(_kind(options, site).value)
+    words = backend.interactive(request, shell_command(request, command or []))
+    if show:
+        print(shlex.join(words))
+        return
+    become(*words)
+
+
+@app.command()
+def pull(
+    source: Annotated[str, typer.Argument(help="HOST:RUN, e.g. login1:work/runs/aeb-256.")],
+    folder: Annotated[Path | None, typer.Argument(help="Where to; default runs/RUN, here.")] = None,
+) -> None:
+    """Copy a run folder from the cluster to this machine, over ssh; again: only what is new."""
+    from hpc.pull import pull as pull_run
+
+    print(pull_run(source, folder))
+
+
+@app.command()
+def doctor(
+    out: Annotated[Path, typer.Option(help="Where runs would be kept.")] = Path("runs"),
+    site: Annotated[Path | None, typer.Option(help="Site file to look at.")] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Say what this host offers for campaigns, and what will not work.
+
+    The exit code is 3 if no job can be submitted from here.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from hpc.doctor import judge
+    from hpc.look import look
+    from hpc.site import load_site
+
+    load_site(site)  # a mistake in it is a line of its own
+    facts = look(out.absolute(), site)
+    diagnosis = judge(facts)
+    if output is Output.json:
+        print(json.dumps(diagnosis.as_json(facts)))
+    else:
+        table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+        for title in ("", "what", "found", "to do"):
+            table.add_column(title, overflow="fold")
+        for line in diagnosis.lines:
+            table.add_row(line.level, line.what, line.found, line.do)
+        console = Console()
+        console.print(table, markup=False)
+        console.print(
+            "jobs can be submitted from here" if diagnosis.can_submit else "no job can be submitted"
+        )
+    if not diagnosis.can_submit:
+        raise typer.Exit(EXIT_INFRASTRUCTURE)
+
+
+def _site(options: Options) -> Site:
+    from hpc.site import load_site
+
+    return load_site(options.site)
+
+
+def _kind(options: Options, site: Site) -> SchedulerName:
+    return options.scheduler or SchedulerName(site.scheduler)
+
+
+def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts, JobRequest]:
+    from hpc.campaigns import checked
+
+    facts = checked(campaign)
+    request = _request(campaign, options, site, remote_stacks=facts.remote_stacks)
+    return facts, dataclasses.replace(request, campaign=facts.name)
+
+
+def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:
+    from hpc.request import JobRequest, parse_walltime
+    from hpc.script import job_name
+
+    folder = options.out or Path("runs") / job_name(campaign)
+    bin_folder = options.bin_folder.absolute() if options.bin_folder else own_bin_folder()
+    return JobRequest(
+        campaign=campaign,
         out=str(folder.absolute()),
         folder=str(Path.cwd()),
-        bin_folder=str(bin_folder.absolute() if bin_folder else _own_bin_folder()),
-        walltime_min=walltime_min,
-        gpus=gpus,
-        workers=workers,
-        nodes=nodes,
-        partition=partition,
-        account=account,
-        slots=slots,
-        cpus_per_worker=cpus_per_worker,
-        signal_lead_s=signal_lead,
-        restarts_max=restarts_max,
-        address=address,
+        bin_folder=str(bin_folder),
+        walltime_min=parse_walltime(options.time),
+        gpus=options.gpus,
+        workers=options.workers,
+        nodes=options.nodes,
+        partition=options.partition or site.partition,
+        account=options.account or site.account,
+        constraint=options.constraint or site.constraint,
+        slots=options.slots,
+        cpus_per_worker=options.cpus_per_worker or site.cpus_per_worker,
+        signal_lead_s=options.signal_lead,
+        restarts_max=options.restarts_max,
+        address=options.address,
+        interface=options.interface or ("" if options.address else site.interface),
+        modules=tuple(site.modules),
+        scratch=options.scratch or site.scratch,
+        directives=(*site.directives, *(options.directive or ())),
+        remote_stacks=remote_stacks,
     )
-    assert scheduler is Scheduler.slurm
-    print(render_slurm(request), end="")
 
 
-def _own_bin_folder() -> Path:
-    """Where this Python environment keeps its commands."""
-    folder = Path(sys.executable).parent
-    missing = [name for name in ("conductor", "twin") if not (folder / name).exists()]
-    if missing:
+def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
+    """A run folder's job, or the job with this id."""
+    from hpc.scheduler import scheduler
+    from hpc.submit import JOB_FILE, job_of
+
+    found = job_of(Path(job))
+    if found is not None:
+        return scheduler(found[0]), found[1]  # type: ignore[arg-type]
+    if not job[:1].isdigit():
         raise UsageError(
-            f"{folder}: no command {' and '.join(missing)} there; say with --bin where they are"
+            f"{job}: no run folder with a {JOB_FILE}; give a folder that `hpc submit` has used, "
+            "or a job's id"
         )
-    return folder
+    return scheduler(which.value), job
+
+
+def _meaning(code: int) -> str:
+    """A campaign with a collision is a job that "failed", for the scheduler."""
+    meanings = {
+        EXIT_PASS: "all passed",
+        EXIT_FAILED: "done, a verdict is not a pass",
+        EXIT_UNFINISHED: "unfinished",
+    }
+    return f" ({meanings[code]})" if code in meanings else ""
+
+
+def _short(path: str) -> str:
+    """Relative to here if it is below."""
+    return (
+        str(Path(path).relative_to(Path.cwd())) if Path(path).is_relative_to(Path.cwd()) else path
+    )
 
 
 add_commands(app)

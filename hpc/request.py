@@ -30,6 +30,12 @@ _WALLTIME = re.compile(r"([0-9]{1,5}):([0-5][0-9])")
 _SITE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,@+/:-]{0,199}")
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]{0,252}|\[[0-9A-Fa-f:.]{2,45}\])")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_MODULE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+/:=@-]{0,199}")
+_CONSTRAINT = re.compile(r"[A-Za-z0-9_\[(][A-Za-z0-9_.,:=*&|()\[\]!-]{0,199}")
+_SCRATCH = re.compile(r"(\$[A-Za-z_]\w*|\$\{[A-Za-z_]\w*\}|/)[A-Za-z0-9_./${}+-]{0,400}")
+_INTERFACE = re.compile(
+    r"[A-Za-z][A-Za-z0-9_.@:-]{0,31}|[0-9]{1,3}(\.[0-9]{1,3}){3}(/([0-9]|[12][0-9]|3[0-2]))?"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +76,20 @@ class JobRequest:
     """How often an unfinished job queues itself again, 0-1000."""
     address: str = ""
     """Where the conductor listens; empty: the address of the first node, see ``render``."""
+    interface: str = ""
+    """Network interface (``ib0``), network (``10.1.0.0/16``) or address; each node takes its own
+    address there, at run time. Empty: the address by which the scheduler reaches the node."""
+    constraint: str = ""
+    """Kind of node. Slurm: features; PBS: resources added to every chunk, ``model=milan``."""
+    modules: tuple[str, ...] = ()
+    """Loaded by ``module load`` on every node before anything is started."""
+    scratch: str = ""
+    """Folder for temporary files on each node, absolute or beginning with a variable."""
+    directives: tuple[str, ...] = ()
+    """Further options of the job, e.g. ``--qos=long`` or ``-W group_list=robots``."""
+    remote_stacks: bool = False
+    """``autonomy.placement: node``: as many tasks again run the stacks, on other nodes if the
+    tasks of the workers fill theirs."""
 
     def __post_init__(self) -> None:
         self._check_paths()
@@ -86,7 +106,7 @@ class JobRequest:
         _within("--cpus-per-worker", self.cpus, 1, CPUS_MAX)
         _within("--restarts-max", self.restarts_max, 0, 1000)
         if self.nodes is not None:
-            _within("--nodes", self.nodes, 1, self.tasks, why="every node needs a worker")
+            _within("--nodes", self.nodes, 1, self.tasks, why="every node needs a task")
         for option, name in (("--partition", self.partition), ("--account", self.account)):
             if name and not _SITE_NAME.fullmatch(name):
                 raise UsageError(
@@ -97,7 +117,38 @@ class JobRequest:
                 f"--address {self.address!r}: expected a host name or an IP address without a "
                 "port, e.g. 10.1.2.3 or [fd00::1]"
             )
+        self._check_site()
         self._check_times()
+
+    def _check_site(self) -> None:
+        if self.interface and self.address:
+            raise UsageError(
+                f"given --address {self.address} and --interface {self.interface}; an address is "
+                "one node's, an interface is looked up on each; give one of them"
+            )
+        if self.interface and not _INTERFACE.fullmatch(self.interface):
+            raise UsageError(
+                f"--interface {self.interface!r}: expected a name, an address or a network, "
+                "e.g. ib0 or 10.1.0.0/16"
+            )
+        if self.constraint and not _CONSTRAINT.fullmatch(self.constraint):
+            raise UsageError(
+                f"--constraint {self.constraint!r}: allowed are letters, digits and any of "
+                "_ . , : = * & | ( ) [ ] ! -"
+            )
+        for module in self.modules:
+            if not _MODULE.fullmatch(module):
+                raise UsageError(f"module {module!r}: expected a name as for `module load`")
+        if self.scratch and not _SCRATCH.fullmatch(self.scratch):
+            raise UsageError(
+                f"--scratch {self.scratch!r}: expected an absolute path or a variable, e.g. "
+                "/local/scratch or $TMPDIR"
+            )
+        for line in self.directives:
+            if not line.startswith("-") or _CONTROL.search(line):
+                raise UsageError(
+                    f"directive {line!r}: expected an option of the scheduler, e.g. --qos=long"
+                )
 
     def _check_paths(self) -> None:
         for option, path in (
@@ -125,9 +176,14 @@ class JobRequest:
             )
 
     @property
-    def tasks(self) -> int:
+    def worker_count(self) -> int:
         """Workers altogether."""
         return self.gpus or self.workers
+
+    @property
+    def tasks(self) -> int:
+        """Workers, and hosts of stacks if those run on other nodes."""
+        return 2 * self.worker_count if self.remote_stacks else self.worker_count
 
     @property
     def cpus(self) -> int:

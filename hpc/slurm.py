@@ -10,190 +10,142 @@ Where the conductor listens:
 
 1. on ``address`` if the request names one;
 2. on 127.0.0.1 if the job has one node for certain (``nodes=1``, or a single worker);
-3. else on the address by which Slurm itself reaches the first node (``NodeAddr`` of
+3. on the address of the first node at ``interface`` if the request names one;
+4. else on the address by which Slurm itself reaches the first node (``NodeAddr`` of
    ``SLURMD_NODENAME``). A name is looked up; if it means the loopback, as a host's own name does
    on Debian, the first address of ``hostname -I`` is taken.
-
-What a user may have chosen freely (paths, campaign) appears only in shell-quoted assignments;
-everything else is a number or was checked by the request.
 """
 
 from __future__ import annotations
 
-import re
-import shlex
-
+from hpc import script
 from hpc.request import JobRequest, hours_minutes
-
-JOB_NAME_CHARS_MAX = 64
-"""Longest job name [characters]."""
+from hpc.script import job_name
 
 
 def render(request: JobRequest) -> str:
     """The whole job script, ending with a line break."""
+    device = "cuda:0" if request.gpus else "cpu"
     return "\n\n".join(
         (
-            _head(request) + "\n" + _asked_for(request),
-            _names(request),
-            _address(request),
-            _CONDUCTOR,
+            _head(request) + "\n" + asked_for(request) + "\n" + _SIGNAL.format(request=request),
+            script.names(request),
+            script.on_each_node(request, _NODE_ADDRESS, device),
+            script.conductor(request).replace("{TRAPS}", _TRAPS),
             _workers(request),
-            _WAIT,
-            _END,
+            script.WAIT + (_END_STACKS if request.remote_stacks else ""),
+            script.VERDICT + "\n" + _END,
         )
     )
 
 
-def job_name(campaign: str) -> str:
-    """A name for ``squeue``: the campaign's, without folder, suffix and unusual characters."""
-    stem = campaign.rpartition("/")[2]
-    stem = stem.removesuffix(".yaml").removesuffix(".yml")
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.")[:JOB_NAME_CHARS_MAX] or "campaign"
-
-
 def _head(request: JobRequest) -> str:
-    kind = "GPU" if request.gpus else "CPU"
-    plural = "s" if request.tasks > 1 else ""
     return f"""\
 #!/bin/bash
-# A Slurm job script, written by `hpc render`: {job_name(request.campaign)} with \
-{request.tasks} {kind} worker{plural}.
+# A Slurm job script, written by `hpc`: {script.who(request)}.
 # Submit it with `sbatch FILE`, watch it with `squeue --me`; its log is slurm-JOBID.out.
 # Submitted again after it has ended for whatever reason, it goes on where it stopped.
 """
 
 
-def _asked_for(request: JobRequest) -> str:
+def options(request: JobRequest) -> list[str]:
+    """The resources as options of ``sbatch`` and ``salloc``."""
     lines = [
-        "# --- What the job asks for; options given to sbatch itself win over these lines.",
-        f"#SBATCH --job-name={job_name(request.campaign)}",
-        f"#SBATCH --time={hours_minutes(request.walltime_min)}:00",
+        f"--job-name={job_name(request.campaign)}",
+        f"--time={hours_minutes(request.walltime_min)}:00",
     ]
     if request.partition:
-        lines.append(f"#SBATCH --partition={request.partition}")
+        lines.append(f"--partition={request.partition}")
     if request.account:
-        lines.append(f"#SBATCH --account={request.account}")
+        lines.append(f"--account={request.account}")
+    if request.constraint:
+        lines.append(f"--constraint={request.constraint}")
     if request.nodes is not None:
-        lines.append(f"#SBATCH --nodes={request.nodes}")
-    lines += ["# One task is one worker.", f"#SBATCH --ntasks={request.tasks}"]
-    lines.append(f"#SBATCH --cpus-per-task={request.cpus}")
+        lines.append(f"--nodes={request.nodes}")
+    lines += [f"--ntasks={request.tasks}", f"--cpus-per-task={request.cpus}"]
     if request.gpus:
-        lines.append("#SBATCH --gpus-per-task=1")
-    lines += [
-        "# This script, and nothing else, gets SIGTERM so many seconds before the time is over,",
-        "# or up to a minute earlier.",
-        f"#SBATCH --signal=B:TERM@{request.signal_lead_s}",
-        "# The job may be queued again; a node that fails does not end it.",
-        "#SBATCH --requeue",
-        "#SBATCH --no-kill",
-        "# A later start adds to the log of the first.",
-        "#SBATCH --open-mode=append",
-    ]
-    return "\n".join(lines)
+        lines.append("--gpus-per-task=1")
+    return [*lines, *request.directives]
 
 
-def _names(request: JobRequest) -> str:
-    quote = shlex.quote
-    return f"""\
-# --- Names. All nodes must see these paths.
-campaign={quote(request.campaign)}
-out={quote(request.out)}
-bin={quote(request.bin_folder)}
-restarts_max={request.restarts_max}
-cd {quote(request.folder)} || exit 2"""
+def asked_for(request: JobRequest) -> str:
+    """The resources as lines of a job script."""
+    lines = [f"#SBATCH {option}" for option in options(request)]
+    where = next(i for i, line in enumerate(lines) if "--ntasks=" in line)
+    note = "# One task is one worker."
+    if request.remote_stacks:
+        note = "# One task is one worker, or the host of one worker's stack."
+    lines.insert(where, note)
+    first = "# --- What the job asks for; options given to sbatch itself win over these lines."
+    return "\n".join([first, *lines])
 
 
-def _address(request: JobRequest) -> str:
-    if request.address:
-        return f"""\
-# --- Where the conductor listens: as given to `hpc render --address`.
-address={shlex.quote(request.address)}"""
-    if request.one_node:
-        return """\
-# --- Where the conductor listens: everything is on one node, so nobody else can connect.
-address=127.0.0.1"""
-    return """\
-# --- Where the conductor listens: at the address by which Slurm reaches this node, so that the
-# --- workers on other nodes reach it too. `hpc render --address` chooses another.
-address=$(scontrol show node "$SLURMD_NODENAME" | sed -n 's/.*NodeAddr=\\([^ ]*\\).*/\\1/p')
-if [[ ! $address =~ ^[0-9]+(\\.[0-9]+){3}$ ]]; then
-  # A name: look it up, but not as 127.*, which would be another machine on another node.
-  address=$(getent ahostsv4 "$address" | awk '$1 !~ /^127[.]/ { print $1; exit }')
-  [ -n "$address" ] || address=$(hostname -I | cut -d ' ' -f 1)
-fi"""
+_SIGNAL = """\
+# This script, and nothing else, gets SIGTERM so many seconds before the time is over,
+# or up to a minute earlier.
+#SBATCH --signal=B:TERM@{request.signal_lead_s}
+# The job may be queued again; a node that fails does not end it.
+#SBATCH --requeue
+#SBATCH --no-kill
+# A later start adds to the log of the first.
+#SBATCH --open-mode=append"""
 
+_NODE_ADDRESS = """\
+  # The one by which Slurm reaches it; `hpc --interface` and `--address` choose another.
+  local found
+  found=$(scontrol show node "$SLURMD_NODENAME" | sed -n 's/.*NodeAddr=\\([^ ]*\\).*/\\1/p')
+  if [[ ! $found =~ ^[0-9]+(\\.[0-9]+){3}$ ]]; then
+    # A name: look it up, but not as 127.*, which would be another machine on another node.
+    found=$(getent ahostsv4 "$found" | awk '$1 !~ /^127[.]/ { print $1; exit }')
+    [ -n "$found" ] || found=$(hostname -I | cut -d ' ' -f 1)
+  fi
+  echo "$found\""""
 
-_CONDUCTOR = """\
-# --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
-before=$(cat "$out/conductor.json" 2>/dev/null)
-"$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
-conductor=$!
+_TRAPS = """\
 # bash runs a trap only between commands or during `wait`, so everything long is in the background.
 signalled=no stopping=no lost=no
 trap 'signalled=yes stopping=yes; kill -TERM "$conductor" 2>/dev/null' TERM
-trap 'signalled=yes lost=yes; kill -TERM "$conductor" 2>/dev/null' USR1
-# Once it listens, it says where in conductor.json. An older file may be there after a crash.
-until [ -s "$out/conductor.json" ] && [ "$(cat "$out/conductor.json")" != "$before" ]; do
-  kill -0 "$conductor" 2>/dev/null || break
-  sleep 0.2
-done"""
+trap 'signalled=yes lost=yes; kill -TERM "$conductor" 2>/dev/null' USR1"""
 
 
 def _workers(request: JobRequest) -> str:
     gpu = " --gpus-per-task=1" if request.gpus else ""
-    device = "cuda:0" if request.gpus else "cpu"
+    each = f"--ntasks={request.worker_count} --cpus-per-task={request.cpus}{gpu}"
+    keep = "--no-kill --wait=0 --kill-on-bad-exit=0 --label"
     note = "# --- The workers, one per task."
     if request.gpus:
         note += " Each sees one GPU only (CUDA_VISIBLE_DEVICES), so that is cuda:0."
+    end = 'scancel --signal="$1" "$SLURM_JOB_ID.0" 2>/dev/null'
+    exact = stacks = ""
+    if request.remote_stacks:
+        end = 'for step in 0 1; do scancel --signal="$1" "$SLURM_JOB_ID.$step"; done 2>/dev/null'
+        exact = " --exact"
+        stacks = f"""
+# --- The hosts of the stacks, on the tasks that the workers leave free.
+srun --exact {each} \\
+  {keep} \\
+  bash -c "$on_node; stack" &
+stacks=$!"""
     return f"""\
 {note}
 # --- One that dies does not take the others with it; its cases go to them.
+end_workers() {{ {end}; }}
 {{
   kill -0 "$conductor" 2>/dev/null || exit
-  srun --ntasks={request.tasks} --cpus-per-task={request.cpus}{gpu} \\
-    --no-kill --wait=0 --kill-on-bad-exit=0 --label \\
-    "$bin/twin" worker --state "$out" --wait 120 --until-done \\
-    --slots {request.slots} --device {device}
-  # They leave when no case is left. If the conductor still serves after that, they were lost.
-  for _ in {{1..150}}; do
-    kill -0 "$conductor" 2>/dev/null && [ -e "$out/conductor.json" ] || exit
-    sleep 0.2
-  done
-  kill -USR1 $$
+  srun{exact} {each} \\
+    {keep} \\
+    bash -c "$on_node; worker"
+{script.LOST}
 }} &
-workers=$!"""
+workers=$!{stacks}"""
 
 
-_WAIT = """\
-# --- Wait for the conductor. A signal interrupts `wait`; then wait again for its real exit code.
-while :; do
-  signalled=no
-  wait "$conductor"
-  verdict=$?
-  [ "$signalled" = yes ] && [ "$verdict" -gt 128 ] || break
-done
-# The workers leave by themselves. Those that do not can go: all that counts is in the journal.
-for try in {1..40}; do
-  kill -0 "$workers" 2>/dev/null || break
-  case $try in
-    3 | 10) scancel --signal=TERM "$SLURM_JOB_ID.0" 2>/dev/null ;;
-    20 | 30) scancel --signal=KILL "$SLURM_JOB_ID.0" 2>/dev/null ;;
-  esac
-  sleep 0.5
-done"""
-
+_END_STACKS = """
+# The hosts of the stacks would wait for further simulators.
+end_workers TERM
+wait "$stacks\""""
 
 _END = """\
-# --- The verdict: 0 all passed, 1 a verdict is not a pass, 2 bad input, 3 infrastructure lost,
-# --- 75 unfinished: queue again, unless somebody cancelled the job or it has had its restarts.
-if [ "$lost" = yes ]; then
-  echo "all workers are gone, see above; submit this script again to go on" >&2
-  exit 3
-fi
-if [ "$verdict" -gt 125 ]; then
-  # It was killed: by us before it could listen to signals, or by somebody else.
-  [ "$stopping" = yes ] && verdict=75 || verdict=3
-fi
 if [ "$verdict" = 75 ] && [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%T)" = RUNNING ]
 then
   if [ "${SLURM_RESTART_COUNT:-0}" -lt "$restarts_max" ]; then

@@ -237,6 +237,16 @@ def expand(campaign: Campaign) -> list[Case]:
     return cases
 
 
+def only(campaign: Campaign, case: str) -> Campaign | None:
+    """The campaign with this one case, which keeps its id; None: it has no such case."""
+    kept, _ = _points(campaign)
+    points = [point for _, point in kept]
+    for found, point in zip(expand(campaign), points, strict=True):
+        if found.id == case:
+            return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=[point])
+    return None
+
+
 def _cross_checks(campaign: Campaign) -> list[Mistake]:
     mistakes = []
     allowed = axes_allowed()
@@ -266,7 +276,8 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     return mistakes
 
 
-def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
+def _points(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
+    """Where each case stands in the file, and its values; in file order."""
     points: list[tuple[str, dict[str, Any]]] = []
     if campaign.matrix:
         for values in itertools.product(*campaign.matrix.values()):
@@ -289,6 +300,11 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
         if not hit
     ]
     kept += [(f"cases[{index}]", dict(point)) for index, point in enumerate(campaign.cases)]
+    return kept, mistakes
+
+
+def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
+    kept, mistakes = _points(campaign)
     cases: dict[str, Case] = {}
     size = campaign.batch.size if campaign.batch else 0
     memo: _Memo = {}

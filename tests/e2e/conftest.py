@@ -31,3 +31,18 @@ def quiet(tmp_path_factory):
         return {"folder": folder, **json.loads(done.stdout)}
     finally:
         starter.end()
+
+
+@pytest.fixture(scope="session")
+def local(tmp_path_factory):
+    """``conductor run aeb-demo`` on this machine, without a scheduler."""
+    folder = tmp_path_factory.mktemp("local") / "aeb-demo"
+    starter = Marked()
+    try:
+        asked = ("conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json")
+        child = starter.start(*asked)
+        out, err = child.communicate(timeout=500)
+        assert child.returncode == 1, err
+        return {"folder": folder, **json.loads(out)}
+    finally:
+        starter.end()

@@ -1,7 +1,8 @@
 """A private Slurm of three nodes on this host: own ports, folder and munge key; no root needed.
 
-Each "node" is a ``slurmd`` of its own at 127.0.0.1. Nodes n2 and n3 have two GPUs each that are
-links to devices like /dev/null: Slurm hands them out and sets CUDA_VISIBLE_DEVICES, nothing more.
+Each "node" is a ``slurmd`` of its own at 127.0.0.1. Nodes n2 and n3 have two and four GPUs
+that are links to devices like /dev/null: Slurm hands them out and sets CUDA_VISIBLE_DEVICES,
+nothing more.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import psutil
 
@@ -30,12 +32,15 @@ PACKAGES = {
 MARK = "TWIN_TEST_SLURM"
 """Environment variable by which the daemons of a cluster are found again."""
 PATIENCE_S = 60.0
+JOB_PATIENCE_S = 500.0
+"""Longest a job may take; it has to share two slow cores."""
+T = TypeVar("T")
 NODES = ("n1", "n2", "n3")
 ENDED = ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED")
 
 _CONF = """\
 ClusterName=twintest
-SlurmctldHost={host}(127.0.0.1)
+SlurmctldHost={host}({address})
 SlurmctldPort={ctld_port}
 SlurmUser={user}
 SlurmdUser={user}
@@ -60,19 +65,22 @@ SchedulerParameters=batch_sched_delay=0,bf_interval=1,sched_interval=2,sched_min
 MpiDefault=none
 ReturnToService=2
 KillWait=20
+TCPTimeout=2
 SlurmdTimeout=30
-NodeName=n1 NodeHostname=localhost NodeAddr=127.0.0.1 Port={n1_port} CPUs=4 RealMemory=4000
-NodeName=n2 NodeHostname=localhost NodeAddr=127.0.0.1 Port={n2_port} CPUs=8 RealMemory=4000 \
+NodeName=n1 {n1} CPUs=4 RealMemory=4000
+NodeName=n2 {n2} CPUs=8 RealMemory=4000 \
 Gres=gpu:a100:2
-NodeName=n3 NodeHostname=localhost NodeAddr=127.0.0.1 Port={n3_port} CPUs=8 RealMemory=4000 \
-Gres=gpu:v100:2
+NodeName=n3 {n3} CPUs=16 RealMemory=4000 \
+Gres=gpu:v100:4
 PartitionName=main Nodes=n1,n2,n3 Default=YES MaxTime=24:00:00 State=UP
 """
 _GRES = """\
 NodeName=n2 Name=gpu Type=a100 File={dir}/run/gpu[0-1]
-NodeName=n3 Name=gpu Type=v100 File={dir}/run/gpu[0-1]
+NodeName=n3 Name=gpu Type=v100 File={dir}/run/gpu[0-3]
 """
-_DEVICES = {"gpu0": "/dev/null", "gpu1": "/dev/zero"}
+_DEVICES = {"gpu0": "/dev/null", "gpu1": "/dev/zero", "gpu2": "/dev/full", "gpu3": "/dev/random"}
+_SPANK_PBS = Path("/usr/lib/x86_64-linux-gnu/slurm-wlm/spank_pbs.so")
+"""Of slurm-wlm-torque: sets PBS_JOBID and the like."""
 
 
 def missing() -> str:
@@ -83,6 +91,9 @@ def missing() -> str:
 
 class SlurmCluster:
     """Three idle nodes between :meth:`start` and :meth:`stop`."""
+
+    address = "127.0.0.1"
+    """Of the controller."""
 
     def __init__(self) -> None:
         # Unix sockets have short names, so not below pytest's folder.
@@ -106,8 +117,7 @@ class SlurmCluster:
         )
         self._wait(lambda: (munge / "sock").exists(), "munged")
         self._daemon("slurmctld", "-D")
-        for node in NODES:
-            self._daemon("slurmd", "-D", "-N", node)
+        self._nodes = {node: self._daemon(*self.node_command(node)) for node in NODES}
         states = ("sinfo", "--noheader", "--Node", "--format=%T")
         self._wait(
             lambda: self.call(*states, check=False).stdout.split() == ["idle"] * 3, "idle nodes"
@@ -121,7 +131,7 @@ class SlurmCluster:
             with contextlib.suppress(AssertionError):  # what hangs is killed below
                 self._wait(lambda: not self.call(*queue, check=False).stdout.split(), "empty queue")
         for daemon in reversed(self._daemons):
-            daemon.terminate()
+            self.end_daemon(daemon)
         for daemon in reversed(self._daemons):
             try:
                 daemon.wait(10)
@@ -173,6 +183,15 @@ class SlurmCluster:
         found = self.job(job)
         return found if found["JobState"] in ENDED else None
 
+    def wait(self, look: Callable[[], T], what: str) -> T:
+        """Poll until ``look`` returns something true."""
+        until = time.monotonic() + JOB_PATIENCE_S
+        while time.monotonic() < until:
+            if found := look():
+                return found
+            time.sleep(0.1)
+        raise AssertionError(f"in vain: {what}\n{self.logs()}")
+
     def logs(self) -> str:
         """The daemons' logs, for the message of a failure."""
         return "\n".join(
@@ -189,18 +208,34 @@ class SlurmCluster:
         key.chmod(0o600)
         for name, device in _DEVICES.items():
             (self.folder / "run" / name).symlink_to(device)
-        names = ("ctld_port", "n1_port", "n2_port", "n3_port")
+        ctld_port, *ports = free_ports(1 + len(NODES))
         values = {
             "dir": str(self.folder),
             "host": socket.gethostname().split(".")[0],
+            "address": self.address,
             "user": getpass.getuser(),
-            **dict(zip(names, free_ports(len(names)), strict=True)),
+            "ctld_port": ctld_port,
+            **{node: self.place(node, port) for node, port in zip(NODES, ports, strict=True)},
         }
         (self.folder / "slurm.conf").write_text(_CONF.format(**values))
         (self.folder / "gres.conf").write_text(_GRES.format(**values))
+        if _SPANK_PBS.exists():
+            (self.folder / "plugstack.conf").write_text(f"optional {_SPANK_PBS}\n")
         (self.folder / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\n")
 
-    def _daemon(self, program: str, *arguments: str) -> None:
+    def place(self, node: str, port: int) -> str:
+        """Where a node is, in the words of slurm.conf."""
+        return f"NodeHostname=localhost NodeAddr={self.address} Port={port}"
+
+    def end_daemon(self, daemon: subprocess.Popen[bytes]) -> None:
+        """Tell it to end."""
+        daemon.terminate()
+
+    def node_command(self, node: str) -> tuple[str, ...]:
+        """The command line that is a node."""
+        return ("slurmd", "-D", "-N", node)
+
+    def _daemon(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
         log = (self.folder / "log" / f"{program}-{len(self._daemons)}.out").open("wb")
         with log:
             self._daemons.append(
@@ -214,6 +249,7 @@ class SlurmCluster:
                     start_new_session=True,
                 )
             )
+        return self._daemons[-1]
 
     def _wait(self, look: Callable[[], bool], what: str) -> None:
         until = time.monotonic() + PATIENCE_S

@@ -1,29 +1,41 @@
-"""Rendered job scripts on a real Slurm: a private cluster of three nodes, for this module alone."""
+"""From ``hpc submit`` to the verdict on a real Slurm: a private cluster, for this module alone."""
 
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import slurm_cluster
-from processes import MARK, Marked, committed, outcomes
+import yaml
+from processes import MARK, committed, outcomes
 from slurm_cluster import SlurmCluster
-
-PATIENCE_S = 500.0
-"""Longest a job may take; it has to share two slow cores."""
+from slurm_job import Job, hpc, wrapped_commands
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(600),
     pytest.mark.skipif(bool(slurm_cluster.missing()), reason=slurm_cluster.missing()),
 ]
+SKEWED = """
+[ "$SLURM_PROCID" != 1 ] || export PYTHONPATH="$(dirname "$0")/ahead"
+"""
+"""Worker 1, its simulator and its stack believe that it is five minutes later."""
+AHEAD = """
+import time
+true_clock = time.time
+time.time = lambda: true_clock() + 300.0
+"""
+ON_THE_CPU = """
+echo "$SLURMD_NODENAME $CUDA_VISIBLE_DEVICES ${@: -1}" > "$3/seen-$SLURM_PROCID"
+exec "$real" "${@/cuda:0/cpu}"
+"""
+"""There is no GPU behind the devices of this cluster: say what was given, run on the CPU."""
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Three idle nodes; two of them have two pretended GPUs each."""
+    """Three idle nodes; two of them have two and four pretended GPUs."""
     slurm = SlurmCluster()
     try:
         slurm.start()
@@ -32,55 +44,10 @@ def cluster():
         slurm.stop()
 
 
-@pytest.fixture(scope="session")
-def local(tmp_path_factory):
-    """``conductor run aeb-demo`` on this machine, without Slurm: its fingerprint."""
-    folder = tmp_path_factory.mktemp("local") / "aeb-demo"
-    starter = Marked()
-    try:
-        child = starter.start(
-            "conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json"
-        )
-        out, err = child.communicate(timeout=PATIENCE_S)
-        assert child.returncode == 1, err
-        return json.loads(out)["fingerprint"]
-    finally:
-        starter.end()
-
-
-class Job:
-    """A campaign rendered and submitted."""
-
-    def __init__(self, marked, cluster, folder, campaign, *options):
-        self.cluster = cluster
-        self.out = folder / "a folder"
-        self.script = render(folder, campaign, "--out", str(self.out), *options)
-        self.id = cluster.submit(self.script, **{MARK: marked.mark})
-        self.log = folder / f"slurm-{self.id}.out"
-
-    def wait(self, look, what):
-        """Poll until ``look`` returns something true."""
-        until = time.monotonic() + PATIENCE_S
-        while time.monotonic() < until:
-            if found := look():
-                return found
-            time.sleep(0.1)
-        raise AssertionError(f"in vain: {what}\n{self.text}\n{self.cluster.logs()}")
-
-    def end(self):
-        """Wait until it has ended; what Slurm knows of it."""
-        return self.wait(lambda: self.cluster.ended(self.id), "the end of the job")
-
-    @property
-    def text(self):
-        """Its log."""
-        return self.log.read_text() if self.log.exists() else "(no log)"
-
-
-def render(folder, campaign, *options, time_limit="00:30"):
+def render(folder, campaign, *options):
     """``hpc render``; the script's path."""
     done = subprocess.run(
-        [sys.executable, "-m", "hpc", "render", campaign, "--time", time_limit, *options],
+        [sys.executable, "-m", "hpc", "render", campaign, "--time", "00:30", *options],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -96,11 +63,11 @@ def render(folder, campaign, *options, time_limit="00:30"):
 @pytest.mark.parametrize(
     "options",
     [
-        ["--workers", "1"],
         ["--workers", "20", "--nodes", "3", "--restarts-max", "0"],
-        ["--gpus", "4", "--slots", "64", "--partition", "main", "--account", "proj@x"],
+        ["--gpus", "6", "--slots", "64", "--partition", "main", "--account", "proj@x"],
         ["--gpus", "2", "--nodes", "2", "--cpus-per-worker", "8", "--signal-lead", "300"],
         ["--gpus", "1", "--nodes", "1", "--out", '/tmp/it\'s $(a) "folder"'],
+        ["--workers", "2", "--array"],
     ],
     ids=" ".join,
 )
@@ -110,10 +77,70 @@ def test_sbatch_accepts(cluster, tmp_path, options):
     assert "to start at" in done.stderr
 
 
-def test_sbatch_refuses_what_the_cluster_has_not(cluster, tmp_path):
-    """``--test-only`` does look at the request: the test above could fail."""
-    script = render(tmp_path, "aeb-demo", "--gpus", "5")
-    assert cluster.call("sbatch", "--test-only", str(script), check=False).returncode != 0
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--workers", "1", "--partition", "fast"], 2, "invalid partition"),
+        (["--gpus", "7"], 2, "node configuration is not available"),
+        (
+            ["--workers", "1", "--time", "30:00"],
+            2,
+            "longer than the partition allows (main up to 1-00:00:00)",
+        ),
+        (["--workers", "1", "--time", "00:03"], 2, "give --time 00:04 or more"),
+        (["--workers", "1", "--out", "/proc/run"], 3, "/proc/run"),
+        (["--workers", "1", "--out", "/sys/run"], 2, "/sys/run"),
+        (["--workers", "1", "--site", "none.yaml"], 2, "none.yaml: No such file"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_nothing_half_submitted(cluster, tmp_path, options, code, said):
+    time = [] if "--time" in options else ["--time", "00:30"]
+    done = hpc(cluster, "submit", "aeb-demo", *time, *options, folder=tmp_path)
+    assert done.returncode == code, done.stderr
+    assert said.lower() in done.stderr.lower()
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == [], "something is left"
+    assert cluster.call("squeue", "--noheader").stdout == ""
+
+
+def test_doctor(cluster, tmp_path):
+    done = hpc(cluster, "doctor", "--output", "json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["can_submit"]
+    (partition,) = found["facts"]["partitions"]
+    assert partition["name"] == "main*"
+    assert "gpu:a100:2" in partition["gpus"]
+    assert "gpu:v100:4" in partition["gpus"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shell(cluster, tmp_path):
+    """A command inside an interactive allocation, with our commands on its path."""
+    where = ["--workers", "2", "--nodes", "2", "--time", "00:05"]
+    asked = ["bash", "-c", "echo $SLURM_JOB_NUM_NODES $(command -v conductor)"]
+    done = hpc(cluster, "shell", *where, "--", *asked, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["2", str(Path(sys.executable).parent / "conductor")]
+
+
+def test_a_worker_on_each_of_six_gpus(marked, cluster, tmp_path):
+    """Two nodes of unequal size, cases that are no work: from submission to the verdict."""
+    path = tmp_path / "idle.yaml"
+    data = {"campaign": "idle", "simulator": "noop", "matrix": {"repeat": list(range(40))}}
+    path.write_text(yaml.safe_dump(data))
+    commands = str(wrapped_commands(tmp_path, ON_THE_CPU))
+    job = Job(marked, cluster, tmp_path, str(path), "--gpus", "6", "--bin", commands)
+    found = job.end()
+    assert found["ExitCode"] == "0:0", job.text
+    seen = sorted(path.read_text().strip() for path in job.out.glob("seen-*"))
+    given = [("n2", 0), ("n2", 1), ("n3", 0), ("n3", 1), ("n3", 2), ("n3", 3)]
+    assert seen == [f"{node} {gpu} cuda:0" for node, gpu in given]
+    assert {row["outcome"] for row in outcomes(job.out).values()} == {"verdict"}
+    assert len(outcomes(job.out)) == 40
+    assert "exit code 0 (all passed)" in job.hpc("status")
 
 
 def test_aeb_demo(marked, cluster, local, tmp_path):
@@ -123,7 +150,7 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
     assert found["ExitCode"] == "1:0", job.text
     assert (found["Restarts"], found["NumNodes"]) == ("0", "2")
     done = marked.run("conductor", "fingerprint", str(job.out))
-    assert done.stdout.strip() == local
+    assert done.stdout.strip() == local["fingerprint"]
     assert (job.out / "report.html").exists()
     assert "6 of 8 passed" in job.text
     assert {line[:2] for line in job.text.splitlines() if "slot(s) on cpu" in line} == {"0:", "1:"}
@@ -131,14 +158,26 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
 
 
 def test_told_to_stop(marked, cluster, quiet, tmp_path):
-    """As before the end of the wall time: drained, queued again, finished by the second start."""
-    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2")
-    job.wait(lambda: committed(job.out) >= 4, "four cases")
-    cluster.call("scancel", "--batch", "--signal=TERM", job.id)
+    """As before the end of the wall time: drained, queued again, finished by the second start.
+
+    The clock of one worker is five minutes ahead all the while.
+    """
+    commands = wrapped_commands(tmp_path, SKEWED)
+    (commands / "ahead").mkdir()
+    (commands / "ahead" / "sitecustomize.py").write_text(AHEAD)
+    options = ("--workers", "2", "--bin", str(commands))
+    job = Job(marked, cluster, tmp_path, "chaos-16", *options)
+    job.wait(lambda: committed(job.out) >= 2, "two cases")
+    job.hpc("requeue")
     job.wait(lambda: cluster.job(job.id)["Restarts"] == "1", "the second start")
+    again = ("submit", "chaos-16", "--workers", "1", "--time", "00:30", "--out", str(job.out))
+    refused = hpc(cluster, *again, folder=tmp_path)
+    assert f"job {job.id} is " in refused.stderr
+    assert "and works here" in refused.stderr
+    assert refused.returncode == 2
     rows = outcomes(job.out)
     done = {name for name, row in rows.items() if row["outcome"]}
-    assert 4 <= len(done) < 16
+    assert 2 <= len(done) < 16
     before = {name: kpi_ns(job.out, rows[name]) for name in done}
     found = job.end()
     assert (found["ExitCode"], found["Restarts"]) == ("1:0", "1"), job.text
@@ -156,55 +195,32 @@ def kpi_ns(out: Path, row) -> int:
     return (out / row["attempt_dir"] / "kpi.parquet").stat().st_mtime_ns
 
 
-def test_cancelled(marked, cluster, tmp_path):
-    """Whoever cancels a job does not want it queued again."""
-    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "1")
+def test_cancelled(marked, cluster, quiet, tmp_path):
+    """Whoever cancels a job does not want it queued again; submitted again, it goes on."""
+    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2")
     job.wait(lambda: committed(job.out) >= 1, "a case")
-    cluster.call("scancel", job.id)
+    job.hpc("cancel")
     found = job.end()
     assert (found["JobState"], found["Restarts"]) == ("CANCELLED", "0")
     assert "queued again" not in job.text
-
-
-def test_a_node_is_lost(marked, cluster, quiet, tmp_path):
-    """The job goes on with the worker on the other node, and nobody is charged."""
-    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2", "--nodes", "2")
-    job.wait(lambda: committed(job.out) >= 4, "four cases")
-    batch = cluster.job(job.id)["BatchHost"]
-    (lost,) = {"n1", "n2"} - {batch}
-    try:
-        cluster.call("scontrol", "update", f"nodename={lost}", "state=down", "reason=test")
-        found = job.end()
-    finally:
-        # Refused if its slurmd has already said that it is well.
-        cluster.call("scontrol", "update", f"nodename={lost}", "state=resume", check=False)
-    assert (found["ExitCode"], found["Restarts"], found["NodeList"]) == ("1:0", "0", batch)
-    assert f"Node failure on {lost}" in job.text
     assert all(row["charges"] == [] for row in outcomes(job.out).values())
+    resumed = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2")
+    assert resumed.end()["ExitCode"] == "1:0", resumed.text
+    assert "going on, " in resumed.text
+    assert quiet["fingerprint"] in resumed.text
+
+
+def test_a_second_job_joins(marked, cluster, quiet, tmp_path):
+    """As docs/cluster.md says it; it was there first and waited for the campaign."""
+    out = tmp_path / "a folder"
+    worker = f"{sys.executable} -m twin worker --state '{out}' --wait 120 --until-done"
+    cluster.call(
+        *("sbatch", "--ntasks=1", "--time=00:30:00", "--signal=TERM@60"),
+        *("--wrap", f"srun --no-kill {worker}"),
+        folder=tmp_path,
+        environment={MARK: marked.mark},
+    )
+    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "1")
+    assert job.end()["ExitCode"] == "1:0", job.text
+    assert len({row["worker"] for row in outcomes(job.out).values()}) == 2
     assert quiet["fingerprint"] in job.text
-
-
-@pytest.fixture
-def probes(tmp_path):
-    """Stand-ins for ``conductor`` and ``twin``: each worker writes which GPU it sees."""
-    conductor = """
-        mkdir -p "${@: -1}"; cd "${@: -1}"; echo {} > conductor.json
-        until [ "$(cat worker-* 2>/dev/null | wc -l)" = 4 ]; do sleep 0.05; done
-        rm conductor.json
-    """
-    twin = 'echo "$SLURMD_NODENAME $CUDA_VISIBLE_DEVICES ${@: -1}" > "$3/worker-$SLURM_PROCID"'
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    for name, text in (("conductor", conductor), ("twin", twin)):
-        (folder / name).write_text(f"#!/bin/bash\n{text}\n")
-        (folder / name).chmod(0o755)
-    return folder
-
-
-@pytest.mark.parametrize("options", [[], ["--nodes", "2", "--slots", "8"]], ids=" ".join)
-def test_each_worker_sees_one_gpu_of_its_own(marked, cluster, tmp_path, probes, options):
-    job = Job(marked, cluster, tmp_path, "aeb-demo", "--gpus", "4", "--bin", str(probes), *options)
-    found = job.end()
-    assert found["ExitCode"] == "0:0", job.text
-    seen = sorted(path.read_text().strip() for path in job.out.glob("worker-*"))
-    assert seen == ["n2 0 cuda:0", "n2 1 cuda:0", "n3 0 cuda:0", "n3 1 cuda:0"]

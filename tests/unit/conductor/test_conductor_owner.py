@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sqlite3
+import threading
 import time
 from pathlib import Path
 
@@ -20,6 +21,11 @@ from schemas.wire import encode
 
 HERE = Owner(id="a", host="here", pid=1)
 THERE = Owner(id="b", host="there", pid=2)
+
+
+@pytest.fixture(autouse=True)
+def _short_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conductor.owner.WATCH_S", 0.3)
 
 
 def _some(number: int) -> Fact:
@@ -68,6 +74,29 @@ def test_a_living_owner_of_another_host_is_named(tmp_path: Path) -> None:
     first.close()
     _open(tmp_path, HERE).close()
     assert not (tmp_path / FILE_NAME).exists()
+
+
+def test_a_clock_five_minutes_ahead_takes_nothing_over(tmp_path: Path) -> None:
+    """To a host whose clock is ahead every heartbeat looks old, but it goes on beating."""
+    first = _open(tmp_path, THERE)
+    done = threading.Event()
+
+    def beat() -> None:
+        number = 0
+        while not done.wait(0.02):
+            number += 1
+            _age(tmp_path, 300.0 - 0.1 * number)
+
+    thread = threading.Thread(target=beat)
+    thread.start()
+    try:
+        with pytest.raises(FolderLockedError, match="in use by another conductor"):
+            _open(tmp_path, HERE)
+    finally:
+        done.set()
+        thread.join()
+    first.append([_some(1)])
+    first.close()
 
 
 def test_the_lock_of_a_dead_host_is_taken_over_and_a_ghost_stops(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 #!/bin/bash
-# A Slurm job script, written by `hpc render`: night-campaign with 8 GPU workers.
+# A Slurm job script, written by `hpc`: night-campaign with 8 GPU workers.
 # Submit it with `sbatch FILE`, watch it with `squeue --me`; its log is slurm-JOBID.out.
 # Submitted again after it has ended for whatever reason, it goes on where it stopped.
 
@@ -26,13 +26,40 @@
 campaign='/home/me/night campaign.yaml'
 out='/scratch/me/night'"'"'s'
 bin=/opt/drivetwin/bin
+kernels=${WARP_CACHE_PATH:-${XDG_CACHE_HOME:-$HOME/.cache}/drivetwin-kernels}
 restarts_max=3
 cd /work || exit 2
 
-# --- Where the conductor listens: as given to `hpc render --address`.
-address=10.1.2.3
+# --- What runs on a node, and what it needs there.
+setup() {
+  # Compiled kernels are kept per kind of processor: not every node runs those of another.
+  local features
+  features=$(grep -E -m 1 '^(flags|Features)' /proc/cpuinfo | cksum | cut -d ' ' -f 1)
+  export WARP_CACHE_PATH=$kernels/$(uname -m)-$features
+}
+here() { # the address of this node that the others reach
+  # The one by which Slurm reaches it; `hpc --interface` and `--address` choose another.
+  local found
+  found=$(scontrol show node "$SLURMD_NODENAME" | sed -n 's/.*NodeAddr=\([^ ]*\).*/\1/p')
+  if [[ ! $found =~ ^[0-9]+(\.[0-9]+){3}$ ]]; then
+    # A name: look it up, but not as 127.*, which would be another machine on another node.
+    found=$(getent ahostsv4 "$found" | awk '$1 !~ /^127[.]/ { print $1; exit }')
+    [ -n "$found" ] || found=$(hostname -I | cut -d ' ' -f 1)
+  fi
+  echo "$found"
+}
+worker() {
+  setup
+  exec "$bin/twin" worker --state "$out" --wait 120 --until-done \
+    --slots 64 --device cuda:0
+}
+# This text carries names and functions to another node; it needs no file there.
+on_node="$(declare -p bin out kernels); $(declare -f setup worker)"
 
 # --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
+setup
+address=10.1.2.3
+[ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
 "$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
 conductor=$!
@@ -48,12 +75,12 @@ done
 
 # --- The workers, one per task. Each sees one GPU only (CUDA_VISIBLE_DEVICES), so that is cuda:0.
 # --- One that dies does not take the others with it; its cases go to them.
+end_workers() { scancel --signal="$1" "$SLURM_JOB_ID.0" 2>/dev/null; }
 {
   kill -0 "$conductor" 2>/dev/null || exit
   srun --ntasks=8 --cpus-per-task=8 --gpus-per-task=1 \
     --no-kill --wait=0 --kill-on-bad-exit=0 --label \
-    "$bin/twin" worker --state "$out" --wait 120 --until-done \
-    --slots 64 --device cuda:0
+    bash -c "$on_node; worker"
   # They leave when no case is left. If the conductor still serves after that, they were lost.
   for _ in {1..150}; do
     kill -0 "$conductor" 2>/dev/null && [ -e "$out/conductor.json" ] || exit
@@ -74,8 +101,8 @@ done
 for try in {1..40}; do
   kill -0 "$workers" 2>/dev/null || break
   case $try in
-    3 | 10) scancel --signal=TERM "$SLURM_JOB_ID.0" 2>/dev/null ;;
-    20 | 30) scancel --signal=KILL "$SLURM_JOB_ID.0" 2>/dev/null ;;
+    3 | 10) end_workers TERM ;;
+    20 | 30) end_workers KILL ;;
   esac
   sleep 0.5
 done

@@ -63,15 +63,6 @@ def test_every_mistake_of_a_file_is_told(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_pbs_is_not_offered(tmp_path):
-    done = hpc(
-        *("render", "aeb-demo", "--workers", "1", "--time", "1:00", "--scheduler", "pbs"),
-        folder=tmp_path,
-    )
-    assert done.returncode == 2
-    assert "slurm" in done.stderr
-
-
 @pytest.mark.parametrize("arguments", [["--help"], ["render", "--help"], ["--version"]])
 def test_help(tmp_path, arguments):
     done = hpc(*arguments, folder=tmp_path)

@@ -57,7 +57,7 @@ def test_good(changes):
         ({"workers": 4097}, "0 to 4096"),
         ({"workers": 0, "gpus": 4097}, "0 to 4096"),
         ({"nodes": 0}, "1 to 2"),
-        ({"nodes": 3}, "every node needs a worker"),
+        ({"nodes": 3}, "every node needs a task"),
         ({"slots": 0}, "1 to 4096"),
         ({"slots": 4097}, "1 to 4096"),
         ({"cpus_per_worker": 0}, "1 to 1024"),

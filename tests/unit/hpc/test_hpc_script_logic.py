@@ -38,9 +38,12 @@ STUBS = {
 class Job:
     """A rendered script in a folder of its own."""
 
+    stubs = STUBS
+    tools = "slurm"
+
     def __init__(self, folder, **changes):
         self.folder = folder
-        for name, text in STUBS.items():
+        for name, text in self.stubs.items():
             path = folder / name
             path.parent.mkdir(exist_ok=True)
             path.write_text(f"#!/bin/bash\n{text}\n")
@@ -54,10 +57,14 @@ class Job:
             "workers": 2,
             **changes,
         }
-        (folder / "job.sh").write_text(render(JobRequest(**request)))
+        (folder / "job.sh").write_text(self.render(request))
+
+    def render(self, request):
+        """The script's text."""
+        return render(JobRequest(**request))
 
     def start(self, **environment):
-        path = f"{self.folder}/slurm:{os.environ['PATH']}"
+        path = f"{self.folder}/{self.tools}:{os.environ['PATH']}"
         own = {"T": str(self.folder), "SLURM_JOB_ID": "7", "SLURMD_NODENAME": "n1", "PATH": path}
         return subprocess.Popen(
             ["bash", str(self.folder / "job.sh")],

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from hpc.request import JobRequest
-from hpc.slurm import job_name, render
+from hpc.script import job_name
+from hpc.slurm import render
 
 GOLDEN = Path(__file__).parent
 HOSTILE = '/data/a b/it\'s "quoted" $(touch pwned) `id` ; & | * \\ é'

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from conductor.source import check, load, shipped
-from schemas.campaign import WEATHERS, expand, parse_campaign
+from schemas.campaign import WEATHERS, expand, only, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
 from schemas.yaml_file import YamlError, load_yaml, parse_yaml
 from twin.fabric.errors import UsageError
@@ -175,3 +175,19 @@ def test_streams_and_rigs():
     keys = {stream_key(seed, case, s) for seed in (1, 2) for case in "ab" for s in "xy"}
     assert len(keys) == 8
     assert stream_key(1, "ab", "c") != stream_key(1, "a", "bc")
+
+
+def test_one_case_of_a_campaign_is_the_same_case():
+    data = {
+        "campaign": "one",
+        "matrix": {"weather": ["clear", "heavy_fog"], "scenario.duration_s": [2, 4]},
+        "exclude": [{"weather": "clear", "scenario.duration_s": 4}],
+        "cases": [{"weather": "cloudy", "repeat": 3}],
+    }
+    campaign, mistakes = parse_campaign(data)
+    assert mistakes == []
+    cases = expand(campaign)
+    assert len(cases) == 4
+    for case in cases:
+        assert expand(only(campaign, case.id)) == [case]
+    assert only(campaign, "no-such") is None

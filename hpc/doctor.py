@@ -1,0 +1,220 @@
+"""What is there on this host, and what of it will not work for campaigns. No decisions elsewhere.
+
+:mod:`hpc.look` gathers :class:`Facts`; :func:`judge` says what they mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+Level = Literal["ok", "note", "bad"]
+
+SPACE_MIN_BYTES = 1 << 30
+"""Less free space than this is worth a line [bytes]."""
+PYTHON_MIN = (3, 11)
+SHARED = ("nfs", "nfs4", "lustre", "gpfs", "beegfs", "ceph", "fuse.ceph", "cifs", "smb3", "panfs")
+SHARED_MORE = (
+    "orangefs",
+    "pvfs2",
+    "fuse.glusterfs",
+    "fuse.sshfs",
+    "afs",
+    "9p",
+    "virtiofs",
+    "wekafs",
+)
+"""File systems that several hosts see."""
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """A partition or queue."""
+
+    name: str
+    limit: str = ""
+    """Longest time of a job, in the scheduler's words."""
+    nodes: str = ""
+    gpus: str = ""
+    """Generic resources, in the scheduler's words."""
+    state: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """One address of this host."""
+
+    interface: str
+    address: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What was found; empty where there is nothing."""
+
+    scheduler: str
+    """``slurm``, ``pbs`` or empty."""
+    version: str
+    answers: str
+    """Empty, or why the scheduler's controller cannot be used."""
+    partitions: tuple[Partition, ...]
+    gpus: tuple[str, ...]
+    containers: tuple[str, ...]
+    folder: str
+    filesystem: str
+    """Type of the run folder's file system, e.g. ``nfs4``."""
+    writable: str
+    """Empty, or why the run folder does not take a file that is written, synced and renamed."""
+    free_bytes: int | None
+    quota: str
+    addresses: tuple[Address, ...]
+    port: str
+    """Empty, or why no port can be listened at."""
+    python: tuple[int, int, int]
+    missing: tuple[str, ...]
+    """Of our commands, those that are not beside this Python."""
+    site: str
+    """The site file that is in effect, or empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the diagnosis."""
+
+    what: str
+    level: Level
+    found: str
+    do: str = ""
+    """What to do about it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """All lines, and whether jobs can be submitted from here."""
+
+    lines: list[Line] = field(default_factory=list)
+    can_submit: bool = True
+
+    def as_json(self, facts: Facts) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "can_submit": self.can_submit,
+            "lines": [asdict(line) for line in self.lines],
+            "facts": asdict(facts),
+        }
+
+
+def judge(facts: Facts) -> Diagnosis:
+    """What works, what does not, what to do."""
+    lines = [
+        *_scheduler(facts),
+        *_partitions(facts),
+        _gpus(facts),
+        _containers(facts),
+        *_folder(facts),
+        *_network(facts),
+        _software(facts),
+        Line("site file", "ok" if facts.site else "note", facts.site or "none, nothing is preset"),
+    ]
+    blocking = ("scheduler", "partitions", "run folder", "software")
+    can = not any(line.level == "bad" and line.what in blocking for line in lines)
+    return Diagnosis(lines, can)
+
+
+def _scheduler(facts: Facts) -> list[Line]:
+    if not facts.scheduler:
+        return [
+            Line(
+                "scheduler",
+                "bad",
+                "neither sbatch nor qsub",
+                "log in to a login node, or `hpc render` here and submit there",
+            )
+        ]
+    if facts.answers:
+        do = "wait and try again, or ask the site"
+        return [Line("scheduler", "bad", f"{facts.version}: {facts.answers}", do)]
+    return [Line("scheduler", "ok", facts.version)]
+
+
+def _partitions(facts: Facts) -> list[Line]:
+    if not facts.scheduler or facts.answers:
+        return []
+    if not facts.partitions:
+        return [Line("partitions", "bad", "none that you may see", "ask the site for access")]
+    lines = []
+    for part in facts.partitions:
+        words = [part.name, f"up to {part.limit}" if part.limit else "", part.nodes, part.gpus]
+        up = part.state.lower() in ("", "up")
+        found = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
+        lines.append(Line("partition", "ok" if up else "note", found))
+    if not any(part.gpus for part in facts.partitions):
+        lines.append(
+            Line("partition", "note", "no GPUs that the scheduler knows", "use --workers N")
+        )
+    return lines
+
+
+def _gpus(facts: Facts) -> Line:
+    if facts.gpus:
+        return Line("GPUs of this host", "ok", ", ".join(facts.gpus))
+    return Line("GPUs of this host", "note", "none; that is usual for a login node")
+
+
+def _containers(facts: Facts) -> Line:
+    if facts.containers:
+        return Line("containers", "ok", ", ".join(facts.containers))
+    return Line("containers", "note", "no apptainer, ch-run or podman", "jobs run without an image")
+
+
+def _folder(facts: Facts) -> list[Line]:
+    if facts.writable:
+        do = "choose another with --out, or free some space"
+        return [Line("run folder", "bad", facts.writable, do)]
+    lines = [
+        Line(
+            "run folder", "ok", f"{facts.folder}: written, synced and renamed ({facts.filesystem})"
+        )
+    ]
+    if facts.filesystem in ("tmpfs", "ramfs") or facts.filesystem not in (*SHARED, *SHARED_MORE):
+        lines.append(
+            Line(
+                "shared",
+                "note",
+                f"{facts.filesystem} is not a network file system",
+                "if other nodes do not see this folder, give --nodes 1 or another --out",
+            )
+        )
+    else:
+        lines.append(Line("shared", "ok", f"{facts.filesystem}, a network file system"))
+    if facts.free_bytes is not None:
+        level: Level = "ok" if facts.free_bytes >= SPACE_MIN_BYTES else "note"
+        lines.append(Line("space", level, f"{facts.free_bytes / (1 << 30):.1f} GiB free"))
+    if facts.quota:
+        lines.append(Line("quota", "ok", facts.quota))
+    return lines
+
+
+def _network(facts: Facts) -> list[Line]:
+    outward = [a for a in facts.addresses if not a.address.startswith("127.")]
+    shown = ", ".join(f"{a.address} ({a.interface})" for a in outward)
+    lines = [
+        Line("addresses", "ok", f"{shown}; choose with --interface")
+        if outward
+        else Line("addresses", "note", "loopback only", "nodes must have one; --nodes 1 works")
+    ]
+    if facts.port:
+        lines.append(Line("ports", "note", facts.port, "the same on a node would stop the job"))
+    else:
+        lines.append(Line("ports", "ok", "any free port; the conductor says which it took"))
+    return lines
+
+
+def _software(facts: Facts) -> Line:
+    version = ".".join(str(number) for number in facts.python)
+    if facts.python[:2] < PYTHON_MIN:
+        return Line("software", "bad", f"Python {version}", "at least 3.11 is needed")
+    if facts.missing:
+        found = f"Python {version} without {', '.join(facts.missing)}"
+        return Line("software", "bad", found, "install drivetwin there, or give --bin")
+    return Line("software", "ok", f"Python {version} with conductor, twin and devkit")

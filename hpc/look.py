@@ -1,0 +1,179 @@
+"""Gathers the facts of ``hpc doctor``."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import socket
+import sys
+from pathlib import Path
+
+import psutil
+
+from hpc.commands import call, exists
+from hpc.doctor import Address, Facts, Partition
+from hpc.pbs_commands import attributes
+from hpc.site import usual_path
+from hpc.submit import probe
+from twin.fabric.errors import TwinError
+
+WAIT_S = 20.0
+"""Longest wait for one program [s]."""
+
+
+def look(folder: Path, site: Path | None) -> Facts:
+    """Everything about this host; ``folder`` is where runs would be kept."""
+    scheduler = "slurm" if exists("sbatch") else "pbs" if exists("qsub") else ""
+    answers: str = ""
+    partitions: tuple[Partition, ...] = ()
+    if scheduler:
+        answers, partitions = _slurm() if scheduler == "slurm" else _pbs()
+    there = _existing(folder)
+    beside = Path(sys.executable).parent
+    used = site or usual_path()
+    return Facts(
+        scheduler=scheduler,
+        version=_version(scheduler),
+        answers=answers,
+        partitions=partitions,
+        gpus=_gpus(),
+        containers=_containers(),
+        folder=str(folder),
+        filesystem=filesystem(there),
+        writable=_writable(folder),
+        free_bytes=shutil.disk_usage(there).free,
+        quota=_quota(),
+        addresses=_addresses(),
+        port=_port(),
+        python=sys.version_info[:3],
+        missing=tuple(n for n in ("conductor", "twin", "devkit") if not (beside / n).exists()),
+        site=str(used) if used.exists() else "",
+    )
+
+
+def _version(scheduler: str) -> str:
+    if not scheduler:
+        return ""
+    done = call("sbatch" if scheduler == "slurm" else "qsub", "--version", wait_s=WAIT_S)
+    line = done.out or done.err if not done.code else ""
+    return line.strip().splitlines()[0] if line.strip() else f"{scheduler}, version unknown"
+
+
+def _slurm() -> tuple[str, tuple[Partition, ...]]:
+    done = call("sinfo", "--noheader", "--format=%P|%l|%D|%G|%a", wait_s=WAIT_S)
+    if done.code:
+        return done.last_words, ()
+    return "", parse_sinfo(done.out)
+
+
+def parse_sinfo(text: str) -> tuple[Partition, ...]:
+    """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node."""
+    found: dict[str, Partition] = {}
+    for line in text.splitlines():
+        name, limit, count, gres, state = line.strip().split("|")
+        gpus = "" if gres == "(null)" else f"{count} x {gres}"
+        before = found.get(name)
+        if before is not None:
+            gpus = " + ".join(part for part in (before.gpus, gpus) if part)
+            count = str(int(before.nodes.split()[0]) + int(count))
+        found[name] = Partition(name, limit, f"{count} nodes", gpus, state)
+    return tuple(found.values())
+
+
+def _pbs() -> tuple[str, tuple[Partition, ...]]:
+    done = call("qstat", "-Q", "-f", wait_s=WAIT_S)
+    if done.code:
+        return done.last_words, ()
+    return "", parse_queues(done.out)
+
+
+def parse_queues(text: str) -> tuple[Partition, ...]:
+    """What ``qstat -Qf`` prints."""
+    queues = [
+        {"name": part.splitlines()[0].strip(), **attributes(part)}
+        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1:]
+    ]
+    return tuple(
+        Partition(
+            queue["name"],
+            queue.get("resources_max.walltime", ""),
+            gpus=f"{n} GPUs" if (n := queue.get("resources_available.ngpus", "")) else "",
+            state="up" if queue.get("started", "True") == "True" else "stopped",
+        )
+        for queue in queues
+    )
+
+
+def _gpus() -> tuple[str, ...]:
+    if not exists("nvidia-smi"):
+        return ()
+    with contextlib.suppress(TwinError):
+        done = call("nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader")
+        return tuple(done.out.strip().splitlines()) if not done.code else ()
+    return ()
+
+
+def _containers() -> tuple[str, ...]:
+    found = []
+    for program in ("apptainer", "singularity", "ch-run", "podman"):
+        if exists(program):
+            with contextlib.suppress(TwinError):
+                done = call(program, "--version", wait_s=WAIT_S)
+                version = re.search(r"\b\d+\.\d[\w.~-]*", done.out + done.err)
+                found.append(f"{program} {version[0]}" if version else program)
+    return tuple(found)
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that exists."""
+    return next(each for each in (folder, *folder.parents) if each.exists())
+
+
+def filesystem(folder: Path) -> str:
+    """Type of the file system that holds ``folder``."""
+    path = folder.resolve()
+    mounts = {Path(each.mountpoint): each.fstype for each in psutil.disk_partitions(all=True)}
+    return next((mounts[each] for each in (path, *path.parents) if each in mounts), "unknown")
+
+
+def _writable(folder: Path) -> str:
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        probe(folder)
+    except TwinError as error:
+        return str(error).removesuffix("; nothing was submitted")
+    finally:
+        with contextlib.suppress(OSError):
+            for each in made:
+                each.rmdir()
+    return ""
+
+
+def _quota() -> str:
+    if not exists("quota"):
+        return ""
+    with contextlib.suppress(TwinError):
+        lines = call("quota", "-s", "-w", wait_s=WAIT_S).out.strip().splitlines()
+        return "; ".join(" ".join(line.split()) for line in lines[2:])
+    return ""
+
+
+def _addresses() -> tuple[Address, ...]:
+    return tuple(
+        Address(name, each.address)
+        for name, found in sorted(psutil.net_if_addrs().items())
+        for each in found
+        if each.family == socket.AF_INET
+    )
+
+
+def _port() -> str:
+    try:
+        with socket.socket() as probe_socket:
+            probe_socket.bind(("", 0))
+            probe_socket.listen()
+    except OSError as error:
+        return f"no port can be listened at: {error.strerror or os.strerror(error.errno or 0)}"
+    return ""

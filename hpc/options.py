@@ -1,0 +1,129 @@
+"""The options that ``render``, ``submit`` and ``shell`` have in common, declared once."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from twin.fabric.errors import UsageError
+
+
+class SchedulerName(StrEnum):
+    """Batch systems."""
+
+    auto = "auto"
+    slurm = "slurm"
+    pbs = "pbs"
+
+
+class Output(StrEnum):
+    """Format of results on standard output."""
+
+    human = "human"
+    json = "json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What the command line says of a job; what is left out comes from the site file."""
+
+    time: Annotated[str, typer.Option(help="Longest duration of one start of the job, HH:MM.")]
+    scheduler: Annotated[
+        SchedulerName | None, typer.Option(help="Batch system; auto: the one that is here.")
+    ] = None
+    gpus: Annotated[int, typer.Option(help="GPUs; one worker on each.")] = 0
+    workers: Annotated[int, typer.Option(help="Or: workers on the CPU.")] = 0
+    nodes: Annotated[int | None, typer.Option(help="Nodes; default: the scheduler's choice.")] = (
+        None
+    )
+    partition: Annotated[str, typer.Option(help="Partition (queue).")] = ""
+    account: Annotated[str, typer.Option(help="Account to charge.")] = ""
+    constraint: Annotated[
+        str, typer.Option(help="Kind of node: a feature (Slurm), name=value (PBS).")
+    ] = ""
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Campaign folder that all nodes see; default runs/CAMPAIGN, here."),
+    ] = None
+    slots: Annotated[int, typer.Option(help="Cases together per worker.")] = 1
+    cpus_per_worker: Annotated[
+        int | None, typer.Option(help="CPUs per worker; default 4 beside a GPU, else 1.")
+    ] = None
+    signal_lead: Annotated[
+        int, typer.Option(help="Stop this long before the end of the time [s].")
+    ] = 60
+    restarts_max: Annotated[
+        int, typer.Option(help="How often an unfinished job queues itself again.")
+    ] = 20
+    address: Annotated[
+        str, typer.Option(help="Where the conductor listens; default: its node's address.")
+    ] = ""
+    interface: Annotated[
+        str,
+        typer.Option(help="Or: interface or network that nodes talk over, ib0 or 10.1.0.0/16."),
+    ] = ""
+    scratch: Annotated[
+        str, typer.Option(help="Folder for temporary files on each node, e.g. $TMPDIR.")
+    ] = ""
+    directive: Annotated[
+        list[str] | None,
+        typer.Option(help="Further option of the scheduler, repeatable, e.g. --qos=long."),
+    ] = None
+    bin_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--bin", help="Folder of `conductor` and `twin` on the nodes; default: this one's."
+        ),
+    ] = None
+    site: Annotated[
+        Path | None,
+        typer.Option(help="Site defaults; default ~/.config/drivetwin/site.yaml if it is there."),
+    ] = None
+
+
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command's last parameter, an :class:`Options`, becomes one option per field."""
+    hints = get_type_hints(Options, include_extras=True)
+    fields = dataclasses.fields(Options)
+    own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
+
+    @functools.wraps(command)
+    def wrapped(**values: Any) -> None:
+        options = Options(**{field.name: values.pop(field.name) for field in fields})
+        command(**values, options=options)
+
+    more = [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            annotation=hints[field.name],
+            default=inspect.Parameter.empty
+            if field.default is dataclasses.MISSING
+            else field.default,
+        )
+        for field in fields
+    ]
+    own = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
+    wrapped.__signature__ = inspect.Signature(own + more)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {each.name: each.annotation for each in own + more}
+    return wrapped
+
+
+def own_bin_folder() -> Path:
+    """Where this Python environment keeps its commands."""
+    folder = Path(sys.executable).parent
+    missing = [name for name in ("conductor", "twin", "devkit") if not (folder / name).exists()]
+    if missing:
+        raise UsageError(
+            f"{folder}: no command {' and '.join(missing)} there; say with --bin where they are"
+        )
+    return folder

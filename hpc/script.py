@@ -1,0 +1,166 @@
+"""What job scripts of all schedulers share: names, one node's set-up, conductor, waiting, verdict.
+
+Pure text. What a user may have chosen freely (paths, campaign) appears only in shell-quoted
+assignments; everything else is a number or was checked by the request.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+from hpc.request import JobRequest
+
+JOB_NAME_CHARS_MAX = 64
+"""Longest job name [characters]."""
+
+
+def job_name(campaign: str) -> str:
+    """A name for the queue: the campaign's, without folder, suffix and unusual characters."""
+    stem = campaign.rpartition("/")[2]
+    stem = stem.removesuffix(".yaml").removesuffix(".yml")
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.")[:JOB_NAME_CHARS_MAX] or "campaign"
+
+
+def who(request: JobRequest) -> str:
+    """``aeb-demo with 2 CPU workers``."""
+    kind = "GPU" if request.gpus else "CPU"
+    plural = "s" if request.worker_count > 1 else ""
+    return f"{job_name(request.campaign)} with {request.worker_count} {kind} worker{plural}"
+
+
+def names(request: JobRequest) -> str:
+    """Assignments; the only place with text that a user chose freely."""
+    quote = shlex.quote
+    return f"""\
+# --- Names. All nodes must see these paths.
+campaign={quote(request.campaign)}
+out={quote(request.out)}
+bin={quote(request.bin_folder)}
+kernels=${{WARP_CACHE_PATH:-${{XDG_CACHE_HOME:-$HOME/.cache}}/drivetwin-kernels}}
+restarts_max={request.restarts_max}
+cd {quote(request.folder)} || exit 2"""
+
+
+def on_each_node(request: JobRequest, scheduler_address: str, device: str) -> str:
+    """The functions that run on a node: its set-up, its address, a worker, a stack's host."""
+    listen = functions = stack = ""
+    if request.remote_stacks:
+        listen = ' \\\n    --drive-listen "tcp/$(here):0" --join-dir "$out/rigs"'
+        functions = " here stack"
+        stack = """
+stack() { # serves simulators of other nodes (autonomy.placement: node)
+  setup
+  exec "$bin/devkit" host --join "$out/rigs"
+}"""
+    return f"""\
+# --- What runs on a node, and what it needs there.
+setup() {{
+{_setup(request)}
+}}
+here() {{ # the address of this node that the others reach
+{_here(request, scheduler_address)}
+}}
+worker() {{
+  setup
+  exec "$bin/twin" worker --state "$out" --wait 120 --until-done \\
+    --slots {request.slots} --device {device}{listen}
+}}{stack}
+# This text carries names and functions to another node; it needs no file there.
+on_node="$(declare -p bin out kernels); $(declare -f setup worker{functions})\""""
+
+
+def _setup(request: JobRequest) -> str:
+    lines = []
+    if request.modules:
+        loaded = " ".join(request.modules)
+        lines += [
+            "command -v module >/dev/null || . /etc/profile",
+            f"module load {loaded} || exit 2",
+        ]
+    if request.scratch:
+        lines += [
+            f'export TMPDIR="{request.scratch}/drivetwin-$UID"',
+            'mkdir -p "$TMPDIR" || exit 2',
+        ]
+    lines += [
+        "# Compiled kernels are kept per kind of processor: not every node runs those of another.",
+        "local features",
+        "features=$(grep -E -m 1 '^(flags|Features)' /proc/cpuinfo | cksum | cut -d ' ' -f 1)",
+        "export WARP_CACHE_PATH=$kernels/$(uname -m)-$features",
+    ]
+    return "\n".join(f"  {line}" for line in lines)
+
+
+def _here(request: JobRequest, scheduler_address: str) -> str:
+    if request.one_node:
+        return "  echo 127.0.0.1 # everything is on one node, nobody else can connect"
+    if not request.interface:
+        return scheduler_address
+    found = "to" if request.interface[0].isdigit() else "dev"
+    return f"""\
+  local found # as given to `hpc --interface`
+  found=$(PATH=$PATH:/usr/sbin:/sbin ip -4 -oneline address show {found} {request.interface} \\
+    | awk '{{ sub("/.*", "", $4); print $4; exit }}')
+  [ -n "$found" ] || echo "$(hostname) has no address at {request.interface}, see 'ip address'" >&2
+  echo "$found\""""
+
+
+def conductor(request: JobRequest) -> str:
+    """The conductor as a child in the background, and the wait until it listens."""
+    address = shlex.quote(request.address) if request.address else "$(here)"
+    return f"""\
+# --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
+setup
+address={address}
+[ -n "$address" ] || exit 2
+before=$(cat "$out/conductor.json" 2>/dev/null)
+"$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
+conductor=$!
+{{TRAPS}}
+# Once it listens, it says where in conductor.json. An older file may be there after a crash.
+until [ -s "$out/conductor.json" ] && [ "$(cat "$out/conductor.json")" != "$before" ]; do
+  kill -0 "$conductor" 2>/dev/null || break
+  sleep 0.2
+done"""
+
+
+WAIT = """\
+# --- Wait for the conductor. A signal interrupts `wait`; then wait again for its real exit code.
+while :; do
+  signalled=no
+  wait "$conductor"
+  verdict=$?
+  [ "$signalled" = yes ] && [ "$verdict" -gt 128 ] || break
+done
+# The workers leave by themselves. Those that do not can go: all that counts is in the journal.
+for try in {1..40}; do
+  kill -0 "$workers" 2>/dev/null || break
+  case $try in
+    3 | 10) end_workers TERM ;;
+    20 | 30) end_workers KILL ;;
+  esac
+  sleep 0.5
+done"""
+"""Needs ``end_workers SIGNAL``."""
+
+LOST = """\
+  # They leave when no case is left. If the conductor still serves after that, they were lost.
+  for _ in {1..150}; do
+    kill -0 "$conductor" 2>/dev/null && [ -e "$out/conductor.json" ] || exit
+    sleep 0.2
+  done
+  kill -USR1 $$"""
+"""Stands at the end of the block that runs the workers."""
+
+VERDICT = """\
+# --- The verdict: 0 all passed, 1 a verdict is not a pass, 2 bad input, 3 infrastructure lost,
+# --- 75 unfinished: queue again, unless somebody cancelled the job or it has had its restarts.
+if [ "$lost" = yes ]; then
+  echo "all workers are gone, see above; submit this script again to go on" >&2
+  exit 3
+fi
+if [ "$verdict" -gt 125 ]; then
+  # It was killed: by us before it could listen to signals, or by somebody else.
+  [ "$stopping" = yes ] && verdict=75 || verdict=3
+fi"""

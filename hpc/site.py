@@ -1,0 +1,72 @@
+"""Defaults of a site, in one YAML file; options on the command line win.
+
+``~/.config/drivetwin/site.yaml``, or the file that ``--site`` names::
+
+    scheduler: slurm
+    partition: gpu
+    account: proj-123
+    modules: [cuda/12.4]
+    scratch: /local/scratch
+    directives: ["--qos=long"]
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from schemas.validation import convert_all
+from schemas.yaml_file import YamlError, load_yaml
+from twin.fabric.errors import UsageError
+
+
+class Site(Struct, frozen=True, forbid_unknown_fields=True):
+    """One site file; what is left out is left to the scheduler."""
+
+    scheduler: Literal["auto", "slurm", "pbs"] = "auto"
+    """Batch system; ``auto``: the one whose commands are there."""
+    partition: str = ""
+    """Partition of Slurm, queue of PBS."""
+    account: str = ""
+    """Account to charge."""
+    constraint: str = ""
+    """Kind of node; see :class:`hpc.request.JobRequest`."""
+    interface: str = ""
+    """Network interface, network or address over which nodes talk."""
+    modules: list[str] = []
+    """What ``module load`` loads on every node."""
+    scratch: str = ""
+    """Folder for temporary files on each node, e.g. ``/local/scratch`` or ``$TMPDIR``."""
+    cpus_per_worker: Annotated[int, Meta(ge=1, le=1024)] | None = None
+    """CPUs of one worker, 1-1024; default: 4 beside a GPU, else 1."""
+    directives: list[str] = []
+    """Further options of the scheduler, one per line of the script."""
+
+
+def load_site(named: Path | None, environment: Mapping[str, str] = os.environ) -> Site:
+    """The site's defaults: of the file ``named``, else of the user's file if there is one.
+
+    Raises:
+        UsageError: the file is missing or wrong; one line per mistake.
+    """
+    path = named or usual_path(environment)
+    if named is None and not path.exists():
+        return Site()
+    try:
+        data = load_yaml(path)
+    except YamlError as error:
+        raise UsageError(str(error)) from None
+    site, mistakes = convert_all({} if data is None else data, Site)
+    if site is None:
+        raise UsageError("\n".join(mistake.line(str(path)) for mistake in mistakes))
+    return site
+
+
+def usual_path(environment: Mapping[str, str] = os.environ) -> Path:
+    """Where the user's file is looked for."""
+    config = environment.get("XDG_CONFIG_HOME")
+    return (Path(config) if config else Path.home() / ".config") / "drivetwin" / "site.yaml"

@@ -1,0 +1,183 @@
+"""From a request to a queued job, or to one clear line and nothing left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from hpc.request import SIGNAL_SLACK_S, JobRequest, hours_minutes
+from hpc.scheduler import Scheduler
+from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
+from twin.fabric.files import write_atomic
+
+SCRIPT = "job.sh"
+"""Name of the job script in the run folder."""
+JOB_FILE = "job.id"
+"""Name of the file in the run folder that says which job runs it: ``slurm 12``."""
+PROBE_BYTES = 1 << 20
+"""So much must fit into the run folder [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Submitted:
+    """A job that the scheduler has taken."""
+
+    scheduler: str
+    job: str
+    out: str
+    script: str
+    log: str
+
+
+def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Submitted:
+    """Check everything that can be checked, then submit.
+
+    Raises:
+        TwinError: it could not be submitted; the folder is as it was.
+    """
+    folder = Path(request.out)
+    check_walltime(request, deadline_s, p95_s(folder))
+    check_free(folder, scheduler)
+    text = scheduler.render(request)
+    with _undone_on_failure(folder) as undo:
+        probe(folder)
+        scheduler.check(text, request)
+        script = folder / SCRIPT
+        undo.file(script)
+        _write(script, text)
+        job = scheduler.submit(script, folder)
+        try:
+            _write(folder / JOB_FILE, f"{scheduler.kind} {job}\n")
+        except TwinError as error:
+            scheduler.cancel(job)
+            raise type(error)(f"{error}; job {job} was cancelled again") from None
+    log = folder / scheduler.log(job, request)
+    return Submitted(scheduler.kind, job, str(folder), str(script), str(log))
+
+
+def check_walltime(request: JobRequest, deadline_s: float, case_s: float | None) -> None:
+    """The job must be able to finish a case, and to give up one that hangs.
+
+    Args:
+        request: what is asked for.
+        deadline_s: the campaign's limit without progress [s].
+        case_s: what 95 of 100 cases of earlier starts took; None: unknown [s].
+
+    Raises:
+        UsageError: the wall time is too short.
+    """
+    usable_s = 60 * request.walltime_min - request.signal_lead_s - SIGNAL_SLACK_S
+    need_s = max(deadline_s, case_s or 0.0)
+    if usable_s >= need_s:
+        return
+    least_min = math.ceil((need_s + request.signal_lead_s + SIGNAL_SLACK_S) / 60)
+    why = f"the campaign waits up to {deadline_s:.0f} s for a case that stands still (deadline_s)"
+    if case_s is not None and case_s > deadline_s:
+        why = f"95 of 100 cases took up to {case_s:.0f} s so far"
+    raise UsageError(
+        f"--time {hours_minutes(request.walltime_min)}: leaves {max(usable_s, 0)} s before the job "
+        f"is told to stop, but {why}; give --time {hours_minutes(least_min)} or more"
+    )
+
+
+def p95_s(folder: Path) -> float | None:
+    """The wall time that 95 of 100 cases of earlier starts stayed within; None: unknown [s]."""
+    try:
+        rows = json.loads((folder / "outcomes.json").read_text(encoding="utf-8"))["cases"]
+        times = sorted(row["wall_s"] for row in rows.values() if row["outcome"] == "verdict")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return times[math.ceil(0.95 * len(times)) - 1] if times else None
+
+
+def check_free(folder: Path, scheduler: Scheduler) -> None:
+    """One job per folder: a second one would wait for the folder's lock and fail.
+
+    Raises:
+        UsageError: an earlier job is still there.
+    """
+    found = job_of(folder)
+    if found is None or found[0] != scheduler.kind:
+        return
+    status = scheduler.status(found[1])
+    if status.state in ("pending", "running"):
+        raise UsageError(
+            f"{folder}: job {found[1]} is {status.native} and works here; "
+            f"`hpc cancel {folder}` ends it, --out chooses another folder"
+        )
+
+
+def job_of(folder: Path) -> tuple[str, str] | None:
+    """Scheduler and job id of a run folder, or None."""
+    try:
+        words = (folder / JOB_FILE).read_text(encoding="utf-8").split()
+    except OSError:
+        return None
+    return (words[0], words[1]) if len(words) == 2 else None
+
+
+def probe(folder: Path) -> None:
+    """Write, sync and rename a file, as every result will be.
+
+    Raises:
+        TwinError: that does not work: no permission, no space, quota used up.
+    """
+    path = folder / f".probe-{secrets.token_hex(4)}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, bytes(PROBE_BYTES))
+    except OSError as error:
+        failure = storage_error(error, str(folder))
+        raise type(failure)(f"{failure}; nothing was submitted") from None
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_atomic(path, text.encode())
+        if path.name == SCRIPT:
+            path.chmod(0o755)
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+
+
+class _Undo:
+    """What stood where before."""
+
+    def __init__(self) -> None:
+        self.before: dict[Path, bytes | None] = {}
+
+    def file(self, path: Path) -> None:
+        try:
+            self.before[path] = path.read_bytes()
+        except FileNotFoundError:
+            self.before[path] = None
+        except OSError as error:
+            raise InfrastructureError(f"{path}: {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def _undone_on_failure(folder: Path) -> Iterator[_Undo]:
+    """Remove folders and files that were made meanwhile, if the block fails."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    undo = _Undo()
+    try:
+        yield undo
+    except BaseException:
+        with contextlib.suppress(OSError):
+            for path, content in undo.before.items():
+                if content is None:
+                    path.unlink(missing_ok=True)
+                else:
+                    write_atomic(path, content)
+            for each in made:
+                os.rmdir(each)  # noqa: PTH106 - only if it is empty
+        raise

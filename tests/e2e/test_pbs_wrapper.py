@@ -1,0 +1,72 @@
+"""PBS scripts through Debian's qsub wrapper (slurm-wlm-torque). This is Slurm under another name.
+
+It shows that a script is taken by something called qsub, runs, submits itself again and ends with
+the right verdict. It shows nothing of PBS Pro's own chunks, placement, signals or node file.
+"""
+
+import shutil
+
+import pytest
+import slurm_cluster
+from processes import committed, outcomes
+from slurm_cluster import SlurmCluster
+from slurm_job import Job
+
+MISSING = slurm_cluster.missing() or (
+    "" if shutil.which("qsub") else "needs the Debian package slurm-wlm-torque"
+)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(600),
+    pytest.mark.skipif(bool(MISSING), reason=MISSING),
+]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Three idle nodes."""
+    slurm = SlurmCluster()
+    try:
+        slurm.start()
+        yield slurm
+    finally:
+        slurm.stop()
+
+
+def test_aeb_demo(marked, cluster, local, tmp_path):
+    """Signalled as by its own timer, it submits itself again; the values are those of one run."""
+    job = Job(marked, cluster, tmp_path, "aeb-demo", "--workers", "2", "--scheduler", "pbs")
+    assert job.said["scheduler"] == "pbs"
+    assert cluster.call("qstat", job.id).stdout
+    job.wait(lambda: committed(job.out) >= 1, "a case")
+    # The wrapper has no qsig.
+    cluster.call("scancel", "--batch", "--signal=USR2", job.id)
+    first = job.end()
+    assert first["ExitCode"] == "75:0", logs(job)
+    scheduler, job.id = (job.out / "job.id").read_text().split()
+    assert scheduler == "pbs"
+    assert job.id != first["JobId"]
+    assert cluster.job(job.id)["JobName"] == "aeb-demo"
+    last = job.end()
+    assert last["ExitCode"] == "1:0", logs(job)
+    assert logs(job).count("unfinished, queued again as") == 1
+    assert f"fingerprint {local['fingerprint']}" in logs(job)
+    rows = outcomes(job.out).values()
+    assert {row["outcome"] for row in rows} == {"verdict"}
+    assert all(row["charges"] == [] for row in rows)
+    assert f"pbs job {job.id}: C" in job.hpc("status")
+
+
+def test_deleted(marked, cluster, tmp_path):
+    """``qdel`` means it: the job does not come back."""
+    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "1", "--scheduler", "pbs")
+    job.wait(lambda: committed(job.out) >= 1, "a case")
+    job.hpc("cancel")
+    assert job.end()["JobState"] == "CANCELLED"
+    assert (job.out / "job.id").read_text() == f"pbs {job.id}\n"
+    assert "queued again" not in logs(job)
+
+
+def logs(job):
+    """All that the starts have said; the wrapper names and splits logs in its own way."""
+    return "\n".join(path.read_text() for path in sorted(job.out.glob("*.[oe][0-9]*")))
