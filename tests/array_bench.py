@@ -24,7 +24,7 @@ WORKERS = 2
 TARGET = 1.5
 SECONDS = [5, 5, 10, 5, 40, 5, 10, 5, 20, 5, 5, 10, 5, 40, 5, 10]
 """Sim time of the cases [s]; so unequal are cases that stop early and cases that do not."""
-LONG_S = 600
+LONG_S = 1500
 """Sim time of a case that does not fit into one minute of wall time [s]."""
 
 
@@ -34,9 +34,9 @@ def campaign(folder: Path, seconds: list[int]) -> Path:
         "campaign": "uneven",
         "control_hz": 20,
         "deadline_s": 60,
-        "scenario": {"ego_start_m": 150, "ego_speed_mps": 0.2},
+        "scenario": {"ego_start_m": 180, "ego_speed_mps": 0.1},
         "camera": {"width": 64, "height": 36, "hz": 20},
-        "autonomy": {"parameters": {"cruise_speed_mps": 0.2}},
+        "autonomy": {"parameters": {"cruise_speed_mps": 0.1}},
         "cases": [{"scenario.duration_s": s, "repeat": n} for n, s in enumerate(seconds)],
     }
     path = folder / "uneven.yaml"
