@@ -52,5 +52,6 @@ case=$(sed -n "${{SLURM_ARRAY_TASK_ID}}p" <<'CASES'
 {listed}
 CASES
 )
-"$bin/conductor" run "$campaign" --case "$case" --workers 1 --device {device} --out "$out/$case"
+{script.inside(request)}"$bin/conductor" run "$campaign" --case "$case" \\
+  --workers 1 --device {device} --out "$out/$case"
 """

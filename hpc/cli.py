@@ -238,11 +238,14 @@ def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts
 
 
 def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:
+    from hpc.container import BIN_FOLDER
     from hpc.request import JobRequest, parse_walltime
     from hpc.script import job_name
 
     folder = options.out or Path("runs") / job_name(campaign)
-    bin_folder = options.bin_folder.absolute() if options.bin_folder else own_bin_folder()
+    bin_folder = options.bin_folder.absolute() if options.bin_folder else None
+    if bin_folder is None:
+        bin_folder = Path(BIN_FOLDER) if options.container else own_bin_folder()
     return JobRequest(
         campaign=campaign,
         out=str(folder.absolute()),
@@ -264,6 +267,9 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
         modules=tuple(site.modules),
         scratch=options.scratch or site.scratch,
         directives=(*site.directives, *(options.directive or ())),
+        container=str(options.container.absolute()) if options.container else "",
+        container_runtime=options.container_runtime.value,
+        container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
         remote_stacks=remote_stacks,
     )
 

@@ -25,6 +25,14 @@ class SchedulerName(StrEnum):
     pbs = "pbs"
 
 
+class ContainerRuntime(StrEnum):
+    """How an image is entered; the values of :data:`hpc.container.Runtime`."""
+
+    apptainer = "apptainer"
+    charliecloud = "charliecloud"
+    podman = "podman"
+
+
 class Output(StrEnum):
     """Format of results on standard output."""
 
@@ -83,6 +91,16 @@ class Options:
         typer.Option(
             "--bin", help="Folder of `conductor` and `twin` on the nodes; default: this one's."
         ),
+    ] = None
+    container: Annotated[
+        Path | None, typer.Option(help="Image in which everything runs, see `hpc image build`.")
+    ] = None
+    container_runtime: Annotated[
+        ContainerRuntime, typer.Option(help="How the image is entered.")
+    ] = ContainerRuntime.apptainer
+    container_bind: Annotated[
+        list[Path] | None,
+        typer.Option(help="Further folder that is seen inside, repeatable, e.g. of data."),
     ] = None
     site: Annotated[
         Path | None,

@@ -28,7 +28,7 @@ def render(request: JobRequest) -> str:
     return "\n\n".join(
         (
             _head(request) + "\n" + _asked_for(request) + "\n" + _BEHAVIOUR,
-            script.names(request),
+            script.names(request, _ends(request)),
             _SELF,
             script.on_each_node(request, _NODE_ADDRESS, device),
             script.conductor(request).replace("{TRAPS}", _TRAPS),
@@ -176,13 +176,21 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
 workers=$!"""
 
 
+def _seconds(request: JobRequest) -> int:
+    """From the start of the script until it is told to stop [s]."""
+    return 60 * request.walltime_min - request.signal_lead_s
+
+
+def _ends(request: JobRequest) -> str:
+    return f"export TWIN_WALLTIME_S={_seconds(request)}"
+
+
 def _timer(request: JobRequest) -> str:
-    seconds = 60 * request.walltime_min - request.signal_lead_s
     return f"""\
 # --- PBS sends no signal before the end of the time. This does, {request.signal_lead_s} s before.
 trap 'signalled=yes stopping=yes; kill -TERM "$conductor" 2>/dev/null' USR2
 {{
-  sleep {seconds} &
+  sleep {_seconds(request)} &
   trap 'kill $!; exit' TERM
   wait $!
   kill -USR2 $$

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from hpc.container import Container, Runtime
 from twin.fabric.errors import UsageError
 
 WORKERS_MAX = 4096
@@ -87,6 +88,13 @@ class JobRequest:
     """Folder for temporary files on each node, absolute or beginning with a variable."""
     directives: tuple[str, ...] = ()
     """Further options of the job, e.g. ``--qos=long`` or ``-W group_list=robots``."""
+    container: str = ""
+    """Image in which conductor, workers and stack run; absolute. Empty: none. ``bin_folder`` is a
+    folder inside it."""
+    container_runtime: Runtime = "apptainer"
+    """How the image is entered."""
+    container_binds: tuple[str, ...] = ()
+    """Further folders that are seen inside as outside, e.g. of data; absolute."""
     remote_stacks: bool = False
     """``autonomy.placement: node``: as many tasks again run the stacks, on other nodes if the
     tasks of the workers fill theirs."""
@@ -119,6 +127,7 @@ class JobRequest:
             )
         self._check_site()
         self._check_times()
+        _ = self.inside  # checks it
 
     def _check_site(self) -> None:
         if self.interface and self.address:
@@ -191,6 +200,20 @@ class JobRequest:
         if self.cpus_per_worker is not None:
             return self.cpus_per_worker
         return CPUS_PER_GPU_WORKER if self.gpus else CPUS_PER_CPU_WORKER
+
+    @property
+    def inside(self) -> Container | None:
+        """The container; it sees the working folder, the results and the campaign file."""
+        if not self.container:
+            return None
+        own = (self.folder, self.out, self.campaign.rpartition("/")[0])
+        return Container(
+            image=self.container,
+            runtime=self.container_runtime,
+            binds=tuple(path for path in (*own, *self.container_binds) if path),
+            folder=self.folder,
+            gpus=self.gpus > 0,
+        )
 
     @property
     def one_node(self) -> bool:

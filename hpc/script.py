@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 
+from hpc.container import shell_lines
 from hpc.request import JobRequest
 
 JOB_NAME_CHARS_MAX = 64
@@ -29,17 +30,37 @@ def who(request: JobRequest) -> str:
     return f"{job_name(request.campaign)} with {request.worker_count} {kind} worker{plural}"
 
 
-def names(request: JobRequest) -> str:
-    """Assignments; the only place with text that a user chose freely."""
+def names(request: JobRequest, ends: str = "") -> str:
+    """Assignments; the only place with text that a user chose freely.
+
+    ``ends``: lines that export ``TWIN_WALLTIME_S``, the time until the job is told to stop.
+    """
     quote = shlex.quote
-    return f"""\
+    kernels = "${WARP_CACHE_PATH:-${XDG_CACHE_HOME:-$HOME/.cache}/drivetwin-kernels}"
+    if request.inside is not None:
+        kernels = '"$out/kernels"'  # the home folder stays outside
+    text = f"""\
 # --- Names. All nodes must see these paths.
 campaign={quote(request.campaign)}
 out={quote(request.out)}
 bin={quote(request.bin_folder)}
-kernels=${{WARP_CACHE_PATH:-${{XDG_CACHE_HOME:-$HOME/.cache}}/drivetwin-kernels}}
+kernels={kernels}
 restarts_max={request.restarts_max}
 cd {quote(request.folder)} || exit 2"""
+    if ends:
+        text += f"\n# Workers take only cases that end before the job is told to stop.\n{ends}"
+    if request.inside is not None:
+        text += """
+
+# --- The container: "${inside[@]}" COMMAND runs a command in it.
+"""
+        text += "\n".join(shell_lines(request.inside))
+    return text
+
+
+def inside(request: JobRequest) -> str:
+    """What stands before a command of ours."""
+    return "" if request.inside is None else '"${inside[@]}" '
 
 
 def on_each_node(request: JobRequest, scheduler_address: str, device: str) -> str:
@@ -48,11 +69,12 @@ def on_each_node(request: JobRequest, scheduler_address: str, device: str) -> st
     if request.remote_stacks:
         listen = ' \\\n    --drive-listen "tcp/$(here):0" --join-dir "$out/rigs"'
         functions = " here stack"
-        stack = """
-stack() { # serves simulators of other nodes (autonomy.placement: node)
+        stack = f"""
+stack() {{ # serves simulators of other nodes (autonomy.placement: node)
   setup
-  exec "$bin/devkit" host --join "$out/rigs"
-}"""
+  exec {inside(request)}"$bin/devkit" host --join "$out/rigs"
+}}"""
+    array = "" if request.inside is None else " inside"
     return f"""\
 # --- What runs on a node, and what it needs there.
 setup() {{
@@ -63,11 +85,12 @@ here() {{ # the address of this node that the others reach
 }}
 worker() {{
   setup
-  exec "$bin/twin" worker --state "$out" --wait 120 --until-done \\
+  exec {inside(request)}"$bin/twin" worker --state "$out" --wait 120 --until-done \\
     --slots {request.slots} --device {device}{listen}
 }}{stack}
 # This text carries names and functions to another node; it needs no file there.
-on_node="$(declare -p bin out kernels); $(declare -f setup worker{functions})\""""
+on_node="$(declare -p bin out kernels{array} ${{!TWIN_WALLTIME_S*}})
+$(declare -f setup worker{functions})\""""
 
 
 def _setup(request: JobRequest) -> str:
@@ -89,6 +112,8 @@ def _setup(request: JobRequest) -> str:
         "features=$(grep -E -m 1 '^(flags|Features)' /proc/cpuinfo | cksum | cut -d ' ' -f 1)",
         "export WARP_CACHE_PATH=$kernels/$(uname -m)-$features",
     ]
+    if request.inside is not None:
+        lines.append('mkdir -p "$WARP_CACHE_PATH" || exit 2')
     return "\n".join(f"  {line}" for line in lines)
 
 
@@ -115,7 +140,8 @@ setup
 address={address}
 [ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
-"$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
+{inside(request)}"$bin/conductor" run "$campaign" --workers 0 \\
+  --listen "tls/$address:0" --out "$out" &
 conductor=$!
 {{TRAPS}}
 # Once it listens, it says where in conductor.json. An older file may be there after a crash.

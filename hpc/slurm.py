@@ -29,7 +29,7 @@ def render(request: JobRequest) -> str:
     return "\n\n".join(
         (
             _head(request) + "\n" + asked_for(request) + "\n" + _SIGNAL.format(request=request),
-            script.names(request),
+            script.names(request, _ENDS.format(request=request)),
             script.on_each_node(request, _NODE_ADDRESS, device),
             script.conductor(request).replace("{TRAPS}", _TRAPS),
             _workers(request),
@@ -89,6 +89,12 @@ _SIGNAL = """\
 #SBATCH --no-kill
 # A later start adds to the log of the first.
 #SBATCH --open-mode=append"""
+
+_ENDS = """\
+ends=$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%e)
+if [[ $ends == 20* ]]; then
+  export TWIN_WALLTIME_S=$(($(date --date="$ends" +%s) - $(date +%s) - {request.signal_lead_s}))
+fi"""
 
 _NODE_ADDRESS = """\
   # The one by which Slurm reaches it; `hpc --interface` and `--address` choose another.

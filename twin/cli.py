@@ -58,12 +58,12 @@ def worker(
     drain_s: Annotated[
         float, typer.Option(min=0, help="After SIGTERM, running cases may go on this long [s].")
     ] = 0.0,
-    walltime_end: Annotated[
+    walltime_s: Annotated[
         float | None,
         typer.Option(
-            envvar=["TWIN_WALLTIME_END", "SLURM_JOB_END_TIME"],
-            help="When the allocation ends [s since 1970]: only cases that fit are leased, and "
-            "everything is given back before it.",
+            envvar="TWIN_WALLTIME_S",
+            help="The allocation ends so long from now: only cases that fit are leased, and "
+            "everything is given back before it [s].",
         ),
     ] = None,
     memory_gb: Annotated[
@@ -99,7 +99,7 @@ def worker(
         view=view,
         until_done=until_done,
         drain_s=drain_s,
-        walltime_end_s=walltime_end,
+        walltime_s=walltime_s,
         memory_gb=memory_gb,
         tags=tuple(tag or ()),
         spool=spool,

@@ -68,8 +68,8 @@ class WorkerOptions:
     until_done: bool = False
     drain_s: float = 0.0
     """How long running cases may go on after SIGTERM [s]."""
-    walltime_end_s: float | None = None
-    """When the allocation ends [s since 1970]; None: no end is known."""
+    walltime_s: float | None = None
+    """The allocation ends so long after the start [s]; None: no end is known."""
     memory_gb: float | None = None
     """Most memory that the processes of a rig may use together; None: no limit [GB]."""
     tags: tuple[str, ...] = ()
@@ -122,13 +122,15 @@ class Worker:
                 device_class=device_class(options.device),
                 software=software_digest(),
                 slots=options.slots,
-                walltime_end_s=options.walltime_end_s,
+                walltime_end_s=None
+                if options.walltime_s is None
+                else time.time() + options.walltime_s,
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
-            walltime_end_ns=_walltime_end_ns(options.walltime_end_s),
+            walltime_end_ns=_walltime_end_ns(options.walltime_s),
             memory_max_bytes=memory_bytes,
         )
 
@@ -300,11 +302,11 @@ class Worker:
                     self._left = True
 
 
-def _walltime_end_ns(end_s: float | None) -> int | None:
+def _walltime_end_ns(walltime_s: float | None) -> int | None:
     """The end of the allocation, less the time to leave, on the clock of the main loop [ns]."""
-    if end_s is None:
+    if walltime_s is None:
         return None
-    return time.monotonic_ns() + int((end_s - HAND_BACK_S - time.time()) * decisions.SECOND_NS)
+    return time.monotonic_ns() + int((walltime_s - HAND_BACK_S) * decisions.SECOND_NS)
 
 
 def _log(line: str) -> None:

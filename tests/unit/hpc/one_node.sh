@@ -27,6 +27,11 @@ bin=/opt/drivetwin/bin
 kernels=${WARP_CACHE_PATH:-${XDG_CACHE_HOME:-$HOME/.cache}/drivetwin-kernels}
 restarts_max=20
 cd /work || exit 2
+# Workers take only cases that end before the job is told to stop.
+ends=$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%e)
+if [[ $ends == 20* ]]; then
+  export TWIN_WALLTIME_S=$(($(date --date="$ends" +%s) - $(date +%s) - 60))
+fi
 
 # --- What runs on a node, and what it needs there.
 setup() {
@@ -44,14 +49,16 @@ worker() {
     --slots 1 --device cuda:0
 }
 # This text carries names and functions to another node; it needs no file there.
-on_node="$(declare -p bin out kernels); $(declare -f setup worker)"
+on_node="$(declare -p bin out kernels ${!TWIN_WALLTIME_S*})
+$(declare -f setup worker)"
 
 # --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
 setup
 address=$(here)
 [ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
-"$bin/conductor" run "$campaign" --workers 0 --listen "tcp/$address:0" --out "$out" &
+"$bin/conductor" run "$campaign" --workers 0 \
+  --listen "tls/$address:0" --out "$out" &
 conductor=$!
 # bash runs a trap only between commands or during `wait`, so everything long is in the background.
 signalled=no stopping=no lost=no

@@ -92,7 +92,7 @@ def test_the_verdict_is_the_exit_code(tmp_path, verdict):
     assert "requeue" not in job.said("scontrol")
     assert job.said("conductor").splitlines() == [
         *("run", "aeb-demo", "--workers", "0"),
-        *("--listen", "tcp/10.9.8.7:0", "--out", str(tmp_path / "o ut")),
+        *("--listen", "tls/10.9.8.7:0", "--out", str(tmp_path / "o ut")),
     ]
     assert job.said("worker").splitlines() == [
         *("worker", "--state", str(tmp_path / "o ut"), "--wait", "120", "--until-done"),
@@ -161,14 +161,14 @@ def test_an_old_conductor_file_is_not_believed(tmp_path):
 def test_where_it_listens(tmp_path, changes, address):
     job = Job(tmp_path, **changes)
     assert job.run()[0] == 0
-    assert f"tcp/{address}:0" in job.said("conductor")
+    assert f"tls/{address}:0" in job.said("conductor")
 
 
 def test_a_node_name_that_means_loopback_is_not_used(tmp_path):
     job = Job(tmp_path)
     assert job.run(NODE_ADDR="localhost")[0] == 0
-    assert "tcp/" in job.said("conductor")
-    assert "tcp/127." not in job.said("conductor")
+    assert "tls/" in job.said("conductor")
+    assert "tls/127." not in job.said("conductor")
 
 
 def test_a_worker_on_each_gpu(tmp_path):
