@@ -3,13 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-bench demo test faults check lock clean
+.PHONY: help install install-test install-bench demo test faults offline check lock clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the tests need, then run them"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   a hundred storms of killed and frozen processes"
+	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench'"
 	@echo "make check    format, lint, types and layers, in under a minute"
 
@@ -40,6 +41,11 @@ test: install-test
 # A hundred storms of killed and frozen processes, about twenty minutes; `make test` runs five.
 faults: install-test
 	STORMS=100 $(BIN)/pytest tests/e2e/test_storms.py $(ARGS)
+
+# Half a gigabyte of wheels and two images, several minutes; `make test` leaves it out.
+offline: install-test
+	OFFLINE=1 PATH="$$(dirname $$(tests/e2e/install_apptainer.sh build/apptainer)):$$PATH" \
+	  $(BIN)/pytest tests/e2e/test_offline.py tests/e2e/test_containers.py $(ARGS)
 
 check: install-test
 	$(BIN)/ruff format --check .

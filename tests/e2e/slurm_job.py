@@ -31,7 +31,13 @@ class Job:
     """Submitted from ``folder`` into its run folder ``a folder``."""
 
     def __init__(
-        self, marked: Marked, cluster: SlurmCluster, folder: Path, campaign: str, *options: str
+        self,
+        marked: Marked,
+        cluster: SlurmCluster,
+        folder: Path,
+        campaign: str,
+        *options: str,
+        **environment: str,
     ) -> None:
         self.cluster = cluster
         self.folder = folder
@@ -39,7 +45,7 @@ class Job:
         arguments = ("submit", campaign, "--output", "json", "--out", str(self.out), *options)
         if "--time" not in options:
             arguments += ("--time", "00:30")
-        done = hpc(cluster, *arguments, folder=folder, **{MARK: marked.mark})
+        done = hpc(cluster, *arguments, folder=folder, **{MARK: marked.mark}, **environment)
         assert done.returncode == 0, done.stderr
         self.said = json.loads(done.stdout)
         self.id = self.said["job"]

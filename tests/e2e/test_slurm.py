@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import slurm_cluster
 import yaml
+from container_images import missing, python_folders, shell_image
 from processes import MARK, committed, outcomes
 from slurm_cluster import SlurmCluster
 from slurm_job import Job, hpc, wrapped_commands
@@ -224,3 +225,22 @@ def test_a_second_job_joins(marked, cluster, quiet, tmp_path):
     assert job.end()["ExitCode"] == "1:0", job.text
     assert len({row["worker"] for row in outcomes(job.out).values()}) == 2
     assert quiet["fingerprint"] in job.text
+
+
+@pytest.mark.parametrize("runtime", ["charliecloud", "apptainer"])
+def test_a_job_inside_a_container(marked, quiet, cluster, tmp_path, runtime):
+    """Conductor, workers and stacks of one job inside an image; see test_containers.py for it."""
+    if reason := missing({"charliecloud": "ch-run"}.get(runtime, runtime)):
+        pytest.skip(reason)
+    image = shell_image(tmp_path / "image")
+    binds = (*python_folders(), Path(__file__).parents[2])
+    job = Job(
+        *(marked, cluster, tmp_path, "chaos-16", "--workers", "3", "--container", str(image)),
+        *("--container-runtime", runtime, "--bin", str(Path(sys.executable).parent)),
+        *(word for path in binds for word in ("--container-bind", str(path))),
+        APPTAINER_USERNS="1",  # what an ordinary user gets anyway
+    )
+    assert job.end()["ExitCode"] == "1:0", job.text
+    done = marked.run("conductor", "fingerprint", str(job.out))
+    assert done.stdout.strip() == quiet["fingerprint"], done.stderr + job.text
+    assert list((job.out / "kernels").iterdir()), "kernels are kept outside the image"
