@@ -48,7 +48,8 @@ def test_the_same_results_inside(marked, quiet, tmp_path, borrowed):
         prefix=borrowed,
     )
     out, err = child.communicate()
-    assert child.returncode == 1 and out, err
+    assert out, err
+    assert child.returncode == 1, err
     assert json.loads(out)["fingerprint"] == quiet["fingerprint"]
 
 
