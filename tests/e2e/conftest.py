@@ -1,6 +1,8 @@
 """Fixtures of the end-to-end tests."""
 
 import json
+import os
+import subprocess
 
 import pytest
 from processes import Marked, nothing_left
@@ -46,3 +48,15 @@ def local(tmp_path_factory):
         return {"folder": folder, **json.loads(out)}
     finally:
         starter.end()
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 1 MiB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("needs root to mount a small tmpfs")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)

@@ -126,18 +126,6 @@ def test_no_case_passes_without_a_verdict(marked, tmp_path):
     assert "lens cap on" in row["reasons"][0]
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 1 MiB."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True).returncode:
-        pytest.skip("needs root to mount a small tmpfs")
-    yield folder
-    subprocess.run(["umount", "--lazy", str(folder)], check=True)
-
-
 def test_full_disk_then_space(marked, quiet, small_disk):
     ballast = small_disk / "ballast"
     ballast.write_bytes(bytes(700_000))

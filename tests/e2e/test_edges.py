@@ -113,13 +113,13 @@ def test_a_file_where_the_folder_should_be(marked, tmp_path):
 
 def test_no_write_access_to_the_kernel_cache(marked, quiet, read_only, tmp_path):
     """Kernels are compiled into a private folder below the temporary one instead."""
-    temporary = tmp_path / "tmp"
-    temporary.mkdir()
-    variables = {"WARP_CACHE_PATH": str(read_only / "warp"), "TMPDIR": str(temporary)}
+    variables = {"WARP_CACHE_PATH": str(read_only / "warp")}
     done = run(marked, tmp_path / "c", variables=variables)
     assert done.returncode == 1, done.stderr
     assert quiet["fingerprint"] in done.stdout
-    assert [path.name for path in temporary.iterdir()] == [f"drivetwin-kernels-{os.getuid()}"]
+    (cache,) = marked.temporary.iterdir()
+    assert cache.name == f"drivetwin-kernels-{os.getuid()}"
+    shutil.rmtree(cache)
 
 
 def test_no_write_access_as_another_user(marked, tmp_path):

@@ -106,6 +106,18 @@ def test_nothing_half_submitted(cluster, tmp_path, options, code, said):
     assert cluster.call("squeue", "--noheader").stdout == ""
 
 
+def test_nothing_is_submitted_from_a_full_disk(cluster, small_disk):
+    (small_disk / "ballast").write_bytes(bytes(1 << 20))
+    done = hpc(
+        cluster, *["submit", "aeb-demo", "--workers", "1", "--time", "00:30"], folder=small_disk
+    )
+    assert done.returncode == 3, done.stderr
+    assert "No space left on device" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert [path.name for path in small_disk.iterdir()] == ["ballast"]
+    assert cluster.call("squeue", "--noheader").stdout == ""
+
+
 def test_doctor(cluster, tmp_path):
     done = hpc(cluster, "doctor", "--output", "json", folder=tmp_path)
     assert done.returncode == 0, done.stderr

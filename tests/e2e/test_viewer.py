@@ -34,9 +34,12 @@ def finish(child):
 
 
 def note(folder, case):
-    """What ``recording.json`` of the committed attempt says; None: there is none."""
+    """What ``recording.json`` of the committed attempt says; None: there is none.
+
+    An empty one is none: its writer was killed.
+    """
     path = folder / outcomes(folder)[case]["attempt_dir"] / naming.RECORDING_NOTE
-    return json.loads(path.read_text()) if path.exists() else None
+    return json.loads(path.read_text() or "null") if path.exists() else None
 
 
 @pytest.fixture(scope="module")
