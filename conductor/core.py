@@ -68,6 +68,7 @@ def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Rep
     """Answer one request; ``state`` is advanced by the facts returned."""
     turn = Turn(state, now_ns)
     expire(turn)
+    _forget(turn)
     if request.v != SCHEMA_VERSION:
         error = (
             f"schema version {request.v} given, this conductor speaks {SCHEMA_VERSION}; "
@@ -90,9 +91,13 @@ def tick(state: State, now_ns: int) -> list[Fact]:
 
 def _forget(turn: Turn) -> None:
     """Workers that were killed say no goodbye; a conductor that runs for days has many of them."""
-    for name, worker in list(turn.state.workers.items()):
-        if not worker.tokens and turn.now_ns - worker.seen_ns >= turn.state.config.forget_ns:
-            turn.emit(WorkerLeft(worker=name, reason="silent for too long"))
+    state, now_ns = turn.state, turn.now_ns
+    if now_ns - state.looked_ns < state.config.forget_ns // 60:
+        return
+    state.looked_ns = now_ns
+    for name, worker in list(state.workers.items()):
+        if not worker.tokens and now_ns - worker.seen_ns >= state.config.forget_ns:
+            turn.emit(WorkerLeft(worker=name, reason="silent for too long", forgotten=True))
 
 
 def close(state: State) -> list[Fact]:

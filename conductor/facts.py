@@ -81,6 +81,8 @@ class WorkerLeft(_Fact, frozen=True):
 
     worker: str
     reason: str = ""
+    forgotten: bool = False
+    """It was silent for too long; should it come back, it may join again."""
 
 
 class WorkerDraining(_Fact, frozen=True):

@@ -136,7 +136,8 @@ def _worker_joined(state: State, fact: WorkerJoined) -> None:
 def _worker_left(state: State, fact: WorkerLeft) -> None:
     _expect(not state.workers[fact.worker].tokens, fact)
     del state.workers[fact.worker]
-    state.departed.add(fact.worker)
+    if not fact.forgotten:
+        state.departed.add(fact.worker)
 
 
 def _worker_draining(state: State, fact: WorkerDraining) -> None:
@@ -254,6 +255,10 @@ def _case_ended(state: State, fact: CaseEnded) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
     _expect(not case.ended, fact)
     _end(state, campaign, case, fact)
+    # It was the case that was bad, not the hosts it died on.
+    key = (fact.campaign, fact.case)
+    for host, deaths in list(state.deaths.items()):
+        state.deaths[host] = tuple(each for each in deaths if each != key)
 
 
 def _paused(state: State, fact: Paused) -> None:

@@ -126,6 +126,8 @@ class Folders:
         for campaign in state.campaigns.values():
             if campaign.attempts:
                 self.record(campaign)
+            if not campaign.left:
+                self.sweep(campaign)
         self.flush()
         for folder in (*(Path(c.out) for c in state.campaigns.values()), self.folder):
             try:

@@ -42,7 +42,7 @@ def _lacks(requires: Requirements, worker: WorkerJoined) -> str:
     kind = worker.device_class.partition(":")[0]
     if requires.device not in ("any", kind):
         return f"simulates on {kind}, required is {requires.device}"
-    if worker.memory_bytes is not None and worker.memory_bytes < requires.memory_gb * 1e9:
+    if worker.memory_bytes is not None and worker.memory_bytes < int(requires.memory_gb * 1e9):
         return (
             f"allows a rig {worker.memory_bytes / 1e9:g} GB of memory, "
             f"required are {requires.memory_gb:g} GB"
@@ -140,7 +140,12 @@ def avoids(
         return False
     if any(charge.worker != name for charge in case.charges):
         return False
-    return any(other is not worker for other in _able(state, campaign, now_ns))
+    return any(
+        other is not worker
+        and not shunned(state, campaign, other, now_ns)
+        and fits(state.config, campaign, other.remaining_s)
+        for other in _able(state, campaign, now_ns)
+    )
 
 
 def shunned(state: State, campaign: CampaignState, worker: WorkerState, now_ns: int) -> bool:

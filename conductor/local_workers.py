@@ -13,8 +13,8 @@ from typing import IO
 
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
-STOP_S = 5.0
-"""How long workers may take to give their leases back [s]."""
+STOP_S = 12.0
+"""How long workers may take to give their leases back and finish recordings [s]."""
 
 
 @dataclass(slots=True)

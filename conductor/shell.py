@@ -263,7 +263,6 @@ class Conductor:
         for name in ended:
             if not campaigns[name].left:
                 self._folders.record(campaigns[name])
-                self._folders.sweep(campaigns[name])
         self._folders.flush()
 
     def _answer(self, group: list[Item], turn: Turn) -> None:

@@ -251,6 +251,8 @@ class State:
     deaths: dict[str, tuple[CaseKey, ...]] = field(default_factory=dict)
     """Host -> different cases that were charged on it since it committed one."""
     draining: bool = _volatile(False)
+    looked_ns: int = _volatile(0)
+    """When silent workers were last looked for [ns]."""
     tail: int = _volatile(0)
     """Facts since the latest snapshot."""
     dirty: set[tuple[str, int]] = field(default_factory=set, compare=False, repr=False)

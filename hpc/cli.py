@@ -259,7 +259,9 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
         account=options.account or site.account,
         constraint=options.constraint or site.constraint,
         slots=options.slots,
-        cpus_per_worker=options.cpus_per_worker or site.cpus_per_worker,
+        cpus_per_worker=options.cpus_per_worker
+        if options.cpus_per_worker is not None
+        else site.cpus_per_worker,
         signal_lead_s=options.signal_lead,
         restarts_max=options.restarts_max,
         address=options.address,
@@ -267,11 +269,19 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
         modules=tuple(site.modules),
         scratch=options.scratch or site.scratch,
         directives=(*site.directives, *(options.directive or ())),
-        container=str(options.container.absolute()) if options.container else "",
+        container=_image(options),
         container_runtime=options.container_runtime.value,
         container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
         remote_stacks=remote_stacks,
     )
+
+
+def _image(options: Options) -> str:
+    """A path as the nodes see it; podman also takes names such as ``org/name:1``."""
+    given = options.container
+    if not given or (options.container_runtime == "podman" and given[0] not in "/."):
+        return given
+    return str(Path(given).absolute())
 
 
 def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:

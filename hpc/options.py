@@ -93,8 +93,8 @@ class Options:
         ),
     ] = None
     container: Annotated[
-        Path | None, typer.Option(help="Image in which everything runs, see `hpc image build`.")
-    ] = None
+        str, typer.Option(help="Image in which everything runs, see `hpc image build`.")
+    ] = ""
     container_runtime: Annotated[
         ContainerRuntime, typer.Option(help="How the image is entered.")
     ] = ContainerRuntime.apptainer

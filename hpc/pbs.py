@@ -190,7 +190,7 @@ def _timer(request: JobRequest) -> str:
 # --- PBS sends no signal before the end of the time. This does, {request.signal_lead_s} s before.
 trap 'signalled=yes stopping=yes; kill -TERM "$conductor" 2>/dev/null' USR2
 {{
-  sleep {_seconds(request)} &
+  sleep $(({_seconds(request)} - SECONDS)) &
   trap 'kill $!; exit' TERM
   wait $!
   kill -USR2 $$

@@ -46,7 +46,8 @@ out={quote(request.out)}
 bin={quote(request.bin_folder)}
 kernels={kernels}
 restarts_max={request.restarts_max}
-cd {quote(request.folder)} || exit 2"""
+folder={quote(request.folder)}
+cd "$folder" || exit 2"""
     if ends:
         text += f"\n# Workers take only cases that end before the job is told to stop.\n{ends}"
     if request.inside is not None:
@@ -89,12 +90,13 @@ worker() {{
     --slots {request.slots} --device {device}{listen}
 }}{stack}
 # This text carries names and functions to another node; it needs no file there.
-on_node="$(declare -p bin out kernels{array} ${{!TWIN_WALLTIME_S*}})
+on_node="$(declare -p folder bin out kernels{array} ${{!TWIN_WALLTIME_S*}})
 $(declare -f setup worker{functions})\""""
 
 
 def _setup(request: JobRequest) -> str:
-    lines = []
+    # Other ways than srun to another node begin in the home folder.
+    lines = ['cd "$folder" || exit 2']
     if request.modules:
         loaded = " ".join(request.modules)
         lines += [

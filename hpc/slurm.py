@@ -156,7 +156,9 @@ if [ "$verdict" = 75 ] && [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format
 then
   if [ "${SLURM_RESTART_COUNT:-0}" -lt "$restarts_max" ]; then
     echo "unfinished, queued again" >&2
-    exec scontrol requeue "$SLURM_JOB_ID"
+    scontrol requeue "$SLURM_JOB_ID" && exit 75
+    echo "not queued again; submit this script again to go on" >&2
+    exit 75
   fi
   echo "unfinished after $restarts_max restarts; submit this script again to go on" >&2
 fi

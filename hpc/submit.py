@@ -117,9 +117,9 @@ def job_of(folder: Path) -> tuple[str, str] | None:
     """Scheduler and job id of a run folder, or None."""
     try:
         words = (folder / JOB_FILE).read_text(encoding="utf-8").split()
-    except OSError:
+    except (OSError, UnicodeDecodeError):
         return None
-    return (words[0], words[1]) if len(words) == 2 else None
+    return (words[0], words[1]) if len(words) == 2 and words[0] in ("slurm", "pbs") else None
 
 
 def probe(folder: Path) -> None:

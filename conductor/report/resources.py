@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 from pathlib import Path
 
@@ -92,7 +93,8 @@ def gather_resources(folder: Path, *, complete: bool) -> None:
         if complete:
             for part in parts:
                 part.unlink(missing_ok=True)
-            (folder / PARTS_FOLDER).rmdir()
+            with contextlib.suppress(OSError):  # a late worker still writes there
+                (folder / PARTS_FOLDER).rmdir()
     except OSError as error:
         raise storage_error(error, str(path)) from None
 

@@ -202,7 +202,12 @@ class Swarm:
         self.oracle = Oracle()
         self.disk = Disk(self)
         self.config = Config(
-            folder="/state", ttl_ns=4 * S, vanished_ns=S, snapshot_facts=40, forget_ns=8 * S
+            folder="/state",
+            ttl_ns=4 * S,
+            vanished_ns=S,
+            snapshot_facts=40,
+            forget_ns=8 * S,
+            host_deaths=2,
         )
         self.engine: Engine | None = None
         self._heap: list[tuple[int, int, Callable[[], None]]] = []

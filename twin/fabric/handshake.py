@@ -10,8 +10,8 @@ import socket
 import ssl
 
 from twin.fabric.endpoint import check_protected, host_and_port, is_tls
-from twin.fabric.errors import UnreachableError, UsageError
-from twin.fabric.key_file import Key
+from twin.fabric.errors import UnreachableError
+from twin.fabric.key_file import Key, UnfitKeyError
 
 _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""
@@ -24,15 +24,15 @@ def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0) -> None:
 
     Raises:
         UnreachableError: nobody listens, or what listens there does not speak TLS.
-        UsageError: the other side holds another key.
+        UnfitKeyError: the other side holds another key.
     """
     check_protected(endpoint, keyed=key is not None)
     try:
         with socket.create_connection(host_and_port(endpoint), timeout_s) as connection:
             if is_tls(endpoint) and key is not None:
                 _shake_hands(endpoint, key, connection)
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
         raise UnreachableError(f"{endpoint}: no conductor answers ({reason})") from None
 
 
@@ -52,7 +52,7 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
                 f"{endpoint}: refused: it holds another key than {key.path}; take the "
                 "conductor.key of its state folder, as it is now"
             )
-        raise UsageError(line) from None
+        raise UnfitKeyError(line) from None
     except (ssl.SSLError, TimeoutError):
         raise UnreachableError(
             f"{endpoint}: something listens there, but does not speak TLS; a conductor on "

@@ -152,7 +152,8 @@ class Gearbox(_Spec, kw_only=True):
             if down * max(steps, default=1.0) >= up:
                 raise ValueError(
                     f"shift_down_rpm {down:g} hunts with shift_up_rpm {up:g}: after the widest "
-                    f"step of {max(steps):.2f} the engine turns at {up / max(steps):.0f} rpm"
+                    f"step of {max(steps, default=1.0):.2f} the engine turns at "
+                    f"{up / max(steps, default=1.0):.0f} rpm"
                 )
 
 

@@ -273,8 +273,7 @@ class Core:
         if self.phase in ("draining", "left"):
             return []
         if self.phase == "joining":
-            self.phase = "left"
-            return [*self._end_all("released", detail), Leave()]
+            return [*self._end_all("released", detail), *self._leave()]
         if self.phase == "finishing":
             return self._release(now_ns)
         self.phase = "finishing"

@@ -34,7 +34,7 @@ from twin.fabric.errors import InfrastructureError
 PREFIX = "twin-attempts-"
 """Of the scratch folder's name, below ``TMPDIR``."""
 
-TIMEOUT_S = 30.0
+TIMEOUT_S = 10.0
 """Longest wait for the answer to one file; then it is sent again [s]."""
 
 

@@ -35,7 +35,7 @@ from twin.worker.spool_folder import SpoolFolder
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""
 
-HAND_BACK_S = 10.0
+HAND_BACK_S = 15.0
 """Everything is given back so long before the walltime: rigs end, the conductor hears it [s]."""
 
 MEMORY_PERIOD_NS = 1_000_000_000
@@ -197,6 +197,7 @@ class Worker:
             v=SCHEMA_VERSION, worker=request.worker, held=dict.fromkeys(map(str, tokens), 0)
         )
         if not self._delivery.deliver(request.results, lambda: self._beat_if_due(beat)):
+            self._beat_if_due(beat)
             return None
         reply = self._ask(request)
         if reply is not None and not reply.error:

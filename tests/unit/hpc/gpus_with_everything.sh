@@ -28,7 +28,8 @@ out='/scratch/me/night'"'"'s'
 bin=/opt/drivetwin/bin
 kernels=${WARP_CACHE_PATH:-${XDG_CACHE_HOME:-$HOME/.cache}/drivetwin-kernels}
 restarts_max=3
-cd /work || exit 2
+folder=/work
+cd "$folder" || exit 2
 # Workers take only cases that end before the job is told to stop.
 ends=$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%e)
 if [[ $ends == 20* ]]; then
@@ -37,6 +38,7 @@ fi
 
 # --- What runs on a node, and what it needs there.
 setup() {
+  cd "$folder" || exit 2
   # Compiled kernels are kept per kind of processor: not every node runs those of another.
   local features
   features=$(grep -E -m 1 '^(flags|Features)' /proc/cpuinfo | cksum | cut -d ' ' -f 1)
@@ -59,7 +61,7 @@ worker() {
     --slots 64 --device cuda:0
 }
 # This text carries names and functions to another node; it needs no file there.
-on_node="$(declare -p bin out kernels ${!TWIN_WALLTIME_S*})
+on_node="$(declare -p folder bin out kernels ${!TWIN_WALLTIME_S*})
 $(declare -f setup worker)"
 
 # --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
@@ -128,7 +130,9 @@ if [ "$verdict" = 75 ] && [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format
 then
   if [ "${SLURM_RESTART_COUNT:-0}" -lt "$restarts_max" ]; then
     echo "unfinished, queued again" >&2
-    exec scontrol requeue "$SLURM_JOB_ID"
+    scontrol requeue "$SLURM_JOB_ID" && exit 75
+    echo "not queued again; submit this script again to go on" >&2
+    exit 75
   fi
   echo "unfinished after $restarts_max restarts; submit this script again to go on" >&2
 fi

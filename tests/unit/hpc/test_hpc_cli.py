@@ -23,7 +23,7 @@ def test_render(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("#!/bin/bash\n")
     assert f"out={tmp_path}/runs/aeb-demo\n" in done.stdout
-    assert f"cd {tmp_path} || exit 2\n" in done.stdout
+    assert f"folder={tmp_path}\n" in done.stdout
     assert "#SBATCH --time=00:10:00\n" in done.stdout
 
 
