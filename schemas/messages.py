@@ -14,8 +14,29 @@ from schemas.campaign import Case, GroundTruthPerception
 
 # --- drive plane --------------------------------------------------------------------------------
 
-OBJECT_CLASSES = ("car", "truck", "bus", "pedestrian", "bicycle")
+OBJECT_CLASSES = ("car", "truck", "bus", "pedestrian", "bicycle", "traffic_sign")
 """Class ids of the box sensor are indices into this tuple."""
+
+SEMANTIC_CLASSES = (
+    "unlabelled",
+    "road",
+    "marking",
+    "sidewalk",
+    "building",
+    "wall",
+    "vegetation",
+    "terrain",
+    "pole",
+    "lamp",
+    "traffic_sign",
+    "car",
+    "truck",
+    "bus",
+    "pedestrian",
+    "bicycle",
+    "sky",
+)
+"""Values of semantic images are indices into this tuple."""
 
 BOX_COLUMNS = ("class_id", "x_px", "y_px", "width_px", "height_px", "visible_px", "distance_m")
 """Columns of a box message, float32 [S, B, 7]; x and y are the box's upper left corner."""

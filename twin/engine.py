@@ -16,6 +16,7 @@ from twin.kpi import verdict as judging
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
 from twin.render.camera import RayCamera
+from twin.render.geometry import Geometry
 from twin.render.light import fill_light, switch_lamps
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.feedback import by_wire, environment
@@ -110,17 +111,17 @@ class Engine:
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene)
         self._vehicle = vehicle
+        self._geometry = Geometry(self._world, slots, warp_device)
         self._camera = RayCamera(
+            self._geometry,
             self._world,
             scene.furniture,
             case.camera,
             tuple(vehicle.camera_m),
             tuple(vehicle.headlamps_m),
-            slots,
-            warp_device,
             image_out,
         )
-        self._boxes = BoxSensor(slots, warp_device)
+        self._boxes = BoxSensor(self._geometry.classes, slots, warp_device)
         self._vehicles = Fleet(
             [vehicle],
             slots,
@@ -205,6 +206,7 @@ class Engine:
         assert due.all() or not due.any(), "active slots are not due for a frame together"
         if due.any():
             self._write_lights()
+            self._geometry.place(self._world.motion.at(self.sim_time_ns / 1e9))
             image = self._camera.render(self._vehicles.ego_device)
             boxes, count = self._boxes.read(self._camera.boxes)
             sensors["camera"] = SensorData(image)

@@ -13,6 +13,7 @@ from schemas.campaign import Camera
 from schemas.identity import stream_key
 from schemas.messages import Lights
 from twin.render.camera import RayCamera
+from twin.render.geometry import Geometry
 from twin.render.light import fill_light, switch_lamps
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -68,13 +69,12 @@ def contact_sheet(
     world = build_world(target)
     warp_device = wp.get_device(device)
     eye = RayCamera(
+        Geometry(world, 1, warp_device),
         world,
         target.furniture,
         camera,
         tuple(car.camera_m),
         tuple(car.headlamps_m),
-        1,
-        warp_device,
     )
     x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
     pose = wp.array([[x_m, 0.0, 0.0]], dtype=wp.float64, device=warp_device)

@@ -10,6 +10,7 @@ from schemas.campaign import Camera
 from schemas.messages import Lights
 from twin.render.air import through_air
 from twin.render.camera import RayCamera
+from twin.render.geometry import Geometry
 from twin.render.light import fill_light, switch_lamps
 from twin.render.noise import draw, normal
 from twin.render.tone import tone_table
@@ -38,7 +39,12 @@ def camera_before(boxes, size=(160, 90), noise=False, hfov_deg=90.0):
             mesh.box(low, high, materials.PLAIN, (0.4, 0.04, 0.03))
     world = World(mesh.build(), np.zeros((1, 5)), len(boxes), (0.0, -5.0), (13.0, 8.0))
     camera = Camera(width=size[0], height=size[1], hfov_deg=hfov_deg, noise=noise)
-    return RayCamera(world, Furniture(), camera, MOUNT, (1.5, 0.0, 0.7), 1, CPU)
+    geometry = Geometry(world, 1, CPU)
+    return RayCamera(geometry, world, Furniture(), camera, MOUNT, (1.5, 0.0, 0.7))
+
+
+def box_sensor(camera):
+    return BoxSensor(camera._geometry.classes, 1, CPU)
 
 
 def shoot(camera, weather="clear", minute=720, key=7, tick=0, noise=False, lights=None):
@@ -55,7 +61,7 @@ def test_boxes_are_the_projection_of_the_hull():
     # Near face at 20 m, 1 to 3 m right of the axis, its top 0.4 m below the camera.
     camera = camera_before([((20.0, -3.0, 0.0), (24.0, -1.0, 1.1))])
     shoot(camera)
-    boxes, count = BoxSensor(1, CPU).read(camera.boxes)
+    boxes, count = box_sensor(camera).read(camera.boxes)
     assert count.tolist() == [1]
     x, y, width, height, pixels, distance = boxes[0, 0, 1:]
     focal = 80.0 / math.tan(math.radians(45.0))
@@ -75,13 +81,13 @@ def test_hidden_objects_are_not_seen_and_ties_go_by_instance():
     behind = ((20.0, -1.0, 0.0), (22.0, 1.0, 1.0))
     camera = camera_before([behind, wall])
     shoot(camera)
-    boxes, count = BoxSensor(1, CPU).read(camera.boxes)
+    boxes, count = box_sensor(camera).read(camera.boxes)
     assert count.tolist() == [1]
     assert not boxes[0, 1:].any()
     twins = [((10.0, 2.0, 0.0), (11.0, 4.0, 1.0)), ((10.0, -4.0, 0.0), (11.0, -2.0, 1.0))]
     camera = camera_before(twins)
     shoot(camera)
-    boxes, count = BoxSensor(1, CPU).read(camera.boxes)
+    boxes, count = box_sensor(camera).read(camera.boxes)
     assert count.tolist() == [2]
     assert boxes[0, 0, 5] == boxes[0, 1, 5]
     assert boxes[0, 0, 1] < boxes[0, 1, 1]  # instance 0 stands left
@@ -148,7 +154,7 @@ def contrast(image, x0, x1, y0, y1):
 def test_contrast_falls_with_fog_rain_and_night():
     camera = camera_before([((25.0, -1.0, 0.0), (29.0, 1.0, 1.5))], size=(320, 180))
     shoot(camera)
-    box = BoxSensor(1, CPU).read(camera.boxes)[0][0, 0].astype(int)
+    box = box_sensor(camera).read(camera.boxes)[0][0, 0].astype(int)
     region = (box[1], box[1] + box[3], box[2], box[2] + box[4])
     values = {w: contrast(shoot(camera, w), *region) for w in WEATHER}
     assert values["clear"] > values["light_fog"] > 1.3 * values["heavy_fog"]

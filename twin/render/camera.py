@@ -9,16 +9,13 @@ import warp as wp
 
 from schemas.campaign import Camera
 from twin.render import trace
+from twin.render.geometry import Geometry
 from twin.render.lamps import StreetLamps
 from twin.render.light import SlotLight
-from twin.render.surface import Face
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
 from twin.world.scene import Furniture
 from twin.world.street import World
-
-LEAF_SIZE_CPU, LEAF_SIZE_CUDA = 8, 2
-"""Faces in a leaf of the BVH; both measured."""
 
 _FAR = np.iinfo(np.int32).max
 
@@ -31,19 +28,20 @@ class RayCamera:
 
     def __init__(
         self,
+        geometry: Geometry,
         world: World,
         furniture: Furniture,
         camera: Camera,
         mount_m: tuple[float, float, float],
         lamps_m: tuple[float, float, float],
-        slots: int,
-        device: wp.Device,
         image_out: np.ndarray | None = None,
     ) -> None:
         """``image_out``: uint8 [S, H, W, 3] host buffer that receives the images."""
+        slots, device = geometry.slots, geometry.device
         self.shape = (slots, camera.height, camera.width, 3)
-        self._instances = world.instances
-        self._build_world(world, furniture, device)
+        self._geometry = geometry
+        self._instances = geometry.instances
+        self._lamps = _street_lamps(world, furniture)
         optics = trace.Optics()
         optics.width, optics.height = camera.width, camera.height
         optics.tangent = math.tan(math.radians(camera.hfov_deg) / 2.0)
@@ -52,6 +50,7 @@ class RayCamera:
         self._optics = optics
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
+        self.sky_table = Mirror((slots, 1, 1), wp.vec3, device)
         self._poses = wp.zeros(slots, dtype=trace.SlotPose, device=device)
         empty = np.full((slots, max(1, self._instances), trace.BOX_FIELDS), 0, np.int32)
         empty[:, :, [0, 1, 5]] = _FAR
@@ -61,24 +60,6 @@ class RayCamera:
         self._device = device
         self._allocate_image(image_out)
         wp.load_module(trace, device=device)
-
-    def _build_world(self, world: World, furniture: Furniture, device: wp.Device) -> None:
-        mesh = world.mesh
-        self._points = wp.array(mesh.points_m, dtype=wp.vec3, device=device)
-        self._indices = wp.array(mesh.faces.ravel(), dtype=wp.int32, device=device)
-        leaf = LEAF_SIZE_CPU if device.is_cpu else LEAF_SIZE_CUDA
-        self._mesh = wp.Mesh(self._points, self._indices, bvh_constructor="sah", bvh_leaf_size=leaf)
-        rows = np.zeros(len(mesh.faces), Face.numpy_dtype())
-        rows["material"], rows["tag"] = mesh.material, mesh.tag
-        rows["instance"], rows["color"] = mesh.instance, mesh.color
-        self._faces = wp.array(rows, dtype=Face, device=device)
-        lamps = StreetLamps()
-        lamps.spacing = furniture.lamp_spacing_m
-        lamps.height = furniture.lamp_height_m
-        lamps.intensity = furniture.lamp_intensity_cd
-        lamps.right = wp.vec2(*world.lamps_right)
-        lamps.left = wp.vec2(*world.lamps_left)
-        self._lamps = lamps
 
     def _allocate_image(self, image_out: np.ndarray | None) -> None:
         if image_out is not None and (
@@ -114,12 +95,12 @@ class RayCamera:
             trace.camera_kernel,
             slots * tiles * trace.TILE_COLUMNS * trace.TILE_ROWS,
             inputs=[
-                self._mesh.id,
-                self._faces,
+                self._geometry.scene,
                 self._lamps,
                 self._optics,
                 self._table,
                 self.lights.device,
+                self.sky_table.device,
                 self._poses,
             ],
             outputs=[self._image, self.boxes],
@@ -128,3 +109,13 @@ class RayCamera:
         if not self._device.is_cpu:
             self.image[...] = self._image.numpy()
         return self.image
+
+
+def _street_lamps(world: World, furniture: Furniture) -> StreetLamps:
+    lamps = StreetLamps()
+    lamps.spacing = furniture.lamp_spacing_m
+    lamps.height = furniture.lamp_height_m
+    lamps.intensity = furniture.lamp_intensity_cd
+    lamps.right = wp.vec2(*world.lamps_right)
+    lamps.left = wp.vec2(*world.lamps_left)
+    return lamps

@@ -9,7 +9,9 @@ from twin.render.noise import value_noise
 
 
 @wp.func
-def smooth_sky(direction: wp.vec3, light: SlotLight) -> wp.vec3:
+def smooth_sky(
+    direction: wp.vec3, slot: wp.int32, light: SlotLight, table: wp.array3d(dtype=wp.vec3)
+) -> wp.vec3:
     """Luminance without clouds, for mirrors [cd/m^2].
 
     A fit by eye between zenith and horizon, scaled to the diffuse illuminance; see
@@ -27,9 +29,11 @@ def smooth_sky(direction: wp.vec3, light: SlotLight) -> wp.vec3:
 
 
 @wp.func
-def sky(direction: wp.vec3, light: SlotLight) -> wp.vec3:
+def sky(
+    direction: wp.vec3, slot: wp.int32, light: SlotLight, table: wp.array3d(dtype=wp.vec3)
+) -> wp.vec3:
     """Luminance of the sky at ``direction`` with clouds and sun disc [cd/m^2]."""
-    color = smooth_sky(direction, light)
+    color = smooth_sky(direction, slot, light, table)
     up = wp.max(direction[2], 0.0) + 0.07
     x = direction[0] / up
     y = direction[1] / up

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.render.geometry import Face
 from twin.render.light import SlotLight
 from twin.render.noise import lattice, value_noise
 from twin.world import materials
@@ -41,16 +42,6 @@ class Surface:
     """Added to the normal of leaves [-]."""
     retro: wp.float32
     """Gain of light returned to the ego's headlamps, relative to a matt surface [-]."""
-
-
-@wp.struct
-class Face:
-    """Constant data of one triangle."""
-
-    material: wp.int32
-    tag: wp.int32
-    instance: wp.int32
-    color: wp.vec3
 
 
 @wp.func

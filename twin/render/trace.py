@@ -9,6 +9,8 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.air import sky_path, through_air
+from twin.render.geometry import Scene, occluded
+from twin.render.geometry import trace as trace_ray
 from twin.render.lamps import (
     SODIUM,
     WARM_WHITE,
@@ -21,7 +23,7 @@ from twin.render.light import SlotLight
 from twin.render.noise import draw, normal
 from twin.render.precipitation import cover
 from twin.render.sky import sky, smooth_sky
-from twin.render.surface import Face, surface_at
+from twin.render.surface import surface_at
 from twin.render.tone import tone
 from twin.world import materials
 
@@ -72,24 +74,26 @@ class SlotPose:
 
 @wp.func
 def _reflected(
-    mesh: wp.uint64,
-    faces: wp.array(dtype=Face),
+    scene: Scene,
+    slot: wp.int32,
     p: wp.vec3,
     direction: wp.vec3,
     light: SlotLight,
+    table: wp.array3d(dtype=wp.vec3),
 ) -> wp.vec3:
     """Luminance that a wet road mirrors: one ray, flat colours."""
-    hit = wp.mesh_query_ray(mesh, p, direction, 150.0)
-    if not hit.result:
-        return smooth_sky(direction, light)
-    color = faces[hit.face].color
+    hit = trace_ray(scene, slot, p, direction, 150.0)
+    if not hit.found:
+        return smooth_sky(direction, slot, light, table)
+    color = scene.faces[hit.face].color
     lit = wp.cw_mul(color, light.sky_rgb) * 0.12
     return through_air(lit, light.air_rgb, light.extinction, hit.t)
 
 
 @wp.func
 def _irradiance(
-    mesh: wp.uint64,
+    scene: Scene,
+    slot: wp.int32,
     lamps: StreetLamps,
     optics: Optics,
     pose: SlotPose,
@@ -105,7 +109,7 @@ def _irradiance(
     facing = wp.dot(n, light.sun_direction)
     if light.shadows != 0 and facing > 0.0:
         start = p + n * 0.02
-        if not wp.mesh_query_ray_anyhit(mesh, start, light.sun_direction, 400.0):
+        if not occluded(scene, slot, start, light.sun_direction, 400.0):
             total += light.sun_rgb * facing
     if light.lamps_on > 0.0:
         total += SODIUM * street_lamp_lux(p, n, lamps)
@@ -147,13 +151,13 @@ def place_kernel(
 @wp.kernel
 def camera_kernel(
     # model
-    mesh: wp.uint64,
-    faces: wp.array(dtype=Face),
+    scene: Scene,
     lamps: StreetLamps,
     optics: Optics,
     table: wp.array(dtype=wp.uint8),
     # state in
     lights: wp.array(dtype=SlotLight),
+    sky_table: wp.array3d(dtype=wp.vec3),
     poses: wp.array(dtype=SlotPose),
     # out
     image_out: wp.array4d(dtype=wp.uint8),
@@ -187,12 +191,12 @@ def camera_kernel(
 
     color = wp.vec3(0.0, 0.0, 0.0)
     distance = float(RANGE_MAX_M)
-    hit = wp.mesh_query_ray(mesh, eye, direction, RANGE_MAX_M)
-    if hit.result:
+    hit = trace_ray(scene, slot, eye, direction, RANGE_MAX_M)
+    if hit.found:
         distance = hit.t
-        face = faces[hit.face]
-        if face.instance >= 0:
-            i = face.instance
+        face = scene.faces[hit.face]
+        if hit.instance >= 0:
+            i = hit.instance
             wp.atomic_min(boxes_out, slot, i, 0, column)
             wp.atomic_min(boxes_out, slot, i, 1, row)
             wp.atomic_max(boxes_out, slot, i, 2, column)
@@ -200,13 +204,11 @@ def camera_kernel(
             wp.atomic_add(boxes_out, slot, i, 4, 1)
             wp.atomic_min(boxes_out, slot, i, 5, wp.int32(distance * 10000.0))
         n = hit.normal
-        if wp.dot(n, direction) > 0.0:
-            n = -n
         p = eye + direction * distance
         s = surface_at(face, p, n, distance, light)
         if face.material == _FOLIAGE:  # leaves face every way
             n = wp.normalize(n + s.ruffle)
-        lux = _irradiance(mesh, lamps, optics, pose, p, n, s.retro, light)
+        lux = _irradiance(scene, slot, lamps, optics, pose, p, n, s.retro, light)
         color = wp.cw_mul(s.albedo, lux) * 0.31830989 + s.emission
         if s.mirror > 0.0:
             cosine = -wp.dot(n, direction)
@@ -217,14 +219,14 @@ def camera_kernel(
             )
             bounce = direction + n * (2.0 * cosine)
             if light.wetness > 0.5 and n[2] > 0.9 and p[2] < 0.3:
-                color += _reflected(mesh, faces, p + n * 0.02, bounce, light) * fresnel
+                color += _reflected(scene, slot, p + n * 0.02, bounce, light, sky_table) * fresnel
             elif bounce[2] > 0.0:
-                color += smooth_sky(bounce, light) * fresnel
+                color += smooth_sky(bounce, slot, light, sky_table) * fresnel
             else:
                 color += light.sky_rgb * (0.03 * fresnel)
         color = through_air(color, light.air_rgb, light.extinction, distance)
     else:
-        color = sky(direction, light)
+        color = sky(direction, slot, light, sky_table)
         path = sky_path(light.extinction, direction[2])
         color = through_air(color, light.air_rgb, light.extinction, path)
     from_lamps = mount - optics.lamps

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from schemas.messages import BOX_COLUMNS, BOXES_MAX, OBJECT_CLASSES
+from schemas.messages import BOX_COLUMNS, BOXES_MAX
 from twin.world.mirror import Mirror
 
 wp.set_module_options({"enable_backward": False})
 
 _BOXES_MAX = wp.constant(BOXES_MAX)
-_CAR = wp.constant(float(OBJECT_CLASSES.index("car")))
 
 
 @wp.kernel
 def boxes_kernel(
+    # model
+    classes: wp.array(dtype=wp.int32),
     # state in
     gathered: wp.array3d(dtype=wp.int32),
     # out
@@ -42,7 +43,7 @@ def boxes_kernel(
         if best >= 0:
             low_x = gathered[slot, best, 0]
             low_y = gathered[slot, best, 1]
-            boxes_out[slot, b, 0] = _CAR
+            boxes_out[slot, b, 0] = wp.float32(classes[best])
             boxes_out[slot, b, 1] = wp.float32(low_x)
             boxes_out[slot, b, 2] = wp.float32(low_y)
             boxes_out[slot, b, 3] = wp.float32(gathered[slot, best, 2] - low_x + 1)
@@ -63,8 +64,10 @@ class BoxSensor:
     ``distance_m`` is the distance from the camera to the nearest point a ray has hit.
     """
 
-    def __init__(self, slots: int, device: wp.Device) -> None:
+    def __init__(self, classes: wp.array, slots: int, device: wp.Device) -> None:
+        """``classes``: int32 [I], class of every instance, on the device."""
         self._device = device
+        self._classes = classes
         self._boxes = Mirror((slots, BOXES_MAX, len(BOX_COLUMNS)), wp.float32, device)
         self._count = Mirror((slots,), wp.int32, device)
         wp.load_module(boxes_kernel.module.name, device=device)
@@ -74,7 +77,7 @@ class BoxSensor:
         wp.launch(
             boxes_kernel,
             gathered.shape[0],
-            inputs=[gathered],
+            inputs=[self._classes, gathered],
             outputs=[self._boxes.device, self._count.device],
             device=self._device,
         )

@@ -29,6 +29,14 @@ class Mesh:
     """int32 [F], the seed of procedural surfaces"""
     instance: np.ndarray
     """int32 [F], object the face belongs to; -1 for none"""
+    semantic: np.ndarray
+    """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
+    texture: np.ndarray
+    """int32 [F], image of the world's list; -1 for none"""
+    uv: np.ndarray
+    """float32 [V, 2], texture coordinates; 0 where there is no image"""
+    ambient: np.ndarray
+    """float32 [V], share of the sky that the vertex sees, 1 in the open"""
 
 
 class MeshBuilder:
@@ -161,11 +169,16 @@ class MeshBuilder:
         def spread(column: int, dtype: type) -> np.ndarray:
             return np.repeat(np.array([r[column] for r in self._rows], dtype), counts, axis=0)
 
+        material = spread(1, np.int32)
         return Mesh(
             points_m=np.concatenate(self._points).astype(np.float32),
             faces=np.concatenate(self._faces).astype(np.int32),
-            material=spread(1, np.int32),
+            material=material,
             color=spread(2, np.float32),
             tag=spread(3, np.int32),
             instance=spread(4, np.int32),
+            semantic=np.zeros(len(material), np.int32),
+            texture=np.full(len(material), -1, np.int32),
+            uv=np.zeros((self._count, 2), np.float32),
+            ambient=np.ones(self._count, np.float32),
         )

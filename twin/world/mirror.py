@@ -15,10 +15,16 @@ class Mirror:
     """
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> None:
-        """``dtype`` is a Warp scalar type or Warp struct; the array starts as zeros."""
-        is_struct = hasattr(dtype, "numpy_dtype")
-        numpy_type = dtype.numpy_dtype() if is_struct else wp.dtype_to_numpy(dtype)
-        self.host: np.ndarray = np.zeros(shape, numpy_type)
+        """``dtype`` is a Warp scalar, vector or struct type; the array starts as zeros.
+
+        Vectors are further axes of the host array.
+        """
+        inner = getattr(dtype, "_shape_", ())
+        if hasattr(dtype, "numpy_dtype"):
+            numpy_type = dtype.numpy_dtype()
+        else:
+            numpy_type = wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
+        self.host: np.ndarray = np.zeros((*shape, *inner), numpy_type)
         self._shared = device.is_cpu
         if self._shared:
             self.device = wp.array(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from twin.world import car_body, materials, plants
 from twin.world.mesh import Color, Mesh, MeshBuilder
+from twin.world.motion import Motion, ObjectKind, Still
 from twin.world.scene import Scene
 
 _ASPHALT: Color = (0.09, 0.09, 0.095)
@@ -43,11 +44,33 @@ class World:
     colliders: np.ndarray
     """float64 [K, 5]: centre x, y [m], yaw [rad], half length and width [m]; obstacle first."""
     instances: int
-    """Number of objects the box sensor reports; the obstacle is 0, all are cars."""
+    """Number of static objects the box sensor reports; the obstacle is 0."""
     lamps_right: tuple[float, float]
     """World x of one right-hand lamp and world y of the row [m]."""
     lamps_left: tuple[float, float]
     """World x of one left-hand lamp and world y of the row [m]."""
+    kinds: tuple[ObjectKind, ...] = ()
+    """Meshes of movable objects."""
+    motion: Motion = field(default_factory=Still)
+    """Where the movable objects are."""
+    textures: tuple[np.ndarray, ...] = ()
+    """Images uint8 [h, w, 3], sRGB."""
+    static_classes: tuple[int, ...] = ()
+    """Class of each static instance, index into :data:`schemas.messages.OBJECT_CLASSES`; by default
+    all are cars."""
+    mover_classes: tuple[int, ...] = ()
+    """Class of each movable object."""
+
+    @property
+    def first_mover(self) -> int:
+        """Instance of the first movable object; the static ones come before."""
+        return self.instances
+
+    @property
+    def classes(self) -> np.ndarray:
+        """int32 [I]: class of every instance."""
+        static = self.static_classes or (0,) * self.instances
+        return np.array([*static, *self.mover_classes], np.int32)
 
     @property
     def obstacle_rear_m(self) -> float:
