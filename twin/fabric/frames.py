@@ -10,6 +10,7 @@ from __future__ import annotations
 import mmap
 import os
 import secrets
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +36,10 @@ class FrameBuffer:
         """Where a process of the same user on this host can open it."""
         return f"/proc/{os.getpid()}/fd/{self._fd}"
 
-    def array(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """The buffer as a uint8 array of ``shape``."""
+    def array(self, shape: tuple[int, ...], dtype: str = "u1", offset: int = 0) -> NDArray[Any]:
+        """The part from ``offset`` [bytes] on as an array of ``shape``."""
         count = int(np.prod(shape))
-        return np.frombuffer(self._map, np.uint8, count, HEADER_BYTES).reshape(shape)
+        return np.frombuffer(self._map, dtype, count, HEADER_BYTES + offset).reshape(shape)
 
     def close(self) -> None:
         """Forget the buffer; arrays made of it stay valid until they are freed."""
