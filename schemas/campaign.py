@@ -161,6 +161,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     exclude: list[dict[str, bool | int | float | str]] = []
     """Points removed from the matrix; an axis left out matches every value."""
     batch: Batch | None = None
+    files: dict[str, str] = {}
+    """SHA-256 of scene and vehicle files given by path, with the files that those name; filled in
+    at submission, so that a file that changes meanwhile is noticed."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -189,6 +192,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     repeat: int
     batch: int
     """Label only, from 1; 0 without batches."""
+    files: dict[str, str] = {}
+    """Those of :attr:`Campaign.files` that the case uses."""
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -377,6 +382,11 @@ def _case(
             weather=weather,
             repeat=repeat,
             batch=batch,
+            files={
+                name: campaign.files[name]
+                for name in (scenario.scene, scenario.vehicle)
+                if name in campaign.files
+            },
         ),
         [],
     )

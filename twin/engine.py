@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+from schemas.assets import asset_digest
 from schemas.campaign import Case
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
@@ -100,6 +102,7 @@ class Engine:
         except Exception as error:
             known = ", ".join(str(d) for d in wp.get_devices())
             raise ValueError(f"device '{device}': not here; allowed: {known}") from error
+        _check_files(case)
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
@@ -318,3 +321,13 @@ class Engine:
         table = run.recorder.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)
+
+
+def _check_files(case: Case) -> None:
+    """Refuse scene and vehicle files that are not those of the submission."""
+    for name, digest in case.files.items():
+        if asset_digest(Path(name)) != digest:
+            raise ValueError(
+                f"{name}: it, or a file it names, is not what the campaign was submitted with; "
+                "put it back, or submit again under another folder"
+            )
