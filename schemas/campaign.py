@@ -13,26 +13,13 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.environment import Environment, environment_mistakes
+from schemas.names import WEATHERS as WEATHERS
+from schemas.names import Name as Name
+from schemas.names import TimeOfDay, minutes
+from schemas.names import Weather as Weather
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
-
-Weather = Literal[
-    "clear",
-    "cloudy",
-    "light_fog",
-    "heavy_fog",
-    "light_rain",
-    "heavy_rain",
-    "light_snow",
-    "heavy_snow",
-]
-WEATHERS: tuple[str, ...] = Weather.__args__  # type: ignore[attr-defined]
-
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?$")]
-"""Names that become file names, Zenoh keys and Rerun ids."""
-
-TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
-"""Local solar time ``HH:MM``."""
 
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
@@ -153,6 +140,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     scenario: Scenario = Scenario()
     camera: Camera = Camera()
     sensors: Sensors = Sensors()
+    environment: Environment = Environment()
     autonomy: Autonomy = Autonomy()
     matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
     """Axis -> values; the cases are the cross product, last axis fastest."""
@@ -179,6 +167,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     scenario: Scenario
     camera: Camera
     sensors: Sensors = Sensors()
+    environment: Environment = Environment()
     stack: str
     placement: Literal["worker", "node"]
     latency_ms: int
@@ -187,8 +176,9 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Name of the perception variant."""
     perception: GroundTruthPerception
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
-    """Local solar time [minutes after midnight]."""
-    weather: Weather
+    """Local time [minutes after midnight]."""
+    weather: Name
+    """One of :data:`WEATHERS`, or a custom one of its environment."""
     repeat: int
     batch: int
     """Label only, from 1; 0 without batches."""
@@ -201,9 +191,13 @@ _PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
 _SECTIONS: dict[str, type[Struct]] = {
     "scenario": Scenario,
     "camera": Camera,
+    "environment": Environment,
     **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
 }
-_NO_AXES = ("scenario.type", "camera.name", "sensors.gnss.antenna_m")
+_NO_AXES = (
+    *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
+    *("environment.custom", "environment.timeline"),
+)
 
 
 def axes_allowed() -> list[str]:
@@ -253,7 +247,7 @@ def only(campaign: Campaign, case: str) -> Campaign | None:
 
 
 def _cross_checks(campaign: Campaign) -> list[Mistake]:
-    mistakes = []
+    mistakes = environment_mistakes(campaign.environment)
     allowed = axes_allowed()
     named = [("matrix", campaign.matrix)]
     named += [(f"cases[{i}]", point) for i, point in enumerate(campaign.cases)]  # type: ignore[misc]
@@ -347,6 +341,10 @@ def _case(
     mistakes += found
     weather, found = _one(point, "weather", where, memo)
     mistakes += found
+    known = campaign.environment.weathers()
+    if weather is not None and weather not in known:
+        given = f"given {weather!r}; {suggest(weather, known)}"
+        mistakes.append(Mistake(f"{where}.weather", given))
     repeat, found = _one(point, "repeat", where, memo)
     mistakes += found
     scenario, found = _section(campaign.scenario, "scenario", point, where, memo)
@@ -355,12 +353,13 @@ def _case(
     mistakes += found
     sensors, found = _sensors(campaign.sensors, point, where, memo)
     mistakes += found
+    environment, found = _section(campaign.environment, "environment", point, where, memo)
+    mistakes += found
     if mistakes:
         return None, mistakes
     mistakes = _rates(campaign.control_hz, camera.hz, sensors)
     if mistakes:
         return None, mistakes
-    hours, minutes = time_of_day.split(":")
     return (
         Case(
             id=_case_id(str(model), time_of_day, weather, point),
@@ -372,13 +371,14 @@ def _case(
             scenario=scenario,
             camera=camera,
             sensors=sensors,
+            environment=environment,
             stack=campaign.autonomy.stack,
             placement=campaign.autonomy.placement,
             latency_ms=campaign.autonomy.latency_ms,
             parameters=campaign.autonomy.parameters,
             model=str(model),
             perception=variants[str(model)],
-            time_of_day_min=60 * int(hours) + int(minutes),
+            time_of_day_min=minutes(time_of_day),
             weather=weather,
             repeat=repeat,
             batch=batch,
@@ -411,7 +411,7 @@ def _rates(control_hz: int, camera_hz: int, sensors: Sensors) -> list[Mistake]:
 
 _AXES: dict[str, tuple[Any, Any]] = {
     "time_of_day": (dict[str, TimeOfDay], "12:00"),
-    "weather": (dict[str, Weather], "clear"),
+    "weather": (dict[str, Name], "clear"),
     "repeat": (dict[str, Annotated[int, Meta(ge=0)]], 0),
 }
 """Axis -> type of a mapping with its value, and default."""
