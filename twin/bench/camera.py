@@ -183,7 +183,7 @@ class CameraBench:
             world,
             scene.furniture,
             camera,
-            tuple(car.camera_m),
+            tuple(car.camera("front_right").position_m),
             tuple(car.headlamps_m),
             **PICTURES[picture],
         )
@@ -245,7 +245,7 @@ def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> f
 
 def _peer(world: World, size: Size, device: str, rounds: int) -> dict[str, float]:
     at = views(world, size.slots)
-    x, y, z = load_vehicle(VEHICLE).camera_m
+    x, y, z = load_vehicle(VEHICLE).camera("front_right").position_m
     eyes = np.stack(
         [
             at.x_m + np.cos(at.yaw_rad) * x - np.sin(at.yaw_rad) * y,

@@ -76,9 +76,7 @@ def vehicle(
 @app.command()
 def camera(
     device: Annotated[str, typer.Option(help="Where to render: cpu or cuda:N.")] = "cpu",
-    slots: Annotated[
-        int, typer.Option(min=0, help="Views; 0: 1 on a CPU, 256 on a GPU.")
-    ] = 0,
+    slots: Annotated[int, typer.Option(min=0, help="Views; 0: 1 on a CPU, 256 on a GPU.")] = 0,
     width: Annotated[int, typer.Option(min=0, help="Image width [px]; 0: 320 or 640.")] = 0,
     height: Annotated[int, typer.Option(min=0, help="Image height [px]; 0: 180 or 360.")] = 0,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer rounds, no peer.")] = False,

@@ -27,8 +27,9 @@ class Fleet:
 
     Host arrays, written before :meth:`advance`: ``friction`` [S], ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
-    ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state`` [S, V, T], ``props``
-    [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after each call.
+    ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
+    [S, V, T], ``props`` [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after
+    each call.
     """
 
     def __init__(

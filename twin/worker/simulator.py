@@ -44,7 +44,7 @@ from twin.worker.pipe import (
 from twin.worker.view_feed import Feed, ViewOptions, open_feed
 
 if TYPE_CHECKING:
-    from twin.engine import SensorData
+    from twin.sensors.data import SensorData
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
