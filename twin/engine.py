@@ -18,7 +18,7 @@ from twin.kpi import verdict as judging
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
 from twin.sensors.data import SensorData
-from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment
+from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
 from twin.sensors.exteroceptive import frame_channels as frame_channels
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
@@ -118,6 +118,7 @@ class Engine:
             movers=self._world.motion.count,
             stop_at_impact=True,
         )
+        self.camera_sites = camera_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
         self.refill_every = math.lcm(self._eyes.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""

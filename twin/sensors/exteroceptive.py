@@ -11,7 +11,7 @@ import warp as wp
 
 from schemas.campaign import Camera, Case
 from schemas.identity import stream_key
-from schemas.messages import Lights
+from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
@@ -54,6 +54,31 @@ def frame_channels(case: Case, slots: int) -> list[Channel]:
             shape = (*size, *_DEPTHS.get(output, ()))
             channels.append(Channel(f"{output}{suffix}", shape, _DTYPES[output]))
     return channels
+
+
+def camera_sites(case: Case, vehicle: Vehicle) -> list[CameraSite]:
+    """What a stack may know of the cameras.
+
+    Raises:
+        ValueError: the vehicle has no such camera; one line.
+    """
+    sites = []
+    for camera, suffix in _cameras(case):
+        mount = vehicle.camera(camera.name)
+        sites.append(
+            CameraSite(
+                name=camera.name,
+                message=f"camera{suffix}",
+                width=camera.width,
+                height=camera.height,
+                hz=camera.hz,
+                hfov_deg=camera.hfov_deg,
+                position_m=mount.position_m,
+                rotation_deg=mount.rotation_deg,
+                lens=mount.lens,
+            )
+        )
+    return sites
 
 
 def _cameras(case: Case) -> Iterator[tuple[Camera, str]]:

@@ -44,6 +44,7 @@ from twin.worker.pipe import (
 from twin.worker.view_feed import Feed, ViewOptions, open_feed
 
 if TYPE_CHECKING:
+    from twin.engine import Engine
     from twin.sensors.data import SensorData
 
 PROGRESS_PERIOD_S = 0.25
@@ -229,7 +230,7 @@ class Simulator:
 
     def _episodes(self) -> list[Episode]:
         return [
-            _episode(index, slot.lease, self._seq, self._engine.control_period_ns)
+            _episode(index, slot.lease, self._seq, self._engine)
             for index, slot in enumerate(self._slots)
             if slot is not None and slot.fresh
         ]
@@ -273,7 +274,7 @@ class Simulator:
         )
 
 
-def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Episode:
+def _episode(index: int, lease: Lease, seq: int, engine: Engine) -> Episode:
     case = lease.case
     return Episode(
         v=SCHEMA_VERSION,
@@ -289,7 +290,8 @@ def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Epis
         width=case.camera.width,
         height=case.camera.height,
         hfov_deg=case.camera.hfov_deg,
-        control_period_ns=control_period_ns,
+        control_period_ns=engine.control_period_ns,
+        cameras=engine.camera_sites,
     )
 
 

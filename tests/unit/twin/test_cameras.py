@@ -99,5 +99,5 @@ def test_mistakes_are_one_line():
         }
     )
     assert "cameras[0].hz: given 3, allowed: a divisor of control_hz 20" in mistakes[0].line("f")
-    with pytest.raises(ValueError, match="no camera 'rear'; .*front_right"):
+    with pytest.raises(ValueError, match=r"no camera 'rear'; .*front_right"):
         Engine(case(cameras=[{"name": "rear"}]), 1)
