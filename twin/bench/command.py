@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from enum import StrEnum
 from typing import Annotated
 
 import typer
 
+from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import UsageError
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Measure how fast parts of the simulator are."
 )
-
-
-class Output(StrEnum):
-    """How results are printed."""
-
-    human = "human"
-    json = "json"
 
 
 @app.callback()
@@ -34,7 +27,7 @@ def vehicle(
     vehicles: Annotated[
         int, typer.Option(min=0, help="Cars, one per slot; 0: 64 on a CPU, 16384 on a GPU.")
     ] = 0,
-    output: Annotated[Output, typer.Option(help="How to print the result.")] = Output.human,
+    output: OutputOption = Output.human,
     check: Annotated[bool, typer.Option("--check", help="Exit 1 below the target.")] = False,
 ) -> None:
     """Vehicle substeps of 2 ms per second, and the ratio to an independent single-track model.
