@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.environment import Environment, environment_mistakes
+from schemas.lens import EFFECTS, Effect
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.names import TimeOfDay, minutes
@@ -29,11 +30,15 @@ class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all file types: frozen, unknown keys are errors."""
 
 
+ImageOutput = Literal["depth", "instance", "semantic", "normal", "flow"]
+"""What a camera gives beside pictures and boxes."""
+
+
 class Camera(_Spec, frozen=True):
-    """A pinhole camera on the ego, looking forward."""
+    """One of the vehicle's cameras: format of its pictures. Place and lens are the vehicle's."""
 
     name: Name = "front_right"
-    """Its random numbers are keyed by this name."""
+    """Which of the cameras in the vehicle file; its random numbers are keyed by this name."""
     width: Annotated[int, Meta(ge=16, le=3840)] = 640
     """Image width [px]."""
     height: Annotated[int, Meta(ge=9, le=2160)] = 360
@@ -44,6 +49,14 @@ class Camera(_Spec, frozen=True):
     """Horizontal field of view [deg]."""
     noise: bool = True
     """Shot and read noise, drawn from the case's own stream."""
+    effects: list[Effect | Literal["all"]] = []
+    """What lens and shutter do to the picture, how strongly is the lens's; none is the fastest."""
+    outputs: list[ImageOutput] = []
+    """Further pictures: the truth of every pixel."""
+
+    def active_effects(self) -> tuple[str, ...]:
+        """The effects that are on, in their fixed order."""
+        return tuple(e for e in EFFECTS if e in self.effects or "all" in self.effects)
 
 
 class Scenario(_Spec, frozen=True):
@@ -139,6 +152,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
     camera: Camera = Camera()
+    cameras: list[Camera] = []
+    """Further cameras; their pictures are called `camera.NAME`."""
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     autonomy: Autonomy = Autonomy()
@@ -149,6 +164,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     exclude: list[dict[str, bool | int | float | str]] = []
     """Points removed from the matrix; an axis left out matches every value."""
     batch: Batch | None = None
+    files: dict[str, str] = {}
+    """SHA-256 of scene and vehicle files given by path, with the files that those name; filled in
+    at submission, so that a file that changes meanwhile is noticed."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -163,6 +181,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     deadline_s: float
     scenario: Scenario
     camera: Camera
+    cameras: list[Camera] = []
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     stack: str
@@ -179,6 +198,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     repeat: int
     batch: int
     """Label only, from 1; 0 without batches."""
+    files: dict[str, str] = {}
+    """Those of :attr:`Campaign.files` that the case uses."""
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -191,7 +212,7 @@ _SECTIONS: dict[str, type[Struct]] = {
 }
 _NO_AXES = (
     *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
-    *("environment.custom", "environment.timeline"),
+    *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
 )
 
 
@@ -258,6 +279,7 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
             mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
     if not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
+    mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
         mistakes.append(Mistake("autonomy.perception", "empty; name at least one variant"))
     count = len(campaign.cases)
@@ -268,6 +290,11 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     if count > CASES_MAX:
         mistakes.append(Mistake("matrix", f"{count} cases, at most {CASES_MAX} are allowed"))
     return mistakes
+
+
+def _named_once(where: str, names: list[str]) -> list[Mistake]:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    return [Mistake(where, f"'{name}' appears twice; name each once") for name in twice]
 
 
 def _points(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
@@ -352,7 +379,7 @@ def _case(
     mistakes += found
     if mistakes:
         return None, mistakes
-    mistakes = _rates(campaign.control_hz, camera.hz, sensors)
+    mistakes = _rates(campaign, camera, sensors)
     if mistakes:
         return None, mistakes
     return (
@@ -365,6 +392,7 @@ def _case(
             deadline_s=campaign.deadline_s,
             scenario=scenario,
             camera=camera,
+            cameras=campaign.cameras,
             sensors=sensors,
             environment=environment,
             stack=campaign.autonomy.stack,
@@ -377,19 +405,26 @@ def _case(
             weather=weather,
             repeat=repeat,
             batch=batch,
+            files={
+                name: campaign.files[name]
+                for name in (scenario.scene, scenario.vehicle)
+                if name in campaign.files
+            },
         ),
         [],
     )
 
 
-def _rates(control_hz: int, camera_hz: int, sensors: Sensors) -> list[Mistake]:
+def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake]:
     """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
     mistakes = []
+    control_hz = campaign.control_hz
     if 500 % control_hz:
         mistakes.append(
             Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
         )
-    rates = {"camera": camera_hz}
+    rates = {"camera": camera.hz}
+    rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
     rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
     mistakes += [
         Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")

@@ -146,9 +146,7 @@ def parameters(conditions: Conditions, family: str = "physical") -> WeatherParam
             _table(c.fog, (0.0, 0.15, 0.25)),
         ),
         snow_cover=_table(c.snow, (0.0, 0.55, 0.95)),
-        friction=min(
-            film_friction(_table(c.rain, _FILM_MM[:3])), _table(c.snow, _SNOW_FRICTION)
-        ),
+        friction=min(film_friction(_table(c.rain, _FILM_MM[:3])), _table(c.snow, _SNOW_FRICTION)),
         rain_mm_per_h=rain_mm_per_h,
         snow_mm_per_h=(snow_per_m / _DB_PER_KM / 5.53) ** (1.0 / 1.38),
         wind_mps=wind_mps,
