@@ -10,6 +10,7 @@ import pytest
 import warp as wp
 
 from schemas.lens import EFFECTS, Lens
+from twin.bench.post import measure
 from twin.render import post_bloom, post_motion
 from twin.render.light import SlotLight
 from twin.render.post import PostEffects, bytes_needed, effective
@@ -336,3 +337,12 @@ def test_mistakes_are_one_line():
     near = Lens(sensor_width_mm=100.0, focus_m=0.06)
     with pytest.raises(ValueError, match="focus_m must be larger"):
         PostEffects(["depth_of_field"], near, 1, 36, 64, CPU)
+
+
+def test_the_bench_measures_every_effect():
+    found = measure("cpu", 2, 64, 36)
+    assert set(found["effects_ms"]) == {"tone", *EFFECTS}
+    assert found["frames_per_s"] == pytest.approx(2e3 / found["chain_ms"])
+    assert found["effects_ms"]["tone"] > 0.0
+    assert found["chain_ms"] > 0.0
+    assert found["bytes"] == bytes_needed(2, 36, 64, EFFECTS)
