@@ -84,6 +84,17 @@ class RayCamera:
 
     def render(self, pose: wp.array) -> np.ndarray:
         """Render all active slots from ego poses [S, 3]; returns the host image [S, H, W, 3]."""
+        self.launch(pose)
+        if not self._device.is_cpu:
+            self.image[...] = self._image.numpy()
+        return self.image
+
+    def rays_per_frame(self) -> float:
+        """Primary rays of a picture."""
+        return float(self.shape[1] * self.shape[2])
+
+    def launch(self, pose: wp.array) -> None:
+        """Render as :meth:`render` does, and leave the images on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
         wp.copy(self.boxes, self._empty)
@@ -106,9 +117,6 @@ class RayCamera:
             outputs=[self._image, self.boxes],
             device=self._device,
         )
-        if not self._device.is_cpu:
-            self.image[...] = self._image.numpy()
-        return self.image
 
 
 def _street_lamps(world: World, furniture: Furniture) -> StreetLamps:
