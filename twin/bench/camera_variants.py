@@ -46,7 +46,7 @@ def time_variants(device: str, size: Size, rounds: int = 3) -> dict[str, object]
     than one level from the first way's; a way that fails says why."""
     world = build_world(load_scene("downtown"))
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera_m
+    mount = load_vehicle(VEHICLE).camera("front_right").position_m
     ways = CPU_WAYS if wp.get_device(device).is_cpu else WAYS
     first: np.ndarray | None = None
     table: dict[str, object] = {"device": device, "size": dataclasses.asdict(size)}

@@ -181,7 +181,9 @@ def _multiple(transmittance: np.ndarray, level: int) -> np.ndarray:
         scattering = rayleigh + aerosol[..., None]
         segment = np.exp(-extinction * length[..., None])
         gain = passed * scattering * (1.0 - segment) / extinction
-        local = np.clip((cosine[None] * t[..., None] + r[..., None] * sun) / height[..., None], -1, 1)
+        local = np.clip(
+            (cosine[None] * t[..., None] + r[..., None] * sun) / height[..., None], -1, 1
+        )
         direct = _transmitted(transmittance, np.broadcast_to(height[..., None], local.shape), local)
         light += np.einsum("hdc,hdac->hac", gain, direct) / (4.0 * math.pi * count)
         again += gain.sum(axis=1) / count
