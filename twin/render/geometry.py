@@ -1,8 +1,8 @@
 """What rays meet: one static mesh that all slots share, and each slot's movable objects.
 
 Cameras and lidars of a rig share one :class:`Geometry`, so there is one hierarchy of the street
-however many sensors look at it. A movable object is an instance of a kind: a small mesh of its own,
-moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
+however many sensors look at it. A movable object is an instance of a kind: a small mesh of its
+own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
 enters.
 """
 
