@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from twin.render import bvh, traverse
+from twin.render.texture import Textures, pack_textures
 from twin.world.mesh import Mesh
 from twin.world.mirror import Mirror
 from twin.world.motion import Placement
@@ -40,6 +41,8 @@ class Face:
     color: wp.vec3
     normal: wp.vec3
     """Unit, in the mesh's own axes."""
+    uv_per_m: wp.float32
+    """Texture coordinates per metre, the square root of the ratio of areas [1/m]."""
 
 
 @wp.struct
@@ -89,6 +92,7 @@ class Scene:
     """Texture coordinates of each face's three corners [3 F]."""
     ambient: wp.array(dtype=wp.float32)
     """Share of the sky that each face's three corners see [3 F]."""
+    textures: Textures
     objects: wp.array2d(dtype=ObjectPose)
     """[S, M]"""
     spheres: wp.array3d(dtype=wp.float32)
@@ -226,6 +230,7 @@ class Geometry:
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
+        scene.textures = pack_textures(world.textures, device)
         count = world.motion.count
         self.poses = Mirror((slots, count), ObjectPose, device)
         scene.objects = self.poses.device
@@ -302,6 +307,10 @@ def _face_rows(mesh: Mesh) -> np.ndarray:
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     rows["normal"] = normal / np.maximum(length, 1e-30)
+    p, q, r = mesh.uv[mesh.faces].astype(float).transpose(1, 0, 2)
+    d, e = q - p, r - p
+    area = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
+    rows["uv_per_m"] = np.sqrt(area / np.maximum(length[:, 0], 1e-30))
     return rows
 
 

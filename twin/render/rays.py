@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
@@ -28,6 +28,8 @@ class Optics:
     """Nothing nearer along the camera's axis is seen [m]."""
     far: wp.float32
     """Nor anything farther [m]."""
+    spherical: wp.int32
+    """1: near and far are distances from the camera, not along its axis."""
     pixel: wp.float32
     """Angle between neighbouring rays in the middle of the picture [rad]."""
     mount: wp.vec3
@@ -56,33 +58,10 @@ class SlotPose:
     up: wp.vec3
 
 
-def pinhole_rays(width: int, height: int, hfov_deg: float) -> np.ndarray:
-    """float32 [H, W, 3]: unit directions through the pixel centres of an ideal camera.
-
-    Camera axes: x right, y down, z forward; square pixels.
-    """
-    scale = 2.0 * math.tan(math.radians(hfov_deg) / 2) / width
-    right = (np.arange(width) + 0.5 - width / 2) * scale
-    down = (np.arange(height) + 0.5 - height / 2) * scale
-    rays = np.ones((height, width, 3))
-    rays[:, :, 0], rays[:, :, 1] = right, down[:, None]
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    return rays.astype(np.float32)
-
-
-def mounted(optics: Optics, rotation_rad: tuple[float, float, float]) -> None:
-    """Write the camera's axes for ``rotation_rad``: roll, pitch, yaw about the vehicle's x, y, z.
-
-    Zero looks forward; positive pitch looks down, positive yaw to the left.
-    """
-    roll, pitch, yaw = rotation_rad
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
-    ahead = np.array([cy * cp, sy * cp, -sp])
-    left = np.array([cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr])
-    up = np.array([cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr])
-    optics.ahead = wp.vec3(*ahead)
-    optics.right = wp.vec3(*(-left))
-    optics.down = wp.vec3(*(-up))
+def mount(optics: Optics, position_m: Sequence[float], vehicle_from_camera: np.ndarray) -> None:
+    """Write where the camera is; columns of the rotation [3, 3]: its right, down and forward."""
+    optics.mount = wp.vec3(*position_m)
+    optics.right, optics.down, optics.ahead = (wp.vec3(*c) for c in vehicle_from_camera.T.tolist())
 
 
 @wp.func

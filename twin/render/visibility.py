@@ -133,7 +133,9 @@ def visibility_kernel(
     direction = poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
     near = wp.float32(0.0)
     far = optics.far
-    if ray[2] > 1.0e-3:
+    if optics.spherical != 0:
+        near = optics.near
+    elif ray[2] > 1.0e-3:
         near = optics.near / ray[2]
         far = wp.min(far / ray[2], 4.0 * far)
     eye = poses[slot].eye + direction * near
