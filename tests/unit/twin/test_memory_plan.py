@@ -32,8 +32,8 @@ def test_the_sum_is_that_of_the_buffers():
     light = next(r.per_slot for r in one.rows if r.name == "eye: light, sky and boxes")
     assert one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light
     blurred = plan([BLURRED], [], 8, triangles=0, sky_bytes=0)
-    # The linear picture, flow, one more linear picture; the gain of each slot.
-    assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + 4)
+    # The linear picture, flow, one more linear picture; twice 12 x 20 tiles and the gain.
+    assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + 2 * 240 * 8 + 4)
     flow = msgspec.structs.replace(BLURRED, outputs=["flow"])
     shared = plan([flow], [], 8, triangles=0, sky_bytes=0)
     assert shared.bytes_total == blurred.bytes_total
