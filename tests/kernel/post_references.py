@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.render.post_focus import Focus, taps, turns
+from twin.render.post_motion import Shutter
 from twin.render.tone import TABLE_LEN, tone_table
 
 HALF = np.float16
@@ -37,17 +38,70 @@ def bilinear(image: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarr
     return upper * (1 - down) + lower * down
 
 
-def motion(image: np.ndarray, flow: np.ndarray, share: float) -> np.ndarray:
-    """Mean of eight pixels along ``flow`` times ``share``, centred."""
+def around(tiles: np.ndarray) -> np.ndarray:
+    """Values [9, rows, columns, ...] of every tile and its neighbours, row by row."""
+    rows, columns = tiles.shape[:2]
+    near = np.pad(tiles, ((1, 1), (1, 1)) + ((0, 0),) * (tiles.ndim - 2), mode="edge")
+    return np.stack([near[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
+
+
+def tiled(values: np.ndarray, side: int) -> np.ndarray:
+    """Values [side * side, rows, columns, ...] of every tile, its pixels row by row."""
+    height, width = values.shape[:2]
+    pad = ((0, -height % side), (0, -width % side)) + ((0, 0),) * (values.ndim - 2)
+    full = np.pad(values, pad, mode="edge")
+    shape = (full.shape[0] // side, side, full.shape[1] // side, side, *full.shape[2:])
+    blocks = np.moveaxis(full.reshape(shape), (1, 3), (0, 1))
+    return blocks.reshape(side * side, *blocks.shape[2:])
+
+
+def untiled(tiles: np.ndarray, side: int, height: int, width: int) -> np.ndarray:
+    """The value of its tile for every pixel."""
+    return tiles.repeat(side, axis=0).repeat(side, axis=1)[:height, :width]
+
+
+def _longest(ways: np.ndarray) -> np.ndarray:
+    """The longest of ways [N, rows, columns, 2], the first of equal ones."""
+    best = np.argmax((ways**2).sum(axis=-1), axis=0)
+    return np.take_along_axis(ways, best[None, ..., None], axis=0)[0]
+
+
+def motion(image: np.ndarray, flow: np.ndarray, depth: np.ndarray, shutter: Shutter) -> np.ndarray:
+    """Eight taps along the own way, and along the longest nearby for what passes."""
     height, width, _ = image.shape
     rows, columns = np.mgrid[:height, :width]
-    total = np.zeros(image.shape)
+    ways = flow.astype(F32) * F32(shutter.share)
+    length = np.sqrt((ways**2).sum(axis=-1))
+    long = length > shutter.longest
+    ways[long] *= (F32(shutter.longest) / length[long])[:, None]
+    length = np.sqrt((ways**2).sum(axis=-1))
+    nearby = _longest(around(_longest(tiled(ways, shutter.tile))))
+    nearby = untiled(nearby, shutter.tile, height, width)
+    faster = 1.5 * length + 1.0
+
+    own, passing, count = np.zeros(image.shape), np.zeros(image.shape), np.zeros(length.shape)
     for i in range(8):
-        u = (i + 0.5) / 8 - 0.5
-        x = np.floor(columns + flow[..., 0] * share * u + 0.5).astype(int)
-        y = np.floor(rows + flow[..., 1] * share * u + 0.5).astype(int)
-        total += image[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-    return total / 8
+        u = F32((i + 0.5) / 8 - 0.5)
+        x, y = (
+            np.floor(a + ways[..., k] * u + F32(0.5)).astype(int)
+            for k, a in enumerate((columns, rows))
+        )
+        own += image[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] / 8
+        x, y = (
+            np.floor(a + nearby[..., k] * u + F32(0.5)).astype(int)
+            for k, a in enumerate((columns, rows))
+        )
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        other, way = ways[y, x], np.maximum(length[y, x], 1e-9)
+        along = np.abs(other[..., 0] * (x - columns) + other[..., 1] * (y - rows)) / way
+        beside = np.abs(other[..., 0] * (y - rows) - other[..., 1] * (x - columns)) / way
+        covers = inside & (way > faster) & (along <= 0.5 * way) & (beside <= 1.5)
+        covers &= (depth[y, x] <= depth) & (np.sqrt((nearby**2).sum(axis=-1)) > faster)
+        passing += image[y, x] * covers[..., None]
+        count += covers
+    found = np.where((length > 0.5)[..., None], own, image)
+    return (passing + found * (8 - count)[..., None]) / 8
 
 
 def scattered(image: np.ndarray, sizes: list[tuple[int, int]], wider: float) -> np.ndarray:
@@ -76,12 +130,7 @@ def focus(image: np.ndarray, depth: np.ndarray, lens: Focus) -> np.ndarray:
     size = lens.tile
     discs = np.minimum(np.abs(lens.inverse_m - 1.0 / depth) * lens.strength, lens.radius_max)
     near = np.where(depth * lens.inverse_m < 1.0, discs, 0.0)
-    near = np.pad(near, ((0, -height % size), (0, -width % size)))
-    tiles = near.reshape(near.shape[0] // size, size, near.shape[1] // size, size).max(axis=(1, 3))
-    around = np.pad(tiles, 1)
-    for axis in (0, 1):
-        around = np.maximum(np.maximum(around, np.roll(around, 1, axis)), np.roll(around, -1, axis))
-    widened = np.kron(around[1:-1, 1:-1], np.ones((size, size)))[:height, :width]
+    widened = untiled(around(tiled(near, size).max(axis=0)).max(axis=0), size, height, width)
     reach = np.maximum(discs, widened).astype(F32)
 
     rows, columns = np.mgrid[:height, :width]

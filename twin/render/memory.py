@@ -13,45 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from schemas.campaign import Camera
 from twin.render.light import SlotLight
-from twin.render.post import bytes_needed, check_effects, needs_depth, needs_flow
+from twin.render.post import bytes_needed, needs_depth, needs_flow
 
-OUTPUT_BYTES = {
-    "rgb": 3,
-    "depth": 4,
-    "normal": 12,
-    "instance": 4,
-    "semantic": 4,
-    "flow": 8,
-    "boxes": 0,
-}
-"""What an output of a camera takes on the device [bytes per pixel]; boxes do not grow with it."""
+OUTPUT_BYTES = {"depth": 4, "instance": 4, "semantic": 1, "normal": 12, "flow": 8}
+"""What an output of a camera takes on the device beside the picture [bytes per pixel]."""
 
 _BYTES_PER_TRIANGLE = 512
 """Corners, texture coordinates, baked light, face row and two kinds of BVH, rounded up."""
 _BYTES_PER_BOX = 2 * 6 * 4
-_HDR_BYTES = 3 * 2
+_PICTURE_BYTES, _HDR_BYTES = 3, 3 * 2
 _DEPTH_BYTES, _FLOW_BYTES = OUTPUT_BYTES["depth"], OUTPUT_BYTES["flow"]
 _RAY_BYTES = 3 * 4
 _OBJECT_BYTES = 256
 """Pose, sphere and look of a movable object, rounded up."""
 _RESERVE_BYTES = 256 * 2**20
 """Kernels, their stacks, and rounding of the allocator."""
-
-
-@dataclass(frozen=True, slots=True)
-class CameraLoad:
-    """What of a camera takes memory."""
-
-    name: str
-    width: int
-    """[px]"""
-    height: int
-    """[px]"""
-    effects: tuple[str, ...] = ()
-    """Of :data:`schemas.lens.EFFECTS`."""
-    outputs: tuple[str, ...] = ("rgb",)
-    """Of :data:`OUTPUT_BYTES`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +96,7 @@ class MemoryPlan:
 
 
 def plan(
-    cameras: Sequence[CameraLoad],
+    cameras: Sequence[Camera],
     lidars: Sequence[LidarLoad],
     slots: int,
     *,
@@ -131,17 +109,14 @@ def plan(
     """Memory for ``slots`` cases at once.
 
     Args:
-        cameras: every camera of the vehicle.
-        lidars: every LiDAR of the vehicle.
+        cameras: every camera of the campaign.
+        lidars: every LiDAR of the campaign.
         slots: cases at once.
         triangles: of the street and of every kind of object.
         texture_bytes: of all textures on the device [bytes].
         instances: things that get a box.
         objects: movable objects in a slot.
         sky_bytes: a slot's table of the sky [bytes].
-
-    Raises:
-        ValueError: an unknown effect or output.
     """
     light = np.dtype(SlotLight.numpy_dtype()).itemsize
     rows = [
@@ -157,18 +132,14 @@ def plan(
     return MemoryPlan(slots, tuple(rows))
 
 
-def _camera_rows(camera: CameraLoad, small: int) -> list[MemoryRow]:
+def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
     """``small``: light, sky and boxes of a slot [bytes]."""
-    unknown = [name for name in camera.outputs if name not in OUTPUT_BYTES]
-    if unknown:
-        allowed = ", ".join(OUTPUT_BYTES)
-        raise ValueError(f"{camera.name}: unknown output '{unknown[0]}'; allowed: {allowed}")
-    on = check_effects(camera.effects)
+    on = camera.active_effects()
     pixels = camera.width * camera.height
-    outputs = pixels * sum(OUTPUT_BYTES[name] for name in set(camera.outputs))
+    outputs = sum(OUTPUT_BYTES[name] for name in set(camera.outputs))
     rows = [
         MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
-        MemoryRow(f"{camera.name}: outputs", 0, outputs),
+        MemoryRow(f"{camera.name}: pictures", 0, pixels * (_PICTURE_BYTES + outputs)),
         MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
     ]
     if on:
