@@ -17,6 +17,7 @@ import warp as wp
 from schemas.campaign import WEATHERS, Camera
 from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
+from twin.render.build import Tuning
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
@@ -176,7 +177,14 @@ def eyes(at: Views, mount_m: tuple[float, ...] | list[float]) -> np.ndarray:
 class CameraBench:
     """One camera of the bench: built once, rendered many times."""
 
-    def __init__(self, world: World, size: Size, device: str, picture: str) -> None:
+    def __init__(
+        self,
+        world: World,
+        size: Size,
+        device: str,
+        picture: str,
+        tuning: Tuning | None = None,
+    ) -> None:
         car = load_vehicle(VEHICLE)
         scene = load_scene(SCENE)
         self._device = wp.get_device(device)
@@ -196,6 +204,7 @@ class CameraBench:
             camera,
             car.camera(CAMERA),
             tuple(car.headlamps_m),
+            tuning=tuning,
         )
         self._picture = picture
         at = views(world, size.slots)
@@ -218,6 +227,18 @@ class CameraBench:
     def launch(self) -> None:
         """Render all views; the images stay on the device."""
         self.camera.launch(self._poses)
+
+    def kernel_ms(self) -> dict[str, float]:
+        """Time of every kernel in one picture of all views, by its name; on a GPU [ms]."""
+        self.launch()
+        wp.synchronize_device(self._device)
+        wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+        self.launch()
+        total: dict[str, float] = {}
+        for result in wp.timing_end():
+            name = result.name.removeprefix("forward kernel ").partition("_kernel")[0]
+            total[name] = round(total.get(name, 0.0) + result.elapsed, 3)
+        return total
 
     def render(self) -> np.ndarray:
         """Render all views; the images uint8 [S, H, W, 3]."""

@@ -2,8 +2,8 @@
 
 Cameras and lidars of a rig share one :class:`Geometry`, so there is one hierarchy of the street
 however many sensors look at it. A movable object is an instance of a kind: a small mesh of its
-own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
-enters.
+own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere they
+enter.
 """
 
 from __future__ import annotations

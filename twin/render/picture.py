@@ -8,6 +8,7 @@ import warp as wp
 
 from twin.render.air import sky_path, through_air
 from twin.render.boxes import gather_box
+from twin.render.build import Build
 from twin.render.geometry import Scene, turned
 from twin.render.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light import SlotLight
@@ -15,48 +16,14 @@ from twin.render.outputs import Buffers, Wanted
 from twin.render.precipitation import cover
 from twin.render.rays import Optics, SlotPose
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import Place, shaded
-from twin.render.sky import sky
+from twin.render.shading import Place, matt_light, place_of, surface_of
+from twin.render.sky import sky, sun_through_clouds
 from twin.render.tone import tone
-from twin.render.visibility import LIT, OBJECT_MASK, OUTSIDE, Seen, pixel_of
+from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 
 _HALF_MAX = wp.constant(60000.0)
-
-
-@wp.func
-def place_of(
-    scene: Scene,
-    slot: wp.int32,
-    seen: Seen,
-    thread: wp.int32,
-    eye: wp.vec3,
-    direction: wp.vec3,
-) -> Place:
-    """What the pixel of a thread sees; its face is below 0 if nothing."""
-    at = Place()
-    at.face = seen.face[thread]
-    at.object = -1
-    if at.face < 0:
-        return at
-    flags = seen.flags[thread]
-    at.object = (flags & OBJECT_MASK) - 1
-    if (flags & LIT) != 0:
-        at.lit = 1.0
-    at.distance = seen.t[thread]
-    at.p = eye + direction * at.distance
-    bary = seen.bary[thread]
-    at.u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
-    at.v = wp.float32(bary & 65535) * 1.5259022e-5
-    at.n = scene.faces[at.face].normal
-    if at.object >= 0:
-        at.n = turned(
-            at.n, scene.objects[slot, at.object].cosine, scene.objects[slot, at.object].sine
-        )
-    if wp.dot(at.n, direction) > 0.0:
-        at.n = -at.n
-    return at
 
 
 @wp.func
@@ -70,7 +37,6 @@ def air_light(
     optics: Optics,
     pose: SlotPose,
     direction: wp.vec3,
-    ray: wp.vec3,
     distance: wp.float32,
     light: SlotLight,
 ) -> wp.vec3:
@@ -165,12 +131,12 @@ def flow_at(
 
 
 @cache
-def picture_kernel(wanted: Wanted) -> wp.Kernel:
+def picture_kernel(wanted: Wanted, build: Build) -> wp.Kernel:
     """The kernel that writes what is ``wanted``; compiled once for every set."""
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(**build.arguments())
     def camera_kernel(
         # model
         scene: Scene,
@@ -238,16 +204,33 @@ def picture_kernel(wanted: Wanted) -> wp.Kernel:
             distance = optics.far
             if at.face >= 0:
                 distance = at.distance
-                color = shaded(
-                    scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
-                )
+                if at.lit > 0.0:
+                    at.lit = sun_through_clouds(at.p, light)
+                s = surface_of(scene, slot, optics, at, direction, light)
+                color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+                if (seen.flags[thread] & MIRRORED) != 0:
+                    color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
+                        wp.float32(seen.second[thread, 0]),
+                        wp.float32(seen.second[thread, 1]),
+                        wp.float32(seen.second[thread, 2]),
+                    )
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
                 color = sky(direction, slot, light, sky_table)
                 path = sky_path(light.extinction, direction[2])
                 color = through_air(color, light.air_rgb, light.extinction, path)
             color = air_light(
-                color, slot, row, column, lamps, beams, optics, pose, direction, ray, distance, light
+                color,
+                slot,
+                row,
+                column,
+                lamps,
+                beams,
+                optics,
+                pose,
+                direction,
+                distance,
+                light,
             )
         signal = color * light.exposure
         for channel in range(3):
