@@ -106,12 +106,14 @@ def flow_at(
     for _ in range(4):
         u = wp.clamp(wp.float32(column) + x, 0.0, wp.float32(width - 1))
         v = wp.clamp(wp.float32(row) + y, 0.0, wp.float32(height - 1))
-        i = wp.min(wp.int32(v), height - 2)
-        j = wp.min(wp.int32(u), width - 2)
+        i = wp.int32(v + 0.5)
+        j = wp.int32(u + 0.5)
+        k = wp.min(i, height - 2)
+        m = wp.min(j, width - 2)
         corner = rays[i, j]
-        across = rays[i, j + 1] - corner
-        along = rays[i + 1, j] - corner
-        # Linear from the cell on; beyond the picture's edge as well.
+        across = rays[i, m + 1] - rays[i, m]
+        along = rays[k + 1, j] - rays[k, j]
+        # Linear from the nearest pixel on; beyond the picture's edge as well.
         start = corner + across * (wp.float32(column) + x - wp.float32(j))
         start += along * (wp.float32(row) + y - wp.float32(i))
         off = target / wp.max(wp.dot(target, corner), 0.05)
