@@ -12,6 +12,7 @@ from twin.render import trace
 from twin.render.geometry import Geometry
 from twin.render.lamps import StreetLamps
 from twin.render.light import SlotLight
+from twin.render.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
 from twin.world.scene import Furniture
@@ -50,7 +51,7 @@ class RayCamera:
         self._optics = optics
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
-        self.sky_table = Mirror((slots, 1, 1), wp.vec3, device)
+        self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
         self._poses = wp.zeros(slots, dtype=trace.SlotPose, device=device)
         empty = np.full((slots, max(1, self._instances), trace.BOX_FIELDS), 0, np.int32)
         empty[:, :, [0, 1, 5]] = _FAR
