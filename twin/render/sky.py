@@ -91,9 +91,9 @@ def sky(
     facing = wp.dot(direction, light.moon_direction)
     if facing > _DISC_COSINE:
         # The sun is so far that it shines on the moon from where we see it.
-        off = (direction - light.moon_direction * facing) / _DISC_SINE
-        front = wp.sqrt(wp.max(0.0, 1.0 - wp.dot(off, off)))
-        lit = wp.dot(off - light.moon_direction * front, light.sun_direction)
+        w = (direction - light.moon_direction * facing) / _DISC_SINE
+        front = wp.sqrt(wp.max(0.0, 1.0 - wp.dot(w, w)))
+        lit = wp.dot(w - light.moon_direction * front, light.sun_direction)
         color += light.moon_rgb * (wp.clamp(lit * 6.0, 0.0, 1.0) * clear)
     # Thin edges are bright, thick bellies dark; a closed cover keeps the table's brightness.
     belly = wp.clamp((field - 0.70 + 0.55 * cover) * 1.6, 0.0, 1.0)
