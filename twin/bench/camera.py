@@ -33,7 +33,7 @@ SUN = (0.4423, 0.5528, 0.7063)
 """Unit direction to the sun of the Lambert pictures."""
 PEER_RATIO = 1.3
 """Frames per frame of the peer to reach on a GPU."""
-SCENE, VEHICLE = "downtown", "opencav"
+SCENE, VEHICLE, CAMERA = "downtown", "opencav", "front_right"
 HFOV_DEG = 70.0
 
 
@@ -190,7 +190,7 @@ class CameraBench:
             world,
             scene.furniture,
             camera,
-            tuple(car.camera("front_right").position_m),
+            tuple(car.camera(CAMERA).position_m),
             tuple(car.headlamps_m),
             **PICTURES[picture],
         )
@@ -250,7 +250,7 @@ def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> f
 
 def _lambert(world: World, size: Size, device: str, rounds: int) -> Rate:
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera("front_right").position_m
+    mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     camera = LambertCamera(
         world, eyes(at, mount), at.yaw_rad, (size.width, size.height), HFOV_DEG, SUN, device
     )
@@ -260,7 +260,7 @@ def _lambert(world: World, size: Size, device: str, rounds: int) -> Rate:
 
 def _peer(world: World, size: Size, device: str, rounds: int) -> dict[str, float]:
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera("front_right").position_m
+    mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     peer = newton_peer.NewtonCamera(
         world.mesh,
         eyes(at, mount),
