@@ -3,8 +3,8 @@
 Signals are in units of a white matt surface that fills the beam and faces the sensor at 1 m, in
 focus: a surface of reflectance rho at R gives rho cos(i) / R^2, and a scatterer of backscatter
 coefficient beta [1/(m sr)] filling the length dr gives pi beta dr / R^2. Out of focus, nearer than
-``focus_m``, only (R / focus)^2 of that is caught, which cancels 1 / R^2. A table row has quantiles of the range
-at which the return comes, with the signal it has; kernels draw a quantile.
+``focus_m``, only (R / focus)^2 of that is caught, which cancels 1 / R^2. A table row has quantiles
+of the range at which the return comes, with the signal it has; kernels draw a quantile.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def soft_signal(profile: LidarProfile, alpha: float, range_m: np.ndarray) -> np.
     ``fog_gain``.
 
     The lidar equation with the impulse response of a homogeneous medium, overlap(r) e^(-2 a r) /
-    max(r, focus)^2, convolved with a pulse of the shape sin^2 whose half-power length is ``pulse_m``.
+    max(r, focus)^2, convolved with a sin^2 pulse whose half-power length is ``pulse_m``.
     """
     x, dx = np.linspace(0.0, 2.0 * profile.pulse_m, 201, retstep=True)
     pulse = np.sin(np.pi * x / (2.0 * profile.pulse_m)) ** 2
