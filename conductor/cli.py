@@ -8,7 +8,6 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 import json
 import sys
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -16,17 +15,9 @@ import typer
 
 from conductor.operate import Connect, Namespace, State, add_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
-
-
-class Output(StrEnum):
-    """Format of results on standard output."""
-
-    human = "human"
-    json = "json"
-
 
 app = make_app(
     "conductor",
@@ -35,7 +26,6 @@ app = make_app(
 )
 
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
-OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Listen = Annotated[
     str,

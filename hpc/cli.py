@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hpc.image_cli import add_commands
-from hpc.options import Options, Output, SchedulerName, own_bin_folder, with_options
-from twin.fabric.cli import make_app, run
+from hpc.options import Options, SchedulerName, own_bin_folder, with_options
+from twin.fabric.cli import Output, OutputOption, make_app, run
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -38,7 +38,6 @@ app = make_app(
 
 Campaign = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
 Job = Annotated[str, typer.Argument(help="Run folder, e.g. runs/aeb-256, or a job's id.")]
-OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system of a job's id.")]
 
 

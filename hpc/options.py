@@ -33,13 +33,6 @@ class ContainerRuntime(StrEnum):
     podman = "podman"
 
 
-class Output(StrEnum):
-    """Format of results on standard output."""
-
-    human = "human"
-    json = "json"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """What the command line says of a job; what is left out comes from the site file."""

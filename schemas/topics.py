@@ -24,6 +24,14 @@ class Topic:
 
 
 CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True, True)
+DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True, False)
+INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True, False)
+SEMANTIC = Topic(
+    "drive/{rig}/sensor/semantic", "array", "SEMANTIC_CLASSES [S,H,W] uint8", True, False
+)
+NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True, False)
+FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True, False)
+LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True, True)
 BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True, True)
 VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True, True)
 ENVIRONMENT = Topic(
@@ -55,6 +63,12 @@ RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", Fal
 
 TOPICS: tuple[Topic, ...] = (
     CAMERA,
+    DEPTH,
+    INSTANCE,
+    SEMANTIC,
+    NORMAL,
+    FLOW,
+    LIDAR,
     BOXES,
     VEHICLE,
     ENVIRONMENT,
@@ -83,4 +97,16 @@ TOPICS: tuple[Topic, ...] = (
 SENSORS: dict[str, Topic] = {
     topic.key.rsplit("/", 1)[1]: topic for topic in TOPICS if "/sensor/" in topic.key
 }
-"""Sensor name -> topic."""
+"""Kind of sensor -> topic. A car may have several of a kind: the main camera's messages are called
+``camera``, ``boxes``, ``depth``; those of another camera or a lidar add its name,
+``camera.front_left``, ``lidar.roof``."""
+
+
+def sensor_topic(name: str) -> Topic:
+    """Topic of the sensor message called ``name``."""
+    return SENSORS[name.partition(".")[0]]
+
+
+def sensor_key(rig: str, name: str) -> str:
+    """Key of the sensor message called ``name``; ``*``: of all."""
+    return f"drive/{rig}/sensor/{name}"

@@ -73,7 +73,7 @@ def contact_sheet(
         world,
         target.furniture,
         camera,
-        tuple(car.camera_m),
+        tuple(car.camera("front_right").position_m),
         tuple(car.headlamps_m),
     )
     x_m = world.obstacle_rear_m - distance_m - car.front_offset_m

@@ -6,22 +6,13 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.errors import UsageError
-
-
-class Output(StrEnum):
-    """Format of results on standard output."""
-
-    human = "human"
-    json = "json"
-
 
 app = make_app(
     "viewer",
@@ -106,7 +97,7 @@ def live(
     window: Annotated[
         bool, typer.Option(help="Open the native viewer here if there is a display.")
     ] = True,
-    output: Annotated[Output, typer.Option(help="Format on standard output.")] = Output.human,
+    output: OutputOption = Output.human,
 ) -> None:
     """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
     from twin.fabric.discovery import await_conductor, choose_target

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.kernel import CAR, EVENT, PROP, WALL
+from twin.vehicle.kernel import CAR, EVENT, MOVER, PROP, WALL
 from twin.vehicle.model import vehicle_model
 from twin.vehicle.props import PROPS
 from twin.vehicle.state import COLUMN, columns
@@ -268,3 +268,32 @@ def test_any_collider_counts_but_distance_is_to_the_first():
     assert made.state[0, 0, COLUMN["dtc_m"]] > 400.0
     event = dict(zip(EVENT, made.events[0, 0], strict=True))
     assert event["partner"] == 1
+
+
+def test_a_scripted_object_hits_a_standing_car_between_two_ticks():
+    # Crosses from the right at 8 m/s, 0.3 m long and wide, towards the middle of the car's side.
+    made = fleet(movers=2)
+    made.place(0, 0.0, 0.0, 0.85)
+    half_width = CAR_FILE.width_m / 2
+    gap = 0.25
+    start = -half_width - 0.15 - gap
+    made.movers[0, 0] = (CAR_FILE.centre_offset_m, start, 0.0, 0.15, 0.15, 0.0, 8.0, 0.0)
+    before = int(gap / 8.0 / 0.002)
+    advance(made, before - 1)
+    assert made.event_count[0] == 0
+    made.movers[0, 0, 1] += 8.0 * 0.002 * (before - 1)  # as the script says at the next tick
+    advance(made, 5, first=before - 1)
+    assert made.event_count[0] == 1
+    event = dict(zip(EVENT, made.events[0, 0], strict=True))
+    assert (event["partner_kind"], event["partner"]) == (MOVER, 0)
+    assert event["speed_mps"] == pytest.approx(8.0, abs=0.05)
+    assert before <= event["step"] <= before + 2
+    assert made.state[0, 0, COLUMN["collisions"]] == 1
+
+
+def test_an_absent_scripted_object_is_no_obstacle():
+    made = fleet(movers=1)
+    made.place(0, 0.0, 10.0, 0.85)
+    made.movers[0, 0] = (CAR_FILE.centre_offset_m + 5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+    advance(made, 500)
+    assert made.event_count[0] == 0

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -28,6 +29,15 @@ EXIT_CODES = (
 )
 """Stands below every command's help."""
 
+
+class Output(StrEnum):
+    """How results are printed."""
+
+    human = "human"
+    json = "json"
+
+
+OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 
 KeyOption = Annotated[
     Path | None,

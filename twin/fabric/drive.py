@@ -136,7 +136,7 @@ class SimulatorEnd:
         for episode in episodes:
             self._put(topics.EPISODE, encode(episode))
         for sensor in sensors:
-            key = topics.SENSORS[sensor.name].key.format(rig=self._rig)
+            key = topics.sensor_key(self._rig, sensor.name)
             self._bus.publish(key, sensor.payload, encode(sensor.frame), block=True)
         self._put(topics.TICK, encode(tick))
 
@@ -184,8 +184,7 @@ class StackEnd:
         bus.subscribe(topics.READY.key.format(rig=rig, side="simulator"), self._inbox.put)
         bus.subscribe(topics.EPISODE.key.format(rig=rig), self._inbox.put)
         bus.subscribe(topics.TICK.key.format(rig=rig), self._inbox.put)
-        for topic in topics.SENSORS.values():
-            bus.subscribe(topic.key.format(rig=rig), self._inbox.put)
+        bus.subscribe(topics.sensor_key(rig, "*"), self._inbox.put)
         bus.watch(topics.SIMULATOR_ALIVE.key.format(rig=rig), self._on_alive)
 
     def _on_alive(self, _key: str, alive: bool) -> None:

@@ -12,6 +12,7 @@ from twin.render import trace
 from twin.render.geometry import Geometry
 from twin.render.lamps import StreetLamps
 from twin.render.light import SlotLight
+from twin.render.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
 from twin.world.scene import Furniture
@@ -50,7 +51,7 @@ class RayCamera:
         self._optics = optics
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
-        self.sky_table = Mirror((slots, 1, 1), wp.vec3, device)
+        self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
         self._poses = wp.zeros(slots, dtype=trace.SlotPose, device=device)
         empty = np.full((slots, max(1, self._instances), trace.BOX_FIELDS), 0, np.int32)
         empty[:, :, [0, 1, 5]] = _FAR
@@ -84,6 +85,17 @@ class RayCamera:
 
     def render(self, pose: wp.array) -> np.ndarray:
         """Render all active slots from ego poses [S, 3]; returns the host image [S, H, W, 3]."""
+        self.launch(pose)
+        if not self._device.is_cpu:
+            self.image[...] = self._image.numpy()
+        return self.image
+
+    def rays_per_frame(self) -> float:
+        """Primary rays of a picture."""
+        return float(self.shape[1] * self.shape[2])
+
+    def launch(self, pose: wp.array) -> None:
+        """Render as :meth:`render` does, and leave the images on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
         wp.copy(self.boxes, self._empty)
@@ -106,9 +118,6 @@ class RayCamera:
             outputs=[self._image, self.boxes],
             device=self._device,
         )
-        if not self._device.is_cpu:
-            self.image[...] = self._image.numpy()
-        return self.image
 
 
 def _street_lamps(world: World, furniture: Furniture) -> StreetLamps:

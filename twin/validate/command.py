@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import UsageError
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Compare the simulator with references."
 )
-
-
-class Output(StrEnum):
-    """How results are printed."""
-
-    human = "human"
-    json = "json"
 
 
 @app.callback()
@@ -35,7 +28,7 @@ def vehicle(
     out: Annotated[
         Path | None, typer.Option(help="Folder for a page with the table and all plots.")
     ] = None,
-    output: Annotated[Output, typer.Option(help="How to print the table.")] = Output.human,
+    output: OutputOption = Output.human,
 ) -> None:
     """Drive a vehicle through its manoeuvres: braking, accelerating, cornering, heaving.
 

@@ -27,8 +27,9 @@ class Fleet:
 
     Host arrays, written before :meth:`advance`: ``friction`` [S], ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
-    ``active`` [S]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state`` [S, V, T], ``props``
-    [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after each call.
+    ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
+    [S, V, T], ``props`` [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after
+    each call.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Fleet:
         colliders: np.ndarray = _NO_COLLIDERS,
         ground: FlatGround | GroundMesh | None = None,
         props: Sequence[PropKind] = (),
+        movers: int = 0,
         stop_at_impact: bool = False,
     ) -> None:
         """Every slot has the same ``vehicles`` and ``props``.
@@ -48,6 +50,7 @@ class Fleet:
             colliders: static hulls [K, 5]: x, y, yaw, half length, half width; distances are
                 measured to the first.
             ground: the plane z = 0 by default.
+            movers: scripted objects M of every slot; their hulls stand in ``movers``.
             stop_at_impact: a vehicle's first collision freezes it.
         """
         self.vehicles = tuple(vehicles)
@@ -81,6 +84,7 @@ class Fleet:
         self._switch_step = Mirror((slots,), wp.int32, device)
         self._first_step = Mirror((slots,), wp.int32, device)
         self._active = Mirror((slots,), wp.int32, device)
+        self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._outputs = [self._state, self._events, self._event_count]
         if kinds:
             self._outputs.append(self._props)
@@ -93,6 +97,7 @@ class Fleet:
         self.switch_step = self._switch_step.host
         self.first_step = self._first_step.host
         self.active = self._active.host
+        self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
 
     @property
@@ -170,6 +175,7 @@ class Fleet:
             self._switch_step,
             self._first_step,
             self._active,
+            self._movers,
         ):
             mirror.push()
 
@@ -187,6 +193,7 @@ class Fleet:
                 self._switch_step.device,
                 self._first_step.device,
                 self._active.device,
+                self._movers.device,
             ],
             outputs=[
                 self._rows,

@@ -14,7 +14,7 @@ from twin.vehicle.contact import Box, Meeting, hull_of, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
 from twin.vehicle.hull import hull_at, overlap, separation
-from twin.vehicle.model import VehicleModel
+from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.props import PropModel, prop_box, slide_prop, write_prop
 from twin.vehicle.state import VehicleState
 
@@ -27,10 +27,17 @@ EVENT = ("step", "vehicle", "partner_kind", "partner", "speed_mps", "x_m", "y_m"
 """Columns of a collision event, float64 [S, EVENTS_MAX, 8]: the physics step since reset at which
 two hulls met, who, with which relative speed, where, and the last step at which they touched."""
 
-WALL, CAR, PROP = 0, 1, 2
-"""Kinds of partners: a static collider, a vehicle, a prop."""
+WALL, CAR, PROP, MOVER = 0, 1, 2, 3
+"""Kinds of partners: a static collider, a vehicle, a prop, an object that follows a script."""
 
-_WALL, _CAR, _PROP = (wp.constant(wp.int32(k)) for k in (WALL, CAR, PROP))
+MOVER_COLUMNS = (
+    *("x_m", "y_m", "yaw_rad", "half_length_m", "half_width_m"),
+    *("velocity_x_mps", "velocity_y_mps", "yaw_rate_radps"),
+)
+"""Columns of a scripted object's hull, float64 [S, M, 8]; half length 0: it is not there."""
+
+_WALL, _CAR, _PROP, _MOVER = (wp.constant(wp.int32(k)) for k in (WALL, CAR, PROP, MOVER))
+_STEP_S = wp.constant(wp.float64(PHYSICS_STEP_NS / 1e9))
 _EVENTS_MAX = wp.constant(wp.int32(EVENTS_MAX))
 _APART_STEPS = wp.constant(wp.float64(50.0))
 """Hulls that touch again within 0.1 s have not been apart: no new collision."""
@@ -77,6 +84,23 @@ def _wall_box(colliders: wp.array2d(dtype=wp.float64), k: int) -> Box:
     b.yaw = colliders[k, 2]
     b.half_length = colliders[k, 3]
     b.half_width = colliders[k, 4]
+    b.restitution = _ONE
+    b.friction = _ONE
+    return b
+
+
+@wp.func
+def _mover_box(movers: wp.array3d(dtype=wp.float64), slot: int, k: int, since: wp.float64) -> Box:
+    """A scripted object ``since`` seconds after its hull was written; nothing stops it."""
+    b = Box()
+    b.vx = movers[slot, k, 5]
+    b.vy = movers[slot, k, 6]
+    b.rate = movers[slot, k, 7]
+    b.x = movers[slot, k, 0] + b.vx * since
+    b.y = movers[slot, k, 1] + b.vy * since
+    b.yaw = movers[slot, k, 2] + b.rate * since
+    b.half_length = movers[slot, k, 3]
+    b.half_width = movers[slot, k, 4]
     b.restitution = _ONE
     b.friction = _ONE
     return b
@@ -220,6 +244,31 @@ def _vehicle_contacts(
 
 
 @wp.func
+def _mover_contacts(
+    m: VehicleModel,
+    scene: Scene,
+    states: wp.array2d(dtype=VehicleState),
+    movers: wp.array3d(dtype=wp.float64),
+    events: wp.array3d(dtype=wp.float64),
+    counts: wp.array(dtype=wp.int32),
+    slot: int,
+    v: int,
+    now: wp.float64,
+    since: wp.float64,
+):
+    """Contacts of vehicle ``v`` with scripted objects."""
+    for k in range(movers.shape[1]):
+        if movers[slot, k, 3] > _ZERO:
+            a = _vehicle_box(m, states[slot, v])
+            b = _mover_box(movers, slot, k, since)
+            if near(a, b):
+                t = meet(a, b)
+                if t.touched:
+                    new = _note(events, counts, slot, now, v, _MOVER, k, t.speed, t.x, t.y)
+                    _touch(m, scene, states, slot, v, t.a, new, now)
+
+
+@wp.func
 def _prop_contacts(scene: Scene, props: wp.array3d(dtype=wp.float64), slot: int, p: int):
     """Contacts of prop ``p`` with props after it and with walls; they are no events."""
     for q in range(p + 1, props.shape[1]):
@@ -283,6 +332,7 @@ def drive_kernel(
     switch_step: wp.array(dtype=wp.int32),
     first_step: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
+    movers: wp.array3d(dtype=wp.float64),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
     props: wp.array3d(dtype=wp.float64),
@@ -292,7 +342,7 @@ def drive_kernel(
     """Advance all active slots by ``steps`` physics steps.
 
     ``commands`` [S, V, 2, 5]: in force before and from ``switch_step``. ``first_step`` [S]: physics
-    steps since reset at the start.
+    steps since reset at the start. ``movers`` [S, M, 8]: hulls at the start, MOVER_COLUMNS.
     """
     slot = wp.tid()
     if active[slot] == 0:
@@ -329,6 +379,10 @@ def drive_kernel(
             frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
             if states[slot, v].fault == _ZERO and not frozen:
                 _vehicle_contacts(models, scene, states, props, events, counts, slot, v, now)
+                since = wp.float64(k + 1) * _STEP_S
+                _mover_contacts(
+                    models[v], scene, states, movers, events, counts, slot, v, now, since
+                )
         for p in range(props.shape[1]):
             _prop_contacts(scene, props, slot, p)
     for v in range(vehicles):
