@@ -19,7 +19,6 @@ from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
-
 app = make_app(
     "conductor",
     "Runs campaigns of test cases. `conductor run aeb-demo` does it all on this machine; "

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from schemas.assets import asset_digest, is_path
 from schemas.campaign import Campaign, Case, only, parse_cases
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
@@ -63,7 +64,24 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
-    return campaign
+    return msgspec.structs.replace(campaign, files=_digests(campaign))
+
+
+def _digests(campaign: Campaign) -> dict[str, str]:
+    """SHA-256 of every scene and vehicle file that the campaign names by path."""
+    named = set()
+    for field in ("scene", "vehicle"):
+        axis = f"scenario.{field}"
+        named.add(getattr(campaign.scenario, field))
+        named.update(str(value) for value in campaign.matrix.get(axis, ()))
+        named.update(str(point[axis]) for point in campaign.cases if axis in point)
+    paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
+    try:
+        return {name: asset_digest(Path(name)) for name in paths}
+    except YamlError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise UsageError(f"{error.filename}: cannot be read ({error.strerror})") from None
 
 
 def only_case(campaign: Campaign, case: str) -> Campaign:

@@ -13,26 +13,15 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.environment import Environment, environment_mistakes
+from schemas.lens import EFFECTS, Effect
+from schemas.lidar import Lidar
+from schemas.names import WEATHERS as WEATHERS
+from schemas.names import Name as Name
+from schemas.names import TimeOfDay, minutes
+from schemas.names import Weather as Weather
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
-
-Weather = Literal[
-    "clear",
-    "cloudy",
-    "light_fog",
-    "heavy_fog",
-    "light_rain",
-    "heavy_rain",
-    "light_snow",
-    "heavy_snow",
-]
-WEATHERS: tuple[str, ...] = Weather.__args__  # type: ignore[attr-defined]
-
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?$")]
-"""Names that become file names, Zenoh keys and Rerun ids."""
-
-TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
-"""Local solar time ``HH:MM``."""
 
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
@@ -42,11 +31,15 @@ class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all file types: frozen, unknown keys are errors."""
 
 
+ImageOutput = Literal["depth", "instance", "semantic", "normal", "flow"]
+"""What a camera gives beside pictures and boxes."""
+
+
 class Camera(_Spec, frozen=True):
-    """A pinhole camera on the ego, looking forward."""
+    """One of the vehicle's cameras: format of its pictures. Place and lens are the vehicle's."""
 
     name: Name = "front_right"
-    """Its random numbers are keyed by this name."""
+    """Which of the cameras in the vehicle file; its random numbers are keyed by this name."""
     width: Annotated[int, Meta(ge=16, le=3840)] = 640
     """Image width [px]."""
     height: Annotated[int, Meta(ge=9, le=2160)] = 360
@@ -57,6 +50,14 @@ class Camera(_Spec, frozen=True):
     """Horizontal field of view [deg]."""
     noise: bool = True
     """Shot and read noise, drawn from the case's own stream."""
+    effects: list[Effect | Literal["all"]] = []
+    """What lens and shutter do to the picture, how strongly is the lens's; none is the fastest."""
+    outputs: list[ImageOutput] = []
+    """Further pictures: the truth of every pixel."""
+
+    def active_effects(self) -> tuple[str, ...]:
+        """The effects that are on, in their fixed order."""
+        return tuple(e for e in EFFECTS if e in self.effects or "all" in self.effects)
 
 
 class Scenario(_Spec, frozen=True):
@@ -152,7 +153,12 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
     camera: Camera = Camera()
+    cameras: list[Camera] = []
+    """Further cameras; their pictures are called `camera.NAME`."""
+    lidars: list[Lidar] = []
+    """Lidars of the vehicle; their points are called `lidar.NAME`."""
     sensors: Sensors = Sensors()
+    environment: Environment = Environment()
     autonomy: Autonomy = Autonomy()
     matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
     """Axis -> values; the cases are the cross product, last axis fastest."""
@@ -161,6 +167,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     exclude: list[dict[str, bool | int | float | str]] = []
     """Points removed from the matrix; an axis left out matches every value."""
     batch: Batch | None = None
+    files: dict[str, str] = {}
+    """SHA-256 of scene and vehicle files given by path, with the files that those name; filled in
+    at submission, so that a file that changes meanwhile is noticed."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -175,7 +184,10 @@ class Case(_Spec, frozen=True, kw_only=True):
     deadline_s: float
     scenario: Scenario
     camera: Camera
+    cameras: list[Camera] = []
+    lidars: list[Lidar] = []
     sensors: Sensors = Sensors()
+    environment: Environment = Environment()
     stack: str
     placement: Literal["worker", "node"]
     latency_ms: int
@@ -184,11 +196,14 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Name of the perception variant."""
     perception: GroundTruthPerception
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
-    """Local solar time [minutes after midnight]."""
-    weather: Weather
+    """Local time [minutes after midnight]."""
+    weather: Name
+    """One of :data:`WEATHERS`, or a custom one of its environment."""
     repeat: int
     batch: int
     """Label only, from 1; 0 without batches."""
+    files: dict[str, str] = {}
+    """Those of :attr:`Campaign.files` that the case uses."""
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -196,9 +211,13 @@ _PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
 _SECTIONS: dict[str, type[Struct]] = {
     "scenario": Scenario,
     "camera": Camera,
+    "environment": Environment,
     **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
 }
-_NO_AXES = ("scenario.type", "camera.name", "sensors.gnss.antenna_m")
+_NO_AXES = (
+    *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
+    *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
+)
 
 
 def axes_allowed() -> list[str]:
@@ -248,7 +267,7 @@ def only(campaign: Campaign, case: str) -> Campaign | None:
 
 
 def _cross_checks(campaign: Campaign) -> list[Mistake]:
-    mistakes = []
+    mistakes = environment_mistakes(campaign.environment)
     allowed = axes_allowed()
     named = [("matrix", campaign.matrix)]
     named += [(f"cases[{i}]", point) for i, point in enumerate(campaign.cases)]  # type: ignore[misc]
@@ -264,6 +283,8 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
             mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
     if not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
+    mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
+    mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
         mistakes.append(Mistake("autonomy.perception", "empty; name at least one variant"))
     count = len(campaign.cases)
@@ -274,6 +295,11 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     if count > CASES_MAX:
         mistakes.append(Mistake("matrix", f"{count} cases, at most {CASES_MAX} are allowed"))
     return mistakes
+
+
+def _named_once(where: str, names: list[str]) -> list[Mistake]:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    return [Mistake(where, f"'{name}' appears twice; name each once") for name in twice]
 
 
 def _points(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
@@ -342,6 +368,10 @@ def _case(
     mistakes += found
     weather, found = _one(point, "weather", where, memo)
     mistakes += found
+    known = campaign.environment.weathers()
+    if weather is not None and weather not in known:
+        given = f"given {weather!r}; {suggest(weather, known)}"
+        mistakes.append(Mistake(f"{where}.weather", given))
     repeat, found = _one(point, "repeat", where, memo)
     mistakes += found
     scenario, found = _section(campaign.scenario, "scenario", point, where, memo)
@@ -350,12 +380,13 @@ def _case(
     mistakes += found
     sensors, found = _sensors(campaign.sensors, point, where, memo)
     mistakes += found
+    environment, found = _section(campaign.environment, "environment", point, where, memo)
+    mistakes += found
     if mistakes:
         return None, mistakes
-    mistakes = _rates(campaign.control_hz, camera.hz, sensors)
+    mistakes = _rates(campaign, camera, sensors)
     if mistakes:
         return None, mistakes
-    hours, minutes = time_of_day.split(":")
     return (
         Case(
             id=_case_id(str(model), time_of_day, weather, point),
@@ -366,30 +397,41 @@ def _case(
             deadline_s=campaign.deadline_s,
             scenario=scenario,
             camera=camera,
+            cameras=campaign.cameras,
+            lidars=campaign.lidars,
             sensors=sensors,
+            environment=environment,
             stack=campaign.autonomy.stack,
             placement=campaign.autonomy.placement,
             latency_ms=campaign.autonomy.latency_ms,
             parameters=campaign.autonomy.parameters,
             model=str(model),
             perception=variants[str(model)],
-            time_of_day_min=60 * int(hours) + int(minutes),
+            time_of_day_min=minutes(time_of_day),
             weather=weather,
             repeat=repeat,
             batch=batch,
+            files={
+                name: campaign.files[name]
+                for name in (scenario.scene, scenario.vehicle)
+                if name in campaign.files
+            },
         ),
         [],
     )
 
 
-def _rates(control_hz: int, camera_hz: int, sensors: Sensors) -> list[Mistake]:
+def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake]:
     """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
     mistakes = []
+    control_hz = campaign.control_hz
     if 500 % control_hz:
         mistakes.append(
             Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
         )
-    rates = {"camera": camera_hz}
+    rates = {"camera": camera.hz}
+    rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
+    rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
     rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
     mistakes += [
         Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")
@@ -401,7 +443,7 @@ def _rates(control_hz: int, camera_hz: int, sensors: Sensors) -> list[Mistake]:
 
 _AXES: dict[str, tuple[Any, Any]] = {
     "time_of_day": (dict[str, TimeOfDay], "12:00"),
-    "weather": (dict[str, Weather], "clear"),
+    "weather": (dict[str, Name], "clear"),
     "repeat": (dict[str, Annotated[int, Meta(ge=0)]], 0),
 }
 """Axis -> type of a mapping with its value, and default."""

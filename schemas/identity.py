@@ -39,8 +39,8 @@ def rig_key(case: Case) -> str:
     """
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
-        *(case.camera, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement),
+        *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
+        *(case.parameters, case.placement, case.files),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -65,10 +65,13 @@ def _rig_key(case: Case) -> str:
         "scene": case.scenario.scene,
         "vehicle": case.scenario.vehicle,
         "camera": msgspec.to_builtins(case.camera),
+        "cameras": msgspec.to_builtins(case.cameras),
+        "lidars": msgspec.to_builtins(case.lidars),
         "sensors": case.sensors.rates(case.control_hz),
         "stack": case.stack,
         "parameters": case.parameters,
         "placement": case.placement,
+        "files": case.files,
     }
     return digest([_canonical(shared)])[:16]
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from schemas.campaign import Case, GroundTruthPerception
+from schemas.lens import Lens
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -114,6 +115,41 @@ class Tick(Struct, frozen=True):
     """Number of episodes that start with this seq (published on the episode key before it)."""
 
 
+class CameraSite(Struct, frozen=True):
+    """A camera of the ego: where it sits, and how its pictures come about."""
+
+    name: str
+    message: str
+    """Name of its pictures; its other messages have another kind before the dot."""
+    width: int
+    height: int
+    hz: int
+    hfov_deg: float
+    position_m: list[float]
+    """x forward of the vehicle's reference point, y left, z up [m]."""
+    rotation_deg: list[float]
+    """See :class:`schemas.lens.CameraMount`."""
+    lens: Lens
+
+
+class LidarSite(Struct, frozen=True):
+    """A lidar of the ego: where it sits, and how its points are ordered."""
+
+    name: str
+    message: str
+    """Name of its messages."""
+    hz: int
+    channels: int
+    columns: int
+    """A message has channels x columns rows, see :data:`schemas.lidar.POINT_COLUMNS`."""
+    fields: list[str]
+    """Names of a row's values."""
+    position_m: list[float]
+    """x forward of the vehicle's reference point, y left, z up [m]."""
+    rotation_deg: list[float]
+    """See :class:`schemas.lidar.LidarMount`."""
+
+
 class Episode(Struct, frozen=True):
     """A slot begins a case: everything the stack may know about it."""
 
@@ -130,6 +166,9 @@ class Episode(Struct, frozen=True):
     height: int
     hfov_deg: float
     control_period_ns: int
+    cameras: list[CameraSite] = []
+    """All cameras, the main one first."""
+    lidars: list[LidarSite] = []
 
 
 class Detection(Struct, frozen=True):

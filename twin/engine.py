@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+from schemas.assets import asset_digest
 from schemas.campaign import Case
-from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
+from twin.fabric.frames import Channel
 from twin.kpi import verdict as judging
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
-from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import fill_light, switch_lamps
-from twin.sensors.boxes import BoxSensor
+from twin.sensors import exteroceptive
+from twin.sensors.data import SensorData
+from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites, lidar_sites
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
+from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -31,20 +34,7 @@ from twin.world.street import build_world
 from twin.world.sun import daylight
 from twin.world.weather import WEATHER
 
-HAZARD_PERIOD_NS = 666_000_000
-"""Blink period of hazard lamps: 90 per minute (UN R48 asks for 60 to 120) [ns]."""
-
 _NO_LIGHTS = Lights()
-
-
-@dataclass(frozen=True, slots=True)
-class SensorData:
-    """One sensor's values for all slots; inactive slots hold zeros."""
-
-    values: np.ndarray
-    """[S, ...]; valid until the next call of the engine."""
-    count: np.ndarray | None = None
-    """int32 [S]: valid rows of ragged data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +72,19 @@ class Engine:
     """
 
     def __init__(
-        self, case: Case, slots: int, device: str = "cpu", image_out: np.ndarray | None = None
+        self,
+        case: Case,
+        slots: int,
+        device: str = "cpu",
+        buffers: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Build for the rig of ``case``: scene, vehicle, camera and rates are those of the case.
 
         Args:
             slots: number of slots S, at least 1.
             device: ``cpu`` or ``cuda:N``.
-            image_out: uint8 [S, H, W, 3] host buffer that receives the images.
+            buffers: host arrays that receive images, by the name of the channel
+                (:func:`frame_channels`).
 
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
@@ -100,38 +95,37 @@ class Engine:
         except Exception as error:
             known = ", ".join(str(d) for d in wp.get_devices())
             raise ValueError(f"device '{device}': not here; allowed: {known}") from error
+        _check_files(case)
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
         self.control_period_ns = 1_000_000_000 // case.control_hz
-        self.camera_every = case.control_hz // case.camera.hz
         self.active = np.zeros(slots, np.bool_)
         self.tick = np.zeros(slots, np.int32)
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene)
         self._vehicle = vehicle
-        self._geometry = Geometry(self._world, slots, warp_device)
-        self._camera = RayCamera(
-            self._geometry,
-            self._world,
-            scene.furniture,
-            case.camera,
-            tuple(vehicle.camera_m),
-            tuple(vehicle.headlamps_m),
-            image_out,
+        self._eyes = ExteroceptiveSuite(
+            case, vehicle, scene, self._world, slots, warp_device, buffers or {}
         )
-        self._boxes = BoxSensor(self._geometry.classes, slots, warp_device)
+        kinds = self._world.kinds
+        self._hull_sizes = np.array([(k.half_length_m, k.half_width_m) for k in kinds] or [(0, 0)])
         self._vehicles = Fleet(
             [vehicle],
             slots,
             warp_device,
             colliders=self._world.colliders,
             ground=drivable(self._world, warp_device),
+            movers=self._world.motion.count,
             stop_at_impact=True,
         )
+        self.camera_sites = camera_sites(case, vehicle)
+        self.lidar_sites = lidar_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
-        self.refill_every = math.lcm(self.camera_every, self._suite.period)
+        needs_truth = self._suite.needs_truth or self._eyes.needs_truth
+        self._truth = VehicleTruth(slots, warp_device) if needs_truth else None
+        self.refill_every = math.lcm(self._eyes.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
@@ -163,11 +157,8 @@ class Engine:
         x_m = rear - scenario.ego_start_m - self._vehicle.front_offset_m
         self._vehicles.place(slot, x_m, scenario.ego_speed_mps, weather.friction)
         self._vehicles.active[slot] = 1
-        row = self._camera.lights.host[slot]
-        fill_light(row, light, weather)
-        row["noise"] = int(case.camera.noise)
-        row["key"] = stream_key(case.seed, case.id, f"camera/{case.camera.name}")
-        row["active"] = 1
+        self._eyes.reset(slot, case)
+        self._eyes.light(slot, light, weather)
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
         self._suite.reset(slot, case)
@@ -184,8 +175,7 @@ class Engine:
         self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
         self._vehicles.state[slot] = 0.0
-        self._camera.lights.host[slot]["active"] = 0
-        self._camera.clear(slot)
+        self._eyes.clear(slot)
         self._suite.clear(slot)
 
     def sense(self) -> dict[str, SensorData]:
@@ -200,35 +190,42 @@ class Engine:
                 environment(self._illuminance_lx, self._extinction_per_m, self.active)
             ),
         }
-        own = self._suite.read(self._vehicles.rows_device, self.tick, self.active)
+        truth = self._truth.update(self._vehicles.rows_device) if self._truth else None
+        own = self._suite.read(truth, self.tick, self.active)
         sensors.update((name, SensorData(values)) for name, values in own.items())
-        due = self.tick[self.active] % self.camera_every == 0
-        assert due.all() or not due.any(), "active slots are not due for a frame together"
-        if due.any():
-            self._write_lights()
-            self._geometry.place(self._world.motion.at(self.sim_time_ns / 1e9))
-            image = self._camera.render(self._vehicles.ego_device)
-            boxes, count = self._boxes.read(self._camera.boxes)
-            sensors["camera"] = SensorData(image)
-            sensors["boxes"] = SensorData(boxes, count)
+        now = Moment(self.tick, self.sim_time_ns, self.active)
+        self._place_objects()
+        images = self._eyes.read(
+            now, self._lamps(), self._placement, self._vehicles.ego_device, truth
+        )
+        sensors.update(images)
         return sensors
 
-    def _write_lights(self) -> None:
-        rows = self._camera.lights.host
+    def _place_objects(self) -> None:
+        """Scripted objects as they are at the current ticks, for eyes and for contacts."""
+        placement = self._placement = self._world.motion.at(self.sim_time_ns / 1e9)
+        if not placement.kind.size:
+            return
+        there = placement.kind >= 0
+        hulls = self._vehicles.movers
+        hulls[..., 0:2] = placement.position_m[..., :2]
+        hulls[..., 2] = placement.yaw_rad
+        hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
+        hulls[..., 5:7] = placement.velocity_mps[..., :2]
+        hulls[..., 7] = placement.yaw_rate_radps
+
+    def _lamps(self) -> list[Lights | None]:
+        """The lamps in force at the current ticks; a command that is due now counts already."""
+        lamps: list[Lights | None] = [None] * self.slots
         for slot, run in enumerate(self._runs):
             if run is None:
                 continue
-            # A command that is in force from this very step on lights the frame already.
             first_step = int(self.sim_time_ns[slot]) // PHYSICS_STEP_NS
-            lights = run.lights
+            lamps[slot] = run.lights
             for step, command in run.pending:
                 if step <= first_step:
-                    lights = command.lights
-            row = rows[slot]
-            row["tick"] = self.tick[slot]
-            switch_lamps(row, lights)
-            phase = int(self.sim_time_ns[slot]) % HAZARD_PERIOD_NS
-            row["hazard"] = float(2 * phase < HAZARD_PERIOD_NS)
+                    lamps[slot] = command.lights
+        return lamps
 
     def step(self, commands: list[Command | None]) -> list[Finished]:
         """Record the current tick with its commands, then advance one control period.
@@ -318,3 +315,22 @@ class Engine:
         table = run.recorder.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)
+
+
+def frame_channels(case: Case, slots: int) -> list[Channel]:
+    """The arrays of a rig that are large enough to be worth sharing.
+
+    Raises:
+        ValueError: the vehicle has no such sensor; one line.
+    """
+    return exteroceptive.frame_channels(case, load_vehicle(case.scenario.vehicle), slots)
+
+
+def _check_files(case: Case) -> None:
+    """Refuse scene and vehicle files that are not those of the submission."""
+    for name, digest in case.files.items():
+        if asset_digest(Path(name)) != digest:
+            raise ValueError(
+                f"{name}: it, or a file it names, is not what the campaign was submitted with; "
+                "put it back, or submit again under another folder"
+            )

@@ -14,7 +14,6 @@ import typer
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.errors import UsageError
 
-
 app = make_app(
     "viewer",
     "Records and shows cases. `conductor run NAME --view record` writes the recordings that "

@@ -61,7 +61,8 @@ def axis_values(dossier: Dossier, axis: str) -> list[Any]:
     ascending, anything else as in the file."""
     values = list(dict.fromkeys(axis_value(row.case, axis) for row in dossier.rows))
     if axis == "weather":
-        return sorted(values, key=WEATHERS.index)
+        order = {name: index for index, name in enumerate(WEATHERS)}
+        return sorted(values, key=lambda name: order.get(name, len(order)))
     if axis == "time_of_day" or all(isinstance(v, int | float) for v in values):
         return sorted(values)
     return values

@@ -54,7 +54,7 @@ def status_symbol(status: str) -> str:
 def line_styles(axis: str, values: Iterable[object]) -> dict[str, tuple[str, str]]:
     """Value (as text) -> (colour, dash) of the curves grouped by ``axis``."""
     if axis == "weather":
-        return {str(value): _WEATHER[str(value)] for value in values}
+        return {str(value): _WEATHER.get(str(value), (_OTHER, "dot")) for value in values}
     if axis == "status":
         return {str(value): (status_color(str(value)), "solid") for value in values}
     count = len(_CYCLE)

@@ -9,7 +9,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import Command, Commands, Episode, Frame, Tick
 from twin.fabric.drive import Outgoing, SimulatorEnd, StackEnd
-from twin.fabric.frames import FrameBuffer
+from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
 
 SLOTS = 3
@@ -84,7 +84,7 @@ def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     hub = Hub(seed=seed, faults=Faults(loss=0.1, duplicate=0.2, delay=0.2))
     hub.run()
     frames = FrameBuffer(int(np.prod(SHAPE))) if shared else None
-    buffer = frames.array(SHAPE) if frames else None
+    buffer = frames.array(Channel("camera", SHAPE, "|u1"), 0) if frames else None
     stepped = []
     stack = StackEnd(hub.open(), "r", SLOTS)
     simulator = SimulatorEnd(hub.open(), "r", SLOTS, frames, resend_s=0.02)

@@ -7,9 +7,12 @@ first bytes that it sees the same memory; if it cannot, frames travel as payload
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,31 @@ from numpy.typing import NDArray
 
 HEADER_BYTES = 64
 """Bytes before the first frame; the nonce stands there. Keeps frames aligned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """An array that a simulator writes at every frame of a sensor."""
+
+    name: str
+    """Of the sensor message."""
+    shape: tuple[int, ...]
+    dtype: str
+    """Little-endian, as NumPy writes it (``|u1``, ``<f4``)."""
+
+    @property
+    def size(self) -> int:
+        """[bytes]"""
+        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
+
+
+def lay_out(channels: Sequence[Channel]) -> tuple[dict[str, int], int]:
+    """Where each channel lies in one buffer, aligned, and the size of the buffer [bytes]."""
+    offsets, size = {}, 0
+    for channel in channels:
+        offsets[channel.name] = size
+        size += -(-channel.size // HEADER_BYTES) * HEADER_BYTES
+    return offsets, size
 
 
 class FrameBuffer:
@@ -36,10 +64,11 @@ class FrameBuffer:
         """Where a process of the same user on this host can open it."""
         return f"/proc/{os.getpid()}/fd/{self._fd}"
 
-    def array(self, shape: tuple[int, ...], dtype: str = "u1", offset: int = 0) -> NDArray[Any]:
-        """The part from ``offset`` [bytes] on as an array of ``shape``."""
-        count = int(np.prod(shape))
-        return np.frombuffer(self._map, dtype, count, HEADER_BYTES + offset).reshape(shape)
+    def array(self, channel: Channel, offset: int) -> NDArray[Any]:
+        """The channel's array; it begins at ``offset`` [bytes]."""
+        count = math.prod(channel.shape)
+        flat: NDArray[Any] = np.frombuffer(self._map, channel.dtype, count, HEADER_BYTES + offset)
+        return flat.reshape(channel.shape)
 
     def close(self) -> None:
         """Forget the buffer; arrays made of it stay valid until they are freed."""

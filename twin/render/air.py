@@ -1,8 +1,13 @@
-"""Air between camera and surface: extinction, airlight, and the glow of the ego's own lamps."""
+"""Air between camera and surface: extinction and airlight."""
 
 from __future__ import annotations
 
 import warp as wp
+
+# Depth of the layer that fog, rain and snow fill [m], and the extinction that is no weather [1/m]:
+# the haze of clear air is part of the sky's own colour.
+_LAYER_M = wp.constant(180.0)
+_CLEAR_PER_M = wp.constant(2.0e-4)
 
 
 @wp.func
@@ -25,10 +30,6 @@ def through_air(
 
 @wp.func
 def sky_path(extinction: wp.float32, up: wp.float32) -> wp.float32:
-    """Length of the hazy path to the sky at direction cosine ``up`` [m].
-
-    Fog, rain and snow fill a layer of 180 m; clear air's haze is part of the sky's own colour.
-    """
-    if extinction < 1.0e-3:
-        return 0.0
-    return 180.0 / wp.max(up, 0.02)
+    """Length of the weather's path to the sky at direction cosine ``up`` [m]."""
+    weather = wp.max(0.0, extinction - _CLEAR_PER_M)
+    return _LAYER_M / wp.max(up, 0.01) * weather / wp.max(extinction, 1.0e-9)

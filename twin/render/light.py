@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import warp as wp
 
 from schemas.messages import Lights
 from twin.world.sun import Daylight
 from twin.world.weather import WeatherParameters
+
+CLOUD_HEIGHT_M = 1500.0
+"""Height of the clouds' plane over the street [m]."""
+_ALOFT = 2.5
+"""Wind at the clouds over wind at the ground [-]."""
+_DRIZZLE_MPS, _DOWNPOUR_MPS, _FLAKE_MPS = 4.0, 9.0, 1.2
 
 
 @wp.struct
@@ -17,10 +25,14 @@ class SlotLight:
     sun_direction: wp.vec3
     sun_rgb: wp.vec3
     sky_rgb: wp.vec3
-    zenith_rgb: wp.vec3
-    horizon_rgb: wp.vec3
-    glow_rgb: wp.vec3
+    cloud_rgb: wp.vec3
     air_rgb: wp.vec3
+    moon_direction: wp.vec3
+    moon_rgb: wp.vec3
+    cloud_drift: wp.vec2
+    """How fast clouds move, in their height [1/s]."""
+    cloud_offset: wp.vec2
+    """Where they have got to, in their height."""
     extinction: wp.float32
     exposure: wp.float32
     cloud_cover: wp.float32
@@ -28,6 +40,13 @@ class SlotLight:
     snow_cover: wp.float32
     rain: wp.float32
     snow: wp.float32
+    fall_mps: wp.float32
+    """Speed at which drops or flakes fall [m/s]."""
+    slant: wp.float32
+    """How far they drift to the street's right while they fall, over the fall [-]."""
+    shutter_s: wp.float32
+    time_s: wp.float32
+    """Sim time of the frame [s]."""
     lamps_on: wp.float32
     low_beam: wp.float32
     high_beam: wp.float32
@@ -40,16 +59,31 @@ class SlotLight:
     key: wp.uint64
 
 
-def fill_light(row: np.void, light: Daylight, weather: WeatherParameters) -> None:
-    """Write a case's constant light into ``row``, one element of the host array of SlotLight."""
+def fill_light(
+    row: np.void,
+    light: Daylight,
+    weather: WeatherParameters,
+    wind_towards: tuple[float, float] = (1.0, 0.0),
+) -> None:
+    """Write a case's light and weather into ``row``, one element of the host array of SlotLight.
+
+    The sky's table goes into the camera's ``sky_table`` by :func:`fill_sky`. ``wind_towards``: unit
+    vector along the wind, world x and y.
+    """
+    x, y = wind_towards
+    # Drops of a downpour are larger and fall faster (Gunn and Kinzer 1949: 4 m/s at 1 mm, 9 at 5).
+    drop = _DRIZZLE_MPS + (_DOWNPOUR_MPS - _DRIZZLE_MPS) * weather.rain
+    fall_mps = drop if weather.rain >= weather.snow else _FLAKE_MPS
+    aloft = _ALOFT * weather.wind_mps / CLOUD_HEIGHT_M
     values = {
         "sun_direction": light.sun_direction,
         "sun_rgb": light.sun_rgb_lx,
         "sky_rgb": light.sky_rgb_lx,
-        "zenith_rgb": light.zenith_rgb,
-        "horizon_rgb": light.horizon_rgb,
-        "glow_rgb": light.glow_rgb,
+        "cloud_rgb": light.cloud_rgb,
         "air_rgb": light.air_rgb,
+        "moon_direction": light.moon_direction,
+        "moon_rgb": light.moon_rgb,
+        "cloud_drift": (aloft * x, aloft * y),
         "extinction": weather.extinction_per_m,
         "exposure": light.exposure,
         "cloud_cover": weather.cloud_cover,
@@ -57,11 +91,33 @@ def fill_light(row: np.void, light: Daylight, weather: WeatherParameters) -> Non
         "snow_cover": weather.snow_cover,
         "rain": weather.rain,
         "snow": weather.snow,
+        "fall_mps": fall_mps,
+        "slant": math.tanh(-0.4 * y * weather.wind_mps / fall_mps),
+        "shutter_s": light.shutter_s,
         "lamps_on": float(light.lamps_on),
         "shadows": int(light.shadows),
     }
     for name, value in values.items():
         row[name] = value
+
+
+def fill_sky(table: np.ndarray, light: Daylight) -> None:
+    """Write the sky into ``table``, one slot [rows, columns, 3] of a camera's ``sky_table``."""
+    table[...] = light.sky
+
+
+def advance_light(rows: np.ndarray | np.void, sim_time_s: np.ndarray | float) -> None:
+    """Move clouds, drops and flakes to ``sim_time_s``; before every frame.
+
+    Args:
+        rows: host SlotLight [S], or one row; where clouds begin follows from its ``key``.
+        sim_time_s: float [S], or one number.
+    """
+    time_s = np.asarray(sim_time_s, np.float64)
+    key = np.asarray(rows["key"], np.uint64)
+    start = np.stack([(key >> np.uint64(shift)) & np.uint64(0xFFF) for shift in (20, 40)], axis=-1)
+    rows["cloud_offset"] = start * (1.0 / 64.0) + rows["cloud_drift"] * time_s[..., None]
+    rows["time_s"] = time_s
 
 
 def switch_lamps(row: np.void, lights: Lights) -> None:

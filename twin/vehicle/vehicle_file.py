@@ -8,6 +8,10 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from schemas.lens import CameraMount
+from schemas.lidar import LidarMount
+from schemas.names import Name
+from schemas.validation import suggest
 from twin.world.scene import load_named
 
 _MODELS = Path(__file__).parent / "models"
@@ -202,7 +206,13 @@ class Lags(_Spec):
 
 
 class Aero(_Spec):
-    """Drag areas, drag coefficient times frontal area, in the four states of the drive [m^2]."""
+    """Air on the body: drag areas in the four states of the drive, side force and yaw moment.
+
+    A drag area is drag coefficient times frontal area [m^2]. Side force and yaw moment are those of
+    a cross wind: Y = rho/2 V w side, N = rho/2 V w yaw, with the air's speed V past the body and the
+    wind's part w across it. Defaults: a saloon's slopes of 2.2 and 0.45 per radian (Hucho,
+    Aerodynamics of Road Vehicles) times 2.5 m^2 and, for the moment, 2.8 m of wheelbase.
+    """
 
     run_m2: NotNegative
     idle_m2: NotNegative
@@ -214,6 +224,11 @@ class Aero(_Spec):
     speed_max_mps: Positive
     """Largest practical speed [m/s]."""
     reverse_max_mps: Positive
+    side_m2: NotNegative = 5.5
+    """Slope of the side force [m^2]."""
+    yaw_m3: NotNegative = 3.15
+    """Slope of the yaw moment about the centre of mass; it turns the nose away from the wind
+    [m^3]."""
 
 
 class Contact(_Spec):
@@ -240,7 +255,7 @@ class Reference(_Spec):
 class Vehicle(_Spec, kw_only=True):
     """One vehicle file."""
 
-    schema: Literal[2] = 2
+    schema: Literal[3] = 3
     vehicle: str
     wheelbase_m: Positive
     track_m: Positive
@@ -265,8 +280,12 @@ class Vehicle(_Spec, kw_only=True):
     aero: Aero
     contact: Contact = field(default_factory=Contact)
     reference: Reference = field(default_factory=Reference)
-    camera_m: Point
+    cameras: Annotated[dict[Name, CameraMount], Meta(min_length=1)]
+    """Cameras by name; campaigns choose among them."""
+    lidars: dict[Name, LidarMount] = {}
+    """Lidars by name; campaigns choose among them."""
     headlamps_m: Point
+    """Middle between the headlamps [m]."""
 
     def __post_init__(self) -> None:
         if self.rear_overhang_m + self.wheelbase_m > self.length_m:
@@ -279,6 +298,29 @@ class Vehicle(_Spec, kw_only=True):
                 f"body.com_height_m {self.body.com_height_m:g} is too low for wheels of radius "
                 f"{self.wheels.radius_m:g} m"
             )
+
+    def camera(self, name: str) -> CameraMount:
+        """The camera called ``name``.
+
+        Raises:
+            ValueError: it has none; one line.
+        """
+        if name not in self.cameras:
+            raise ValueError(
+                f"vehicle '{self.vehicle}': no camera '{name}'; {suggest(name, list(self.cameras))}"
+            )
+        return self.cameras[name]
+
+    def lidar(self, name: str) -> LidarMount:
+        """The lidar called ``name``.
+
+        Raises:
+            ValueError: it has none; one line.
+        """
+        if name not in self.lidars:
+            known = suggest(name, list(self.lidars)) if self.lidars else "it has no lidars"
+            raise ValueError(f"vehicle '{self.vehicle}': no lidar '{name}'; {known}")
+        return self.lidars[name]
 
     @property
     def centre_offset_m(self) -> float:

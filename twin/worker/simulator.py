@@ -23,7 +23,7 @@ from schemas.messages import Command, Episode, Frame, Lease, Tick
 from twin.fabric.bus import Bus
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
-from twin.fabric.frames import FrameBuffer
+from twin.fabric.frames import FrameBuffer, lay_out
 from twin.fabric.key_file import Key
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
@@ -44,7 +44,8 @@ from twin.worker.pipe import (
 from twin.worker.view_feed import Feed, ViewOptions, open_feed
 
 if TYPE_CHECKING:
-    from twin.engine import SensorData
+    from twin.engine import Engine
+    from twin.sensors.data import SensorData
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
@@ -119,14 +120,16 @@ class Simulator:
 
     def _build(self, case: Case) -> None:
         # Warp takes its time to load: the drive session is announced before.
-        from twin.engine import Engine
+        from twin.engine import Engine, frame_channels
 
         slots = len(self._slots)
-        shape = (slots, case.camera.height, case.camera.width, 3)
-        shared = case.placement == "worker"
-        self._frames = FrameBuffer(int(np.prod(shape))) if shared else None
-        buffer = self._frames.array(shape) if self._frames else None
-        self._engine = Engine(case, slots, self._device, buffer)
+        channels = frame_channels(case, slots)
+        self._offsets, size = lay_out(channels)
+        self._frames = frames = FrameBuffer(size) if case.placement == "worker" else None
+        buffers = {}
+        if frames is not None:
+            buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
+        self._engine = Engine(case, slots, self._device, buffers)
         self._end = SimulatorEnd(self._bus, self._rig, slots, self._frames)
         self._end.handshake(self._on_wait)
         send(self._out, Built(shared_frames=self._end.shared))
@@ -206,7 +209,7 @@ class Simulator:
         outgoing = []
         for name, data in sensed.items():
             values = np.ascontiguousarray(data.values)
-            shared = name == "camera" and self._frames is not None and self._end.shared
+            shared = name in self._offsets and self._end.shared
             frame = Frame(
                 v=SCHEMA_VERSION,
                 type=name,
@@ -218,16 +221,16 @@ class Simulator:
                 sim_time_ns=self._engine.sim_time_ns.tolist(),
                 dtype=values.dtype.newbyteorder("<").str,
                 shape=list(values.shape),
-                encoding=topics.SENSORS[name].type,
+                encoding=topics.sensor_topic(name).type,
                 count=[] if data.count is None else data.count.tolist(),
-                offset=0 if shared else -1,
+                offset=self._offsets[name] if shared else -1,
             )
             outgoing.append(Outgoing(name, frame, b"" if shared else values.tobytes()))
         return outgoing
 
     def _episodes(self) -> list[Episode]:
         return [
-            _episode(index, slot.lease, self._seq, self._engine.control_period_ns)
+            _episode(index, slot.lease, self._seq, self._engine)
             for index, slot in enumerate(self._slots)
             if slot is not None and slot.fresh
         ]
@@ -271,7 +274,7 @@ class Simulator:
         )
 
 
-def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Episode:
+def _episode(index: int, lease: Lease, seq: int, engine: Engine) -> Episode:
     case = lease.case
     return Episode(
         v=SCHEMA_VERSION,
@@ -287,7 +290,9 @@ def _episode(index: int, lease: Lease, seq: int, control_period_ns: int) -> Epis
         width=case.camera.width,
         height=case.camera.height,
         hfov_deg=case.camera.hfov_deg,
-        control_period_ns=control_period_ns,
+        control_period_ns=engine.control_period_ns,
+        cameras=engine.camera_sites,
+        lidars=engine.lidar_sites,
     )
 
 

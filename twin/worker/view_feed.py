@@ -31,7 +31,8 @@ from twin.fabric.zenoh_bus import open_bus
 from twin.worker.view_items import Began, Ended, Item, Run, Seen, Ticked
 
 if TYPE_CHECKING:
-    from twin.engine import Engine, Finished, SensorData
+    from twin.engine import Engine, Finished
+    from twin.sensors.data import SensorData
 
 QUEUE_BYTES_MAX = 128 << 20
 """Most bytes that wait to be encoded; raw pictures, so about 190 of 640x360 [bytes]."""

@@ -131,7 +131,7 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
         obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
-        camera_m=list(vehicle.camera_m),
+        camera_m=list(vehicle.camera(lease.case.camera.name).position_m),
         hulls=colliders[1:].tolist(),
         cars=cars - 1,
     )

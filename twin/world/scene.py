@@ -89,6 +89,8 @@ class Origin(Spec):
     """Above the ellipsoid [m]."""
     heading_deg: Annotated[float, Meta(ge=0, lt=360)] = 90.0
     """Direction of world +x, clockwise from north; 90: x is east, y north [deg]."""
+    utc_offset_h: Annotated[float, Meta(ge=-12, le=14)] | None = None
+    """Local time minus UTC [h]; null: the time zone of the longitude."""
 
 
 class Scene(Spec, kw_only=True):

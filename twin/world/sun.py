@@ -1,8 +1,7 @@
-"""Daylight: where the sun stands, what it and the sky give, and how the camera exposes for it.
+"""Light of day and night: what sun, moon and sky give, and how the camera exposes for it.
 
-The day is an equinox at 35 deg latitude: sunrise at 06:00, highest sun at noon, sunset at 18:00.
-The street's +x points 35 deg east of north, so the morning sun stands to the right ahead and the
-noon sun behind.
+Illuminances are those of the literature (they decide exposure and what perception can see); the
+distribution of light over the sky and all colours come from :mod:`twin.world.atmosphere`.
 """
 
 from __future__ import annotations
@@ -12,18 +11,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.world.weather import SHADOW_CLOUD_COVER_MAX, WeatherParameters
+from twin.world import atmosphere, sky_table
+from twin.world.almanac import Heavens, Place, heavens
+from twin.world.atmosphere import LUMINANCE, SUN_RGB
+from twin.world.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
-LATITUDE_DEG = 35.0
-"""Latitude of the street [deg]."""
-HEADING_DEG = 35.0
-"""Compass heading of the street's +x, clockwise from north [deg]."""
-CITY_GLOW_LX = 0.4
-"""Illuminance of a clouded city sky at night, without street lamps [lx]."""
+CITY_GLOW_LX = (0.05, 0.35)
+"""Illuminance of a city sky at night without street lamps: clear, and what thick cloud adds [lx]."""
 STREET_LAMPS_BELOW_LX = 60.0
 """Street lamps and window lights are on below this illuminance [lx]."""
-EXPOSURE_FLOOR_LX = 130.0
+EXPOSURE_FLOOR_LX = 40.0
 """The camera exposes no longer than for this illuminance [lx]: night stays dark."""
+LAMP_AIR_RGB = np.array([1.1, 0.86, 0.56])
+"""Luminance of a long path of air between street lamps: about 25 lx from all sides over 4 pi."""
+WHITE_SIGNAL = 1.15
+"""Signal of white level ground under automatic exposure, before the tone curve [-]."""
+MOON_DISC_CDPM2 = 2500.0
+"""Luminance of the lit part of the moon above the atmosphere [cd/m^2]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Here:
+    """South Carolina, looking east: the place of the shipped street."""
+
+    latitude_deg: float = 34.8
+    longitude_deg: float = -82.32
+    heading_deg: float = 90.0
+
+
+HERE = _Here()
+DATE = "2025-03-20"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,94 +53,111 @@ class Daylight:
     """Illuminance by the sun on a surface that faces it; 0 where it is down or clouded [lx]."""
     sky_rgb_lx: np.ndarray
     """Diffuse illuminance on open level ground [lx]."""
-    zenith_rgb: np.ndarray
-    """Luminance of the sky at the zenith [cd/m^2]."""
-    horizon_rgb: np.ndarray
-    """Luminance of the sky at the horizon [cd/m^2]."""
-    glow_rgb: np.ndarray
-    """Luminance added to the sky around the sun [cd/m^2]."""
+    sky: np.ndarray
+    """Luminance of the sky without clouds' shapes, float32 [rows, columns, 3] [cd/m^2]; axes as in
+    :mod:`twin.world.sky_table`."""
+    cloud_rgb: np.ndarray
+    """Luminance of a bright cloud [cd/m^2]."""
     air_rgb: np.ndarray
     """Luminance of an infinitely long path of air, L_air of the fog equation [cd/m^2]."""
+    moon_direction: np.ndarray
+    """Unit vector towards the moon."""
+    moon_rgb: np.ndarray
+    """Luminance of the lit part of its disc [cd/m^2]."""
     illuminance_lx: float
     """Illuminance on open level ground, without lamps [lx]."""
     exposure: float
     """Factor from luminance to the camera's linear signal [m^2/cd]."""
+    shutter_s: float
+    """How long the camera exposes [s]."""
     shadows: bool
     """The sun casts shadows."""
     lamps_on: bool
     """Street lamps and windows are lit."""
 
+    @property
+    def zenith_rgb(self) -> np.ndarray:
+        """Luminance of the sky at the zenith [cd/m^2]."""
+        return self.sky[-1].mean(axis=0)
 
-def sun_elevation_rad(time_of_day_min: float) -> float:
-    """Elevation of the sun at equinox [rad]: sin h = cos(latitude) cos(hour angle)."""
-    hour_angle = math.radians(15.0) * (time_of_day_min / 60.0 - 12.0)
-    return math.asin(math.cos(math.radians(LATITUDE_DEG)) * math.cos(hour_angle))
-
-
-def sun_direction(time_of_day_min: float) -> np.ndarray:
-    """Unit vector towards the sun in the world frame, shape (3,)."""
-    hour_angle = math.radians(15.0) * (time_of_day_min / 60.0 - 12.0)
-    latitude = math.radians(LATITUDE_DEG)
-    east = -math.sin(hour_angle)
-    north = -math.sin(latitude) * math.cos(hour_angle)
-    up = math.cos(latitude) * math.cos(hour_angle)
-    heading = math.radians(HEADING_DEG)
-    forward = east * math.sin(heading) + north * math.cos(heading)
-    left = -east * math.cos(heading) + north * math.sin(heading)
-    return np.array([forward, left, up])
+    @property
+    def horizon_rgb(self) -> np.ndarray:
+        """Luminance of the sky at the horizon, mean all around [cd/m^2]."""
+        return self.sky[0].mean(axis=0)
 
 
-def daylight(time_of_day_min: float, weather: WeatherParameters) -> Daylight:
-    """Light at a time of day under a weather.
+def daylight(
+    time_of_day_min: float,
+    weather: WeatherParameters,
+    *,
+    place: Place = HERE,
+    date: str = DATE,
+    mode: str = "almanac",
+    exposure_ev100: float | None = None,
+) -> Daylight:
+    """Light at a local time of day under a weather; see :func:`twin.world.almanac.heavens`."""
+    return daylight_under(heavens(place, date, time_of_day_min, mode), weather, exposure_ev100)
 
-    Clear and overcast skies after the daylight availability model of the Illuminating Engineering
-    Society: direct normal 127.5 exp(-0.21 m) klx with air mass m (Kasten 1965), diffuse
-    0.8 + 15.5 sqrt(sin h) klx when clear and 0.3 + 21 sin h klx when overcast; between them
-    linear in the cloud cover. Twilight falls by a factor of 10 for each 2.2 deg (400 lx at sunset,
-    about 3 lx at -6 deg).
+
+def daylight_under(
+    bodies: Heavens, weather: WeatherParameters, exposure_ev100: float | None = None
+) -> Daylight:
+    """Light of sun and moon at their places.
+
+    Daylight after the availability model of the Illuminating Engineering Society: direct normal
+    127.5 exp(-0.21 m) klx with air mass m (Kasten 1965), diffuse 0.8 + 15.5 sqrt(sin h) klx when
+    clear and 0.3 + 21 sin h klx when overcast; of a cloud cover c the sum of (1 - c)^1.5 and c of
+    them. Twilight after Janiczek and DeYoung, USNO Circular 171 (1987).
     """
-    elevation = sun_elevation_rad(time_of_day_min)
+    elevation = bodies.sun_elevation_rad
     cover = weather.cloud_cover
+    level = atmosphere.haze_level(min(weather.extinction_per_m, 2.0e-4) - 0.12 * AIR_PER_M)
     up = max(0.0, math.sin(elevation))
     direct_lx = _direct_normal_lx(elevation) * (1.0 - cover) ** 1.5
     shadows = direct_lx > 0.0 and cover < SHADOW_CLOUD_COVER_MAX
     if not shadows:  # what is left of the beam arrives as skylight
         direct_lx = 0.0
-    diffuse_lx = _diffuse_lx(elevation, cover) * weather.sky_factor + CITY_GLOW_LX
+    clear_lx, overcast_lx = _diffuse_lx(elevation)
+    sun_color = _sun_color(elevation, level)
+    gray = _cloud_color(elevation)
+    sky = sky_table.clear(bodies.sun, elevation, level) * SUN_RGB
+    sky = sky_table.scaled(sky, clear_lx * (1.0 - cover) ** 1.5 * weather.sky_factor)
+    sky = sky + sky_table.overcast(gray, overcast_lx * cover * weather.sky_factor)
+    sky = sky + _night_sky(bodies, cover, level)
+    sky_rgb_lx = sky_table.illuminance_rgb(sky)
+    diffuse_lx = float(sky_rgb_lx @ LUMINANCE)
     illuminance_lx = direct_lx * up + diffuse_lx
-
-    night = min(1.0, max(0.0, -elevation / math.radians(10.0)))
-    warmth = max(0.0, 1.0 - abs(elevation) / math.radians(18.0)) * (1.0 - 0.85 * cover)
-    clear_zenith = _mix((0.24, 0.56, 1.62), (0.40, 0.55, 1.30), night)
-    clear_horizon = _mix((0.80, 1.0, 1.30), (1.5, 0.92, 0.62), warmth)
-    gray = np.array([0.96, 1.0, 1.06])
-    gray = gray * (1.0 - 0.5 * night) + 0.5 * night * np.array([1.15, 0.95, 0.80])
-    zenith = _mix(clear_zenith, gray, cover)
-    horizon = _mix(clear_horizon, gray, cover)
-    # The means of the two, weighted by what level ground sees, must give the illuminance back.
-    base = diffuse_lx / math.pi
-    # Overcast skies are three times brighter at the zenith (CIE), clear ones at the horizon.
-    zenith = base * zenith * (0.85 + 0.25 * cover)
-    horizon = base * horizon * (1.75 - 0.95 * cover)
-    sun_color = _mix((1.0, 0.96, 0.88), (1.0, 0.58, 0.28), warmth)
     lamps_on = illuminance_lx < STREET_LAMPS_BELOW_LX
-    glow_lx = direct_lx * 0.05 + (6.0 * warmth * math.sqrt(diffuse_lx) if elevation < 0 else 0.0)
-    air = _mix(horizon, base * gray, 0.7)
-    if lamps_on:
-        air = air + np.array([0.28, 0.22, 0.15])  # street lamps scattered by the air
+    ground_rgb = sky_rgb_lx + direct_lx * up * sun_color
+    metered_lx = _SUNLIT_SHARE * direct_lx * up + diffuse_lx
+    moon_left = atmosphere.sunlight_left(bodies.moon_elevation_rad, level) * (1.0 - cover)
+    exposure = _exposure(metered_lx, exposure_ev100)
+    shutter_s = (EXPOSURE_FLOOR_LX / max(metered_lx, EXPOSURE_FLOOR_LX)) ** 0.15 / 60.0
     return Daylight(
-        sun_direction=sun_direction(time_of_day_min),
-        sun_rgb_lx=direct_lx * sun_color,
-        sky_rgb_lx=diffuse_lx * _mix((0.88, 0.98, 1.18), (0.98, 1.0, 1.03), cover),
-        zenith_rgb=zenith,
-        horizon_rgb=horizon,
-        glow_rgb=glow_lx * sun_color * (1.0 - cover),
-        air_rgb=air,
-        illuminance_lx=illuminance_lx,
-        exposure=_exposure(0.45 * direct_lx * up + diffuse_lx),
+        sun_direction=steady(bodies.sun),
+        sun_rgb_lx=steady(direct_lx * sun_color),
+        sky_rgb_lx=steady(sky_rgb_lx),
+        sky=steady(sky).astype(np.float32),
+        cloud_rgb=steady(_cloud(sky, ground_rgb, cover)),
+        air_rgb=steady(_air(sky, ground_rgb, weather, lamps_on)),
+        moon_direction=steady(bodies.moon),
+        moon_rgb=steady(MOON_DISC_CDPM2 * SUN_RGB * moon_left),
+        illuminance_lx=float(steady(illuminance_lx)),
+        exposure=float(steady(exposure)),
+        shutter_s=float(steady(shutter_s)),
         shadows=shadows,
         lamps_on=lamps_on,
     )
+
+
+def steady(values: object) -> np.ndarray:
+    """``values`` rounded to 18 significant bits.
+
+    Exponentials and sines end in other last bits on other hosts (NumPy and the C library choose by
+    instruction set); rounding keeps them out of what a sensor sees.
+    """
+    mantissa, exponent = np.frexp(np.asarray(values, np.float64))
+    return np.ldexp(np.round(mantissa * 2.0**18) * 2.0**-18, exponent)
 
 
 def _direct_normal_lx(elevation_rad: float) -> float:
@@ -134,25 +168,94 @@ def _direct_normal_lx(elevation_rad: float) -> float:
     return 127_500.0 * math.exp(-0.21 * air_mass)
 
 
-def _diffuse_lx(elevation_rad: float, cloud_cover: float) -> float:
+def _diffuse_lx(elevation_rad: float) -> tuple[float, float]:
+    """Diffuse illuminance under a clear and an overcast sky, without city and moon [lx]."""
     if elevation_rad < 0.0:
-        return 400.0 * 10.0 ** (math.degrees(elevation_rad) / 2.2) * (1.0 - 0.6 * cloud_cover)
+        twilight = twilight_lx(math.degrees(elevation_rad)) / twilight_lx(0.0)
+        return 800.0 * twilight, 300.0 * twilight
     up = math.sin(elevation_rad)
-    clear = 800.0 + 15_500.0 * math.sqrt(up)
-    overcast = 300.0 + 21_000.0 * up
-    if elevation_rad < math.radians(2.0):  # join the twilight branch without a step
-        share = elevation_rad / math.radians(2.0)
-        clear = 400.0 + (clear - 400.0) * share
-        overcast = 160.0 + (overcast - 160.0) * share
-    return clear + (overcast - clear) * cloud_cover
+    return 800.0 + 15_500.0 * math.sqrt(up), 300.0 + 21_000.0 * up
 
 
-def _exposure(illuminance_lx: float) -> float:
-    """White level ground becomes 0.85 of full scale while there is light enough.
+# Lowest elevation [deg], and log10 of lux as a polynomial of elevation over 90 deg.
+_TWILIGHT = (
+    (-0.8, (2.88, 22.26, -207.64, 1034.30)),
+    (-5.0, (2.88, 21.81, -258.11, -858.36)),
+    (-12.0, (2.70, 12.17, -431.69, -1899.83)),
+    (-18.0, (13.84, 262.72, 1447.42, 2797.93)),
+)
 
-    The meter sees about half of the scene in the sun: the caller halves the beam.
+
+def twilight_lx(elevation_deg: float) -> float:
+    """Illuminance by a sun on or below the horizon under a clear sky [lx] (USNO Circular 171)."""
+    x = max(elevation_deg, -18.0) / 90.0
+    for lowest, (a, b, c, d) in _TWILIGHT:
+        if 90.0 * x >= lowest:
+            break
+    return float(10.0 ** (a + x * (b + x * (c + x * d))))
+
+
+def _sun_color(elevation_rad: float, level: int) -> np.ndarray:
+    """Colour of the sun through the air, linear RGB of luminance 1."""
+    rgb = SUN_RGB * atmosphere.sunlight_left(max(elevation_rad, math.radians(0.3)), level)
+    return rgb / (rgb @ LUMINANCE)
+
+
+def _cloud_color(elevation_rad: float) -> np.ndarray:
+    """Colour of light below thick cloud, luminance 1: white by day, bluer as the sun goes down."""
+    dusk = max(0.0, 1.0 - max(0.0, math.degrees(elevation_rad)) / 15.0)
+    rgb = _mix((0.97, 1.0, 1.05), (0.84, 1.0, 1.32), dusk)
+    return rgb / (rgb @ LUMINANCE)
+
+
+def _night_sky(bodies: Heavens, cover: float, level: int) -> np.ndarray:
+    """Moonlit sky and the glow of the city, luminance [rows, columns, 3]."""
+    warm = np.array([1.28, 0.96, 0.62])
+    sky = sky_table.city(warm, CITY_GLOW_LX[0] + CITY_GLOW_LX[1] * cover)
+    elevation = bodies.moon_elevation_rad
+    if elevation > 0.0:
+        moon = sky_table.clear(bodies.moon, elevation, level) * SUN_RGB * bodies.moon_lx
+        beam = atmosphere.sunlight_left(elevation, level) * SUN_RGB * bodies.moon_lx
+        beam_lx = float(beam @ LUMINANCE) * math.sin(elevation)
+        # The moon's beam is no source of its own in the picture: it arrives with its sky.
+        own_lx = float(sky_table.illuminance_rgb(moon) @ LUMINANCE)
+        sky = sky + moon * (1.0 - cover)
+        sky = sky + sky_table.overcast(np.ones(3), beam_lx * (1.0 - cover) + own_lx * 0.5 * cover)
+    return sky
+
+
+def _cloud(sky: np.ndarray, ground_rgb: np.ndarray, cover: float) -> np.ndarray:
+    """Bright side of a cloud: white in what falls on it; of thick cover a little above the sky."""
+    lone = ground_rgb * (0.62 / math.pi)
+    closed = sky[ROW_45].mean(axis=0) * 1.15
+    return _mix(lone, closed, min(1.0, max(0.0, (cover - 0.3) / 0.4)))
+
+
+_SUNLIT_SHARE = 0.25  # of a street between houses
+ROW_45 = int(round((sky_table.ROWS - 1) * math.sqrt(math.sqrt(0.5))))
+"""Row of the table at 45 deg."""
+
+
+def _air(
+    sky: np.ndarray, ground_rgb: np.ndarray, weather: WeatherParameters, lamps_on: bool
+) -> np.ndarray:
+    """Clear air is as bright as the horizon; fog as the light that falls into it, and whiter."""
+    horizon = sky[0].mean(axis=0)
+    lit = ground_rgb * (0.75 / math.pi)
+    white = np.full(3, float(lit @ LUMINANCE))
+    thick = weather.extinction_per_m / (weather.extinction_per_m + 1.0e-3)
+    air = _mix(horizon, _mix(lit, white, 0.6), thick)
+    return air + LAMP_AIR_RGB if lamps_on else air
+
+
+def _exposure(illuminance_lx: float, ev100: float | None) -> float:
+    """White level ground has the signal :data:`WHITE_SIGNAL` while there is light enough.
+
+    The meter sees a part of a street in the sun; the caller weighs the beam. A fixed exposure value saturates at 1.2 2^EV100 cd/m^2 (ISO 12232, saturation-based speed).
     """
-    return math.pi * 0.85 / max(illuminance_lx, EXPOSURE_FLOOR_LX)
+    if ev100 is not None:
+        return 1.0 / (1.2 * 2.0**ev100)
+    return math.pi * WHITE_SIGNAL / max(illuminance_lx, EXPOSURE_FLOOR_LX)
 
 
 def _mix(a: object, b: object, share: float) -> np.ndarray:

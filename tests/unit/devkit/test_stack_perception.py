@@ -206,8 +206,8 @@ def test_order_is_by_content_not_by_row():
 
 
 def test_unknown_class_id():
-    with pytest.raises(ValueError, match="class id 5, allowed: 0-4"):
-        perception().detect(street(), row(class_id=5))
+    with pytest.raises(ValueError, match="class id 6, allowed: 0-5"):
+        perception().detect(street(), row(class_id=6))
 
 
 @pytest.mark.parametrize("column", range(7))

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
+from twin.fabric.frames import HEADER_BYTES, Channel, FrameBuffer, lay_out, open_frames
 
 
 def test_both_sides_see_the_same_memory():
     buffer = FrameBuffer(24)
-    array = buffer.array((2, 12))
+    array = buffer.array(Channel("camera", (2, 12), "|u1"), 0)
     mapped = open_frames(buffer.path, 24, buffer.nonce)
     assert mapped is not None
     array[1, 3] = 7
@@ -33,6 +33,25 @@ def test_refused_when_it_is_not_the_same_memory(tmp_path: Path):
 def test_nothing_appears_in_shared_memory():
     before = set(os.listdir("/dev/shm"))
     buffer = FrameBuffer(1 << 20)
-    np.testing.assert_array_equal(buffer.array((4,)), 0)
+    np.testing.assert_array_equal(buffer.array(Channel("camera", (4,), "|u1"), 0), 0)
     assert set(os.listdir("/dev/shm")) == before
+    buffer.close()
+
+
+def test_channels_lie_side_by_side_and_aligned():
+    channels = [
+        Channel("camera", (2, 3, 5, 3), "|u1"),
+        Channel("depth", (2, 3, 5), "<f4"),
+        Channel("lidar.roof", (2, 7, 8), "<f4"),
+    ]
+    offsets, size = lay_out(channels)
+    assert offsets == {"camera": 0, "depth": 128, "lidar.roof": 256}
+    assert size == 256 + 448
+    buffer = FrameBuffer(size)
+    arrays = {c.name: buffer.array(c, offsets[c.name]) for c in channels}
+    for number, array in enumerate(arrays.values()):
+        array[...] = number + 1
+    for number, (channel, array) in enumerate(zip(channels, arrays.values(), strict=True)):
+        assert (array == number + 1).all()
+        assert array.shape == channel.shape
     buffer.close()

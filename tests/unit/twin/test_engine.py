@@ -266,7 +266,7 @@ def test_sensors_come_when_due_and_inactive_slots_are_zero():
 def test_images_go_to_the_given_buffer():
     one = case()
     buffer = np.zeros((1, 18, 32, 3), np.uint8)
-    engine = Engine(one, 1, image_out=buffer)
+    engine = Engine(one, 1, buffers={"camera": buffer})
     engine.reset(0, one)
     values = engine.sense()["camera"].values
     assert np.shares_memory(values, buffer)

@@ -53,8 +53,8 @@ def test_nothing_is_there_unless_asked_for():
     engine = Engine(case(), 1)
     engine.reset(0, case())
     assert set(engine.sense()) == {"camera", "boxes", "vehicle", "environment"}
-    assert engine.refill_every == engine.camera_every
-    assert engine._suite._truth is None
+    assert engine.refill_every == case().control_hz // case().camera.hz
+    assert engine._truth is None
 
 
 def test_each_sensor_comes_at_its_own_rate():

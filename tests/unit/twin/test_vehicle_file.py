@@ -15,7 +15,7 @@ TEXT = (_MODELS / "opencav.yaml").read_text()
     ("old", "new", "expected"),
     [
         ("wheelbase_m: 3.09", "wheelbase_m: -3", r"wheelbase_m: given -3, allowed: a number > 0"),
-        ("schema: 2", "schema: 1", r"schema"),
+        ("schema: 3", "schema: 1", r"schema"),
         ("driven: front", "driven: both", r"driven"),
         ("[1000, 240]", "[500, 240]", r"engine speeds must rise from row to row"),
         ("2.84, 1.91", "1.91, 2.84", r"every gear's ratio must be below"),

@@ -1,0 +1,90 @@
+"""Scene and vehicle files given by path: a changed file is another case, and is noticed."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import twin
+from conductor.source import load
+from schemas.assets import asset_digest, asset_files
+from schemas.campaign import expand
+from schemas.identity import case_digest, rig_key
+from twin.engine import Engine
+from twin.fabric.errors import UsageError
+
+SHIPPED = Path(twin.__file__).parent / "vehicle" / "models"
+CAMPAIGN = """
+campaign: own
+scenario: {vehicle: %s, duration_s: 0.2}
+camera: {width: 32, height: 18}
+matrix: {weather: [clear]}
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    car = tmp_path / "car.yaml"
+    shutil.copy(SHIPPED / "opencav.yaml", car)
+    campaign = tmp_path / "own.yaml"
+    campaign.write_text(CAMPAIGN % car)
+    return campaign, car
+
+
+def test_another_content_is_another_case(files):
+    campaign, car = files
+    before = expand(load(str(campaign)))[0]
+    assert before.files == {str(car): asset_digest(car)}
+    car.write_text(car.read_text().replace("width_m: 2.", "width_m: 1.9"))
+    after = expand(load(str(campaign)))[0]
+    assert case_digest(before) != case_digest(after)
+    assert rig_key(before) != rig_key(after)
+
+
+def test_a_simulator_refuses_other_content(files):
+    campaign, car = files
+    case = expand(load(str(campaign)))[0]
+    Engine(case, 1).close()
+    car.write_text(car.read_text() + "\n# changed\n")
+    with pytest.raises(ValueError, match=r"car\.yaml: it, or a file it names, is not what"):
+        Engine(case, 1)
+
+
+def test_shipped_files_need_no_digest():
+    assert expand(load("aeb-demo"))[0].files == {}
+
+
+def test_files_that_files_name_count(tmp_path):
+    scene = tmp_path / "scene.yaml"
+    (tmp_path / "m").mkdir()
+    scene.write_text("meshes: [{file: m/a.obj}, {file: b.gltf}]\nterrain: {heightmap: h.png}\n")
+    (tmp_path / "m" / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\n")
+    (tmp_path / "m" / "a.mtl").write_text("newmtl x\nmap_Kd -s 1 1 wall.png\n")
+    (tmp_path / "m" / "wall.png").write_bytes(b"1")
+    uris = '{"buffers": [{"uri": "b.bin"}, {"uri": "data:,x"}], "images": [{"uri": "c.png"}]}'
+    (tmp_path / "b.gltf").write_text(uris)
+    (tmp_path / "b.bin").write_bytes(b"2")
+    (tmp_path / "h.png").write_bytes(b"3")
+    names = {str(file.relative_to(tmp_path)) for file in asset_files(scene)}
+    wanted = {"scene.yaml", "m/a.obj", "m/a.mtl", "m/wall.png", "b.gltf", "b.bin", "h.png"}
+    assert names == wanted
+    for name in ("m/wall.png", "b.bin", "h.png"):
+        before = asset_digest(scene)
+        (tmp_path / name).write_bytes(b"other")
+        assert asset_digest(scene) != before, name
+
+
+def test_a_copied_folder_has_the_same_digest(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    first.mkdir()
+    (first / "scene.yaml").write_text("meshes: [{file: x.stl}]\n")
+    (first / "x.stl").write_bytes(b"solid")
+    shutil.copytree(first, second)
+    assert asset_digest(first / "scene.yaml") == asset_digest(second / "scene.yaml")
+
+
+def test_broken_files_are_one_line(files):
+    campaign, car = files
+    car.write_text("a: [")
+    with pytest.raises(UsageError, match=r"car\.yaml"):
+        load(str(campaign))

@@ -1,0 +1,18 @@
+"""Shot and read noise of an image sensor: the last thing added before a signal becomes 8 bits."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.render.noise import draw, normal
+
+# Signal of a white surface in electrons, and read noise relative to it.
+_FULL_WELL = wp.constant(7000.0)
+_READ_NOISE = wp.constant(1.2e-3)
+
+
+@wp.func
+def sensor_noise(x: wp.float32, key: wp.uint64, tick: wp.int32, element: wp.int32) -> wp.float32:
+    """Signal ``x`` with its noise; ``element`` counts the values of an image, row by row, RGB."""
+    sigma = wp.sqrt(wp.max(x, 0.0) / _FULL_WELL + _READ_NOISE * _READ_NOISE)
+    return x + sigma * normal(draw(key, tick, element))

@@ -1,0 +1,278 @@
+"""What looks at the world: cameras and lidars of a rig, each at its own rate, one geometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Camera, Case
+from schemas.identity import stream_key
+from schemas.lidar import lidar_columns
+from schemas.messages import CameraSite, LidarSite, Lights
+from twin.fabric.frames import Channel
+from twin.render.camera import RayCamera
+from twin.render.geometry import Geometry
+from twin.render.light import fill_light, switch_lamps
+from twin.sensors.boxes import BoxSensor
+from twin.sensors.data import SensorData
+from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.vehicle.vehicle_file import Vehicle
+from twin.world.motion import Placement
+from twin.world.scene import Scene
+from twin.world.street import World
+from twin.world.sun import Daylight
+from twin.world.weather import WeatherParameters
+
+HAZARD_PERIOD_NS = 666_000_000
+"""Blink period of hazard lamps: 90 per minute (UN R48 asks for 60 to 120) [ns]."""
+
+_DTYPES = {"depth": "<f4", "instance": "<i4", "semantic": "|u1", "normal": "<f4", "flow": "<f4"}
+_DEPTHS = {"normal": (3,), "flow": (2,)}
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Where the slots' cases stand."""
+
+    tick: np.ndarray
+    """int32 [S]"""
+    sim_time_ns: np.ndarray
+    """int64 [S]"""
+    active: np.ndarray
+    """bool [S]"""
+
+
+def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[Channel]:
+    """The arrays of a rig's cameras and lidars, large enough to be worth sharing.
+
+    Raises:
+        ValueError: the vehicle has no such lidar; one line.
+    """
+    channels = []
+    for camera, suffix in _cameras(case):
+        size = (slots, camera.height, camera.width)
+        channels.append(Channel(f"camera{suffix}", (*size, 3), "|u1"))
+        for output in camera.outputs:
+            shape = (*size, *_DEPTHS.get(output, ()))
+            channels.append(Channel(f"{output}{suffix}", shape, _DTYPES[output]))
+    for site in lidar_sites(case, vehicle):
+        shape = (slots, site.channels * site.columns, len(site.fields))
+        channels.append(Channel(site.message, shape, "<f4"))
+    return channels
+
+
+def lidar_sites(case: Case, vehicle: Vehicle) -> list[LidarSite]:
+    """What a stack may know of the lidars.
+
+    Raises:
+        ValueError: the vehicle has no such lidar, or its rate does not fit; one line.
+    """
+    sites = []
+    for lidar in case.lidars:
+        mount = vehicle.lidar(lidar.name)
+        profile = mount.inline or load_lidar_profile(mount.profile)
+        hz = lidar.hz or profile.hz
+        if case.control_hz % hz:
+            raise ValueError(
+                f"lidar '{lidar.name}': its profile's {hz} Hz do not divide control_hz "
+                f"{case.control_hz}; give lidars[].hz"
+            )
+        sites.append(
+            LidarSite(
+                name=lidar.name,
+                message=f"lidar.{lidar.name}",
+                hz=hz,
+                channels=profile.channels,
+                columns=profile.columns,
+                fields=list(lidar_columns(lidar)),
+                position_m=mount.position_m,
+                rotation_deg=mount.rotation_deg,
+            )
+        )
+    return sites
+
+
+def camera_sites(case: Case, vehicle: Vehicle) -> list[CameraSite]:
+    """What a stack may know of the cameras.
+
+    Raises:
+        ValueError: the vehicle has no such camera; one line.
+    """
+    sites = []
+    for camera, suffix in _cameras(case):
+        mount = vehicle.camera(camera.name)
+        sites.append(
+            CameraSite(
+                name=camera.name,
+                message=f"camera{suffix}",
+                width=camera.width,
+                height=camera.height,
+                hz=camera.hz,
+                hfov_deg=camera.hfov_deg,
+                position_m=mount.position_m,
+                rotation_deg=mount.rotation_deg,
+                lens=mount.lens,
+            )
+        )
+    return sites
+
+
+def _cameras(case: Case) -> Iterator[tuple[Camera, str]]:
+    """The cameras, and what stands behind the kind in the names of their messages."""
+    yield case.camera, ""
+    for camera in case.cameras:
+        yield camera, f".{camera.name}"
+
+
+@dataclass(slots=True)
+class _Eye:
+    """One camera with its boxes."""
+
+    spec: Camera
+    suffix: str
+    every: int
+    camera: RayCamera
+    boxes: BoxSensor
+
+
+@dataclass(slots=True)
+class _Scanner:
+    """One lidar."""
+
+    site: LidarSite
+    every: int
+    sensor: LidarSensor
+
+
+class ExteroceptiveSuite:
+    """Cameras and lidars of all slots."""
+
+    def __init__(
+        self,
+        case: Case,
+        vehicle: Vehicle,
+        scene: Scene,
+        world: World,
+        slots: int,
+        device: wp.Device,
+        buffers: Mapping[str, np.ndarray],
+    ) -> None:
+        """``buffers``: host arrays by channel name; missing ones are allocated.
+
+        Raises:
+            ValueError: the vehicle has no such camera or lidar; one line.
+        """
+        self._geometry = Geometry(world, slots, device)
+        self._eyes = []
+        for camera, suffix in _cameras(case):
+            eye = RayCamera(
+                self._geometry,
+                world,
+                scene.furniture,
+                camera,
+                tuple(vehicle.camera(camera.name).position_m),
+                tuple(vehicle.headlamps_m),
+                buffers.get(f"camera{suffix}"),
+            )
+            boxes = BoxSensor(self._geometry.classes, slots, device)
+            every = case.control_hz // camera.hz
+            self._eyes.append(_Eye(camera, suffix, every, eye, boxes))
+        self._scanners = []
+        for lidar, site in zip(case.lidars, lidar_sites(case, vehicle), strict=True):
+            mount = vehicle.lidar(lidar.name)
+            profile = mount.inline or load_lidar_profile(mount.profile)
+            out = buffers.get(site.message)
+            sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
+            self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
+        self.needs_truth = bool(self._scanners)
+        """:meth:`read` needs the vehicles' truth."""
+        rates = [*(eye.every for eye in self._eyes), *(s.every for s in self._scanners)]
+        self.period = math.lcm(*rates)
+        """Control periods after which all are due together again."""
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case; :meth:`light` must follow."""
+        for eye in self._eyes:
+            row = eye.camera.lights.host[slot]
+            row["noise"] = int(eye.spec.noise)
+            row["key"] = stream_key(case.seed, case.id, f"camera/{eye.spec.name}")
+            row["active"] = 1
+        for scanner in self._scanners:
+            key = stream_key(case.seed, case.id, f"lidar/{scanner.site.name}")
+            scanner.sensor.reset(slot, key)
+
+    def light(self, slot: int, light: Daylight, weather: WeatherParameters) -> None:
+        """Light and air of a slot from now on."""
+        for eye in self._eyes:
+            fill_light(eye.camera.lights.host[slot], light, weather)
+        if self._scanners:
+            air = LidarWeather(
+                extinction_per_m=weather.extinction_per_m,
+                rain_mm_per_h=weather.rain_mm_per_h,
+                snow_mm_per_h=weather.snow_mm_per_h,
+                wetness=weather.wetness,
+                snow_cover=weather.snow_cover,
+            )
+            for scanner in self._scanners:
+                scanner.sensor.weather(slot, air)
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+        for eye in self._eyes:
+            eye.camera.lights.host[slot]["active"] = 0
+            eye.camera.clear(slot)
+        for scanner in self._scanners:
+            scanner.sensor.clear(slot)
+
+    def read(
+        self,
+        now: Moment,
+        lights: list[Lights | None],
+        placement: Placement,
+        pose: wp.array,
+        truth: wp.array | None,
+    ) -> dict[str, SensorData]:
+        """Pictures and points that are due; to be called at every tick, before the step.
+
+        Args:
+            now: ticks and times of the slots.
+            lights: lamps of each slot's ego; None where inactive.
+            placement: where the objects are.
+            pose: vehicle states on the device [S, T].
+            truth: rows of :class:`twin.sensors.vehicle_truth.VehicleTruth`, for lidars.
+        """
+        if not now.active.any():
+            return {}
+        phase = now.tick[now.active] % self.period
+        assert (phase == phase[0]).all(), "active slots are not due for their frames together"
+        due = [eye for eye in self._eyes if phase[0] % eye.every == 0]
+        sweeping = [s for s in self._scanners if phase[0] % s.every == 0]
+        if not due and not sweeping:
+            return {}
+        self._geometry.place(placement)
+        readings = {}
+        for eye in due:
+            _switch(eye.camera.lights.host, now, lights)
+            readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
+            boxes, count = eye.boxes.read(eye.camera.boxes)
+            readings[f"boxes{eye.suffix}"] = SensorData(boxes, count)
+        for scanner in sweeping:
+            assert truth is not None
+            scanner.sensor.air.host["tick"] = now.tick
+            scanner.sensor.scan(truth)
+            points, count = scanner.sensor.pull()
+            readings[scanner.site.message] = SensorData(points, count)
+        return readings
+
+
+def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:
+    """Write what changes from frame to frame: tick, lamps, blinking."""
+    rows["tick"] = now.tick
+    rows["hazard"] = 2 * (now.sim_time_ns % HAZARD_PERIOD_NS) < HAZARD_PERIOD_NS
+    for slot, lamps in enumerate(lights):
+        if lamps is not None:
+            switch_lamps(rows[slot], lamps)
