@@ -150,7 +150,7 @@ class Engine:
     @property
     def cars(self) -> int:
         """How many of the colliders are cars."""
-        return self._world.instances
+        return self._world.cars
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
