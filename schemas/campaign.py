@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 
 from schemas.environment import Environment, environment_mistakes
 from schemas.lens import EFFECTS, Effect
+from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.names import TimeOfDay, minutes
@@ -154,6 +155,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     camera: Camera = Camera()
     cameras: list[Camera] = []
     """Further cameras; their pictures are called `camera.NAME`."""
+    lidars: list[Lidar] = []
+    """Lidars of the vehicle; their points are called `lidar.NAME`."""
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     autonomy: Autonomy = Autonomy()
@@ -182,6 +185,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     scenario: Scenario
     camera: Camera
     cameras: list[Camera] = []
+    lidars: list[Lidar] = []
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     stack: str
@@ -279,6 +283,7 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
             mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
     if not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
+    mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
         mistakes.append(Mistake("autonomy.perception", "empty; name at least one variant"))
@@ -393,6 +398,7 @@ def _case(
             scenario=scenario,
             camera=camera,
             cameras=campaign.cameras,
+            lidars=campaign.lidars,
             sensors=sensors,
             environment=environment,
             stack=campaign.autonomy.stack,
@@ -425,6 +431,7 @@ def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake
         )
     rates = {"camera": camera.hz}
     rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
+    rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
     rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
     mistakes += [
         Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")

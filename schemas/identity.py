@@ -39,7 +39,7 @@ def rig_key(case: Case) -> str:
     """
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
-        *(case.camera, case.sensors.rates(case.control_hz), case.stack),
+        *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
         *(case.parameters, case.placement, case.files),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
@@ -65,6 +65,8 @@ def _rig_key(case: Case) -> str:
         "scene": case.scenario.scene,
         "vehicle": case.scenario.vehicle,
         "camera": msgspec.to_builtins(case.camera),
+        "cameras": msgspec.to_builtins(case.cameras),
+        "lidars": msgspec.to_builtins(case.lidars),
         "sensors": case.sensors.rates(case.control_hz),
         "stack": case.stack,
         "parameters": case.parameters,

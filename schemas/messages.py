@@ -132,6 +132,24 @@ class CameraSite(Struct, frozen=True):
     lens: Lens
 
 
+class LidarSite(Struct, frozen=True):
+    """A lidar of the ego: where it sits, and how its points are ordered."""
+
+    name: str
+    message: str
+    """Name of its messages."""
+    hz: int
+    channels: int
+    columns: int
+    """A message has channels x columns rows, see :data:`schemas.lidar.POINT_COLUMNS`."""
+    fields: list[str]
+    """Names of a row's values."""
+    position_m: list[float]
+    """x forward of the vehicle's reference point, y left, z up [m]."""
+    rotation_deg: list[float]
+    """See :class:`schemas.lidar.LidarMount`."""
+
+
 class Episode(Struct, frozen=True):
     """A slot begins a case: everything the stack may know about it."""
 
@@ -150,6 +168,7 @@ class Episode(Struct, frozen=True):
     control_period_ns: int
     cameras: list[CameraSite] = []
     """All cameras, the main one first."""
+    lidars: list[LidarSite] = []
 
 
 class Detection(Struct, frozen=True):

@@ -14,14 +14,16 @@ import warp as wp
 from schemas.assets import asset_digest
 from schemas.campaign import Case
 from schemas.messages import Command, Lights, command_mistake
+from twin.fabric.frames import Channel
 from twin.kpi import verdict as judging
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
+from twin.sensors import exteroceptive
 from twin.sensors.data import SensorData
-from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
-from twin.sensors.exteroceptive import frame_channels as frame_channels
+from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites, lidar_sites
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
+from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -119,7 +121,10 @@ class Engine:
             stop_at_impact=True,
         )
         self.camera_sites = camera_sites(case, vehicle)
+        self.lidar_sites = lidar_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
+        needs_truth = self._suite.needs_truth or self._eyes.needs_truth
+        self._truth = VehicleTruth(slots, warp_device) if needs_truth else None
         self.refill_every = math.lcm(self._eyes.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
@@ -185,11 +190,14 @@ class Engine:
                 environment(self._illuminance_lx, self._extinction_per_m, self.active)
             ),
         }
-        own = self._suite.read(self._vehicles.rows_device, self.tick, self.active)
+        truth = self._truth.update(self._vehicles.rows_device) if self._truth else None
+        own = self._suite.read(truth, self.tick, self.active)
         sensors.update((name, SensorData(values)) for name, values in own.items())
         now = Moment(self.tick, self.sim_time_ns, self.active)
         self._place_objects()
-        images = self._eyes.read(now, self._lamps(), self._placement, self._vehicles.ego_device)
+        images = self._eyes.read(
+            now, self._lamps(), self._placement, self._vehicles.ego_device, truth
+        )
         sensors.update(images)
         return sensors
 
@@ -307,6 +315,15 @@ class Engine:
         table = run.recorder.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)
+
+
+def frame_channels(case: Case, slots: int) -> list[Channel]:
+    """The arrays of a rig that are large enough to be worth sharing.
+
+    Raises:
+        ValueError: the vehicle has no such sensor; one line.
+    """
+    return exteroceptive.frame_channels(case, load_vehicle(case.scenario.vehicle), slots)
 
 
 def _check_files(case: Case) -> None:

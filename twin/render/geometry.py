@@ -1,15 +1,20 @@
 """What rays meet: one static mesh that all slots share, and each slot's movable objects.
 
-Cameras and lidars of a rig share one :class:`Geometry`, so there is one BVH of the street however
-many sensors look at it. A movable object is an instance of a kind: a small mesh of its own, moved
-by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray enters.
+Cameras and lidars of a rig share one :class:`Geometry`, so there is one hierarchy of the street
+however many sensors look at it. A movable object is an instance of a kind: a small mesh of its
+own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
+enters.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
+from twin.render import bvh, traverse
+from twin.render.texture import Textures, pack_textures
 from twin.world.mesh import Mesh
 from twin.world.mirror import Mirror
 from twin.world.motion import Placement
@@ -18,7 +23,9 @@ from twin.world.street import World
 wp.set_module_options({"enable_backward": False})
 
 LEAF_SIZE_CPU, LEAF_SIZE_CUDA = 8, 2
-"""Faces in a leaf of the BVH; both measured."""
+"""Faces in a leaf of a ``wp.Mesh``; both measured."""
+_BLOCK = 8  # spheres that are met together
+_NOWHERE_M = 1e9
 
 
 @wp.struct
@@ -32,6 +39,10 @@ class Face:
     semantic: wp.int32
     texture: wp.int32
     color: wp.vec3
+    normal: wp.vec3
+    """Unit, in the mesh's own axes."""
+    uv_per_m: wp.float32
+    """Texture coordinates per metre, the square root of the ratio of areas [1/m]."""
 
 
 @wp.struct
@@ -40,6 +51,8 @@ class ObjectPose:
 
     mesh: wp.uint64
     """Mesh of its kind; 0: it is not there."""
+    root: wp.int32
+    """Of its kind's hierarchy; 0: it is not there."""
     first_face: wp.int32
     """Of its kind, in the table of faces."""
     instance: wp.int32
@@ -52,6 +65,8 @@ class ObjectPose:
     """Of the sphere around it, world [m]."""
     radius: wp.float32
     """[m]"""
+    half: wp.vec2
+    """Half its length and width [m]."""
     velocity: wp.vec3
     """World [m/s]."""
     yaw_rate: wp.float32
@@ -67,15 +82,22 @@ class Scene:
     """Handle that kernels get."""
 
     mesh: wp.uint64
-    """The static mesh."""
+    """The static mesh, for queries that :func:`trace` does not answer."""
+    nodes: wp.array(dtype=wp.float32)
+    """Hierarchies of the static mesh, then of each kind; see :mod:`twin.render.bvh`."""
+    leaves: wp.array(dtype=wp.float32)
     faces: wp.array(dtype=Face)
     """Of the static mesh, then of each kind."""
     uv: wp.array(dtype=wp.vec2)
     """Texture coordinates of each face's three corners [3 F]."""
     ambient: wp.array(dtype=wp.float32)
     """Share of the sky that each face's three corners see [3 F]."""
+    textures: Textures
     objects: wp.array2d(dtype=ObjectPose)
     """[S, M]"""
+    spheres: wp.array3d(dtype=wp.float32)
+    """Around the objects [S, B, 32], eight to a block; see
+    :func:`twin.render.traverse.spheres_entered`."""
 
 
 @wp.struct
@@ -99,104 +121,124 @@ class Hit:
 
 
 @wp.func
-def _turned(v: wp.vec3, c: wp.float32, s: wp.float32) -> wp.vec3:
+def turned(v: wp.vec3, c: wp.float32, s: wp.float32) -> wp.vec3:
+    """``v`` after a yaw with cosine ``c`` and sine ``s``."""
     return wp.vec3(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
-@wp.func
-def _enters(pose: ObjectPose, origin: wp.vec3, direction: wp.vec3, far: wp.float32) -> wp.bool:
-    """Whether the ray comes into the object's sphere within ``far``."""
-    to = pose.centre - origin
-    along = wp.dot(to, direction)
-    square = wp.dot(to, to) - along * along
-    reach = pose.radius * pose.radius
-    return square <= reach and along + pose.radius > 0.0 and along - pose.radius < far
+def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
+    """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.traverse`."""
+
+    @wp.func
+    def trace(
+        scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+    ) -> Hit:
+        """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
+        hit = Hit()
+        hit.object = wp.int32(-1)
+        hit.instance = wp.int32(-1)
+        found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
+        hit.face = wp.cast(found[3], wp.int32)
+        for block in range(scene.spheres.shape[1]):
+            mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, found[0])
+            while mask != 0:
+                k = traverse.lowest_bit(mask)
+                mask = mask & (mask - 1)
+                m = block * 8 + k
+                pose = scene.objects[slot, m]
+                local = turned(origin - pose.position, pose.cosine, -pose.sine)
+                ahead = turned(direction, pose.cosine, -pose.sine)
+                own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
+                face = wp.cast(own[3], wp.int32)
+                if face >= 0:
+                    found = own
+                    hit.face = pose.first_face + face
+                    hit.object = m
+        hit.t = found[0]
+        hit.u = found[1]
+        hit.v = found[2]
+        if hit.face >= 0:
+            hit.found = True
+            hit.normal = scene.faces[hit.face].normal
+            hit.instance = scene.faces[hit.face].instance
+            if hit.object >= 0:
+                hit.instance = scene.objects[slot, hit.object].instance
+                hit.normal = turned(
+                    hit.normal,
+                    scene.objects[slot, hit.object].cosine,
+                    scene.objects[slot, hit.object].sine,
+                )
+            if wp.dot(hit.normal, direction) > 0.0:
+                hit.normal = -hit.normal
+        return hit
+
+    @wp.func
+    def occluded(
+        scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+    ) -> wp.bool:
+        """Whether anything lies on the ray within ``far`` [m]."""
+        if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
+            return True
+        for block in range(scene.spheres.shape[1]):
+            mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
+            while mask != 0:
+                m = block * 8 + traverse.lowest_bit(mask)
+                mask = mask & (mask - 1)
+                pose = scene.objects[slot, m]
+                local = turned(origin - pose.position, pose.cosine, -pose.sine)
+                ahead = turned(direction, pose.cosine, -pose.sine)
+                if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
+                    return True
+        return False
+
+    return trace, occluded
 
 
-@wp.func
-def trace(
-    scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
-) -> Hit:
-    """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
-    hit = Hit()
-    hit.t = far
-    hit.object = wp.int32(-1)
-    hit.instance = wp.int32(-1)
-    static = wp.mesh_query_ray(scene.mesh, origin, direction, far)
-    if static.result:
-        hit.found = True
-        hit.t = static.t
-        hit.face = static.face
-        hit.instance = scene.faces[static.face].instance
-        hit.normal = static.normal
-        hit.u = static.u
-        hit.v = static.v
-    for m in range(scene.objects.shape[1]):
-        pose = scene.objects[slot, m]
-        if pose.mesh != wp.uint64(0) and _enters(pose, origin, direction, hit.t):
-            local = _turned(origin - pose.position, pose.cosine, -pose.sine)
-            ahead = _turned(direction, pose.cosine, -pose.sine)
-            own = wp.mesh_query_ray(pose.mesh, local, ahead, hit.t)
-            if own.result:
-                hit.found = True
-                hit.t = own.t
-                hit.face = pose.first_face + own.face
-                hit.instance = pose.instance
-                hit.object = m
-                hit.normal = _turned(own.normal, pose.cosine, pose.sine)
-                hit.u = own.u
-                hit.v = own.v
-    if wp.dot(hit.normal, direction) > 0.0:
-        hit.normal = -hit.normal
-    return hit
-
-
-@wp.func
-def occluded(
-    scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
-) -> wp.bool:
-    """Whether anything lies on the ray within ``far`` [m]."""
-    if wp.mesh_query_ray_anyhit(scene.mesh, origin, direction, far):
-        return True
-    for m in range(scene.objects.shape[1]):
-        pose = scene.objects[slot, m]
-        if pose.mesh != wp.uint64(0) and _enters(pose, origin, direction, far):
-            local = _turned(origin - pose.position, pose.cosine, -pose.sine)
-            ahead = _turned(direction, pose.cosine, -pose.sine)
-            if wp.mesh_query_ray_anyhit(pose.mesh, local, ahead, far):
-                return True
-    return False
+trace, occluded = ray_functions(traverse.closest, traverse.blocked)
 
 
 class Geometry:
     """The meshes of a rig on its device, and where each slot's objects are."""
 
-    def __init__(self, world: World, slots: int, device: wp.Device) -> None:
+    def __init__(
+        self, world: World, slots: int, device: wp.Device, shape: bvh.Shape | None = None
+    ) -> None:
+        """``shape`` of the hierarchies: by default the one that the device's traversal expects."""
         self.device = device
         self.slots = slots
+        self.world = world
         self.classes = wp.array(world.classes, dtype=wp.int32, device=device)
         """Class of each instance, index into :data:`schemas.messages.OBJECT_CLASSES`."""
         self.instances = len(world.classes)
-        self._world = world
-        self._keep: list[wp.array] = []
         meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
-        built = [self._build(mesh) for mesh in meshes]
-        self._meshes = built
         self._first_face = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
-        self._ids = np.array([0, *(mesh.id for mesh in built[1:])], np.uint64)
         self._spheres = np.array([_sphere(mesh) for mesh in meshes])
+        halves = [(0.0, 0.0), *((k.half_length_m, k.half_width_m) for k in world.kinds)]
+        self._halves = np.array(halves)
         scene = Scene()
-        scene.mesh = built[0].id
-        scene.faces = wp.array(
-            np.concatenate([_face_rows(mesh) for mesh in meshes]), dtype=Face, device=device
-        )
+        self._meshes = [self._build(mesh) for mesh in meshes]
+        scene.mesh = self._meshes[0].id
+        self._ids = np.array([0, *(mesh.id for mesh in self._meshes[1:])], np.uint64)
+        shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
+        nodes, leaves, self._roots = _hierarchies(meshes, shape)
+        scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
+        scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
+        rows = np.concatenate([_face_rows(mesh) for mesh in meshes])
+        scene.faces = wp.array(rows, dtype=Face, device=device)
         corners = [mesh.faces.ravel() for mesh in meshes]
         uv = np.concatenate([m.uv[c] for m, c in zip(meshes, corners, strict=True)])
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
-        self.poses = Mirror((slots, world.motion.count), ObjectPose, device)
+        scene.textures = pack_textures(world.textures, device)
+        count = world.motion.count
+        self.poses = Mirror((slots, count), ObjectPose, device)
         scene.objects = self.poses.device
+        blocks = -(-count // _BLOCK)
+        self._around = Mirror((slots, blocks, 4 * _BLOCK), wp.float32, device)
+        self._around.host.reshape(slots, blocks, 4, _BLOCK)[:, :, :2] = _NOWHERE_M
+        self._around.host.reshape(slots, blocks, 4, _BLOCK)[:, :, 3] = -1.0
+        scene.spheres = self._around.device
         self.scene = scene
 
     def _build(self, mesh: Mesh) -> wp.Mesh:
@@ -207,15 +249,17 @@ class Geometry:
 
     def place(self, placement: Placement) -> None:
         """Put every slot's objects where ``placement`` says."""
-        if not self._world.motion.count:
+        world, count = self.world, self.world.motion.count
+        if not count:
             return
         rows = self.poses.host
         kind = placement.kind + 1  # 0: not there
         cosine, sine = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
         sphere = self._spheres[kind]
         rows["mesh"] = self._ids[kind]
+        rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
-        rows["instance"] = self._world.first_mover + np.arange(self._world.motion.count)
+        rows["instance"] = world.first_mover + np.arange(count)
         rows["position"] = placement.position_m
         rows["cosine"], rows["sine"] = cosine, sine
         x, y, z = sphere[..., 0], sphere[..., 1], sphere[..., 2]
@@ -223,10 +267,35 @@ class Geometry:
         rows["centre"][..., 1] = placement.position_m[..., 1] + sine * x + cosine * y
         rows["centre"][..., 2] = placement.position_m[..., 2] + z
         rows["radius"] = sphere[..., 3]
+        rows["half"] = self._halves[kind]
         rows["velocity"] = placement.velocity_mps
         rows["yaw_rate"] = placement.yaw_rate_radps
         rows["brake"], rows["lamps"] = placement.brake, placement.lamps
+        around = self._around.host.reshape(self.slots, -1, 4, _BLOCK)
+        # A sphere that no ray enters stands for an object that is not there.
+        balls = np.full((self.slots, around.shape[1] * _BLOCK, 4), _NOWHERE_M, np.float32)
+        balls[:, :, 3] = -1.0
+        there = kind > 0
+        balls[:, :count, :3] = np.where(there[..., None], rows["centre"], _NOWHERE_M)
+        balls[:, :count, 3] = np.where(there, rows["radius"], -1.0)
+        around[...] = balls.reshape(self.slots, -1, _BLOCK, 4).transpose(0, 1, 3, 2)
         self.poses.push()
+        self._around.push()
+
+
+def _hierarchies(meshes: list[Mesh], shape: bvh.Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All meshes' hierarchies as flat words, and the node each begins with."""
+    nodes, leaves, roots = [], [], []
+    node, leaf = 0, 0
+    for mesh in meshes:
+        built = bvh.build_bvh(mesh.points_m, mesh.faces, shape)
+        words = built.words(node, leaf, shape)
+        nodes.append(words[0])
+        leaves.append(words[1])
+        roots.append(node)
+        node += len(built.nodes)
+        leaf += len(built.leaves)
+    return np.concatenate(nodes), np.concatenate(leaves), np.array(roots)
 
 
 def _face_rows(mesh: Mesh) -> np.ndarray:
@@ -234,6 +303,14 @@ def _face_rows(mesh: Mesh) -> np.ndarray:
     rows["material"], rows["tag"] = mesh.material, mesh.tag
     rows["instance"], rows["color"] = mesh.instance, mesh.color
     rows["semantic"], rows["texture"] = mesh.semantic, mesh.texture
+    a, b, c = mesh.points_m[mesh.faces].astype(float).transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    rows["normal"] = normal / np.maximum(length, 1e-30)
+    p, q, r = mesh.uv[mesh.faces].astype(float).transpose(1, 0, 2)
+    d, e = q - p, r - p
+    area = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
+    rows["uv_per_m"] = np.sqrt(area / np.maximum(length[:, 0], 1e-30))
     return rows
 
 

@@ -19,9 +19,7 @@ from twin.render import post_bloom, post_focus, post_motion
 from twin.render.post_bloom import Bloom, bloom_bytes, level_sizes
 from twin.render.post_film import falloff, film_kernel, film_of
 from twin.render.post_focus import FocusBlur, focus_bytes, focus_of
-
-_LONGEST_BLUR = 0.1
-"""Longest motion blur, as a share of the image width [-]."""
+from twin.render.post_motion import MotionBlur, motion_bytes
 
 
 def check_effects(effects: Iterable[str]) -> tuple[str, ...]:
@@ -68,6 +66,8 @@ def bytes_needed(slots: int, height: int, width: int, effects: Iterable[str]) ->
         total += slots * height * width * 6
     if "depth_of_field" in on:
         total += focus_bytes(slots, height, width)
+    if "motion_blur" in on:
+        total += motion_bytes(slots, height, width)
     if "bloom" in on and level_sizes(height, width):
         total += bloom_bytes(slots, height, width)
     if "vignette" in on:
@@ -102,10 +102,9 @@ class PostEffects:
         self.gain = wp.ones(slots, dtype=wp.float32, device=device)
         """Factor on the signal of each slot before noise and tone [-]."""
         self._shape = (slots, height, width)
-        self._share = min(1.0, lens.shutter_s * hz)
-        self._longest_px = _LONGEST_BLUR * width
         self._film = film_of(lens, height, width, hfov_deg)
         self._focus: FocusBlur | None = None
+        self._motion: MotionBlur | None = None
         self._bloom: Bloom | None = None
         self._scratch: wp.array | None = None
         if self.needs_depth or self.needs_flow:
@@ -113,6 +112,9 @@ class PostEffects:
         if self.needs_depth:
             focus = focus_of(lens, height, width, hfov_deg)
             self._focus = FocusBlur(focus, slots, height, width, device)
+        if self.needs_flow:
+            share = min(1.0, lens.shutter_s * hz)
+            self._motion = MotionBlur(share, slots, height, width, device)
         if "bloom" in self.effects and level_sizes(height, width):
             self._bloom = Bloom(slots, height, width, device)
         passed = np.ones((1, 1), np.float32)
@@ -153,8 +155,8 @@ class PostEffects:
 
         Args:
             hdr: linear signal, float16 [S, H, W, 3]; **overwritten**, it serves as scratch memory.
-            depth: distance along the optical axis, float32 [S, H, W] [m], +inf for the sky; None
-                unless :attr:`needs_depth`.
+            depth: distance along the optical axis, float32 [S, H, W] [m], +inf for the sky; may be
+                None unless :attr:`needs_depth`; motion blur is better with it.
             flow: way of a pixel's point to where it was in the previous frame, float32
                 [S, H, W, 2] (x, y) [px]; None unless :attr:`needs_flow`.
             lights: SlotLight [S]: active, noise, key and tick are read.
@@ -165,14 +167,8 @@ class PostEffects:
         if self._focus is not None:
             self._focus.blur(lights, image, depth, spare)
             image, spare = spare, image
-        if self.needs_flow:
-            wp.launch(
-                post_motion.motion_kernel,
-                self._shape,
-                inputs=[self._share, self._longest_px, lights, image, flow],
-                outputs=[spare],
-                device=self._device,
-            )
+        if self._motion is not None:
+            self._motion.blur(lights, image, flow, depth, spare)
             image, spare = spare, image
         scattered = self._no_bloom
         if self._bloom is not None:

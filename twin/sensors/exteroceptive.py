@@ -1,4 +1,4 @@
-"""What looks at the world: the cameras of a rig, each at its own rate, on one shared geometry."""
+"""What looks at the world: cameras and lidars of a rig, each at its own rate, one geometry."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import warp as wp
 
 from schemas.campaign import Camera, Case
 from schemas.identity import stream_key
-from schemas.messages import CameraSite, Lights
+from schemas.lidar import lidar_columns
+from schemas.messages import CameraSite, LidarSite, Lights
 from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import fill_light, switch_lamps
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
+from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.motion import Placement
 from twin.world.scene import Scene
@@ -44,8 +46,12 @@ class Moment:
     """bool [S]"""
 
 
-def frame_channels(case: Case, slots: int) -> list[Channel]:
-    """The arrays of a rig's cameras, large enough to be worth sharing."""
+def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[Channel]:
+    """The arrays of a rig's cameras and lidars, large enough to be worth sharing.
+
+    Raises:
+        ValueError: the vehicle has no such lidar; one line.
+    """
     channels = []
     for camera, suffix in _cameras(case):
         size = (slots, camera.height, camera.width)
@@ -53,7 +59,41 @@ def frame_channels(case: Case, slots: int) -> list[Channel]:
         for output in camera.outputs:
             shape = (*size, *_DEPTHS.get(output, ()))
             channels.append(Channel(f"{output}{suffix}", shape, _DTYPES[output]))
+    for site in lidar_sites(case, vehicle):
+        shape = (slots, site.channels * site.columns, len(site.fields))
+        channels.append(Channel(site.message, shape, "<f4"))
     return channels
+
+
+def lidar_sites(case: Case, vehicle: Vehicle) -> list[LidarSite]:
+    """What a stack may know of the lidars.
+
+    Raises:
+        ValueError: the vehicle has no such lidar, or its rate does not fit; one line.
+    """
+    sites = []
+    for lidar in case.lidars:
+        mount = vehicle.lidar(lidar.name)
+        profile = mount.inline or load_lidar_profile(mount.profile)
+        hz = lidar.hz or profile.hz
+        if case.control_hz % hz:
+            raise ValueError(
+                f"lidar '{lidar.name}': its profile's {hz} Hz do not divide control_hz "
+                f"{case.control_hz}; give lidars[].hz"
+            )
+        sites.append(
+            LidarSite(
+                name=lidar.name,
+                message=f"lidar.{lidar.name}",
+                hz=hz,
+                channels=profile.channels,
+                columns=profile.columns,
+                fields=list(lidar_columns(lidar)),
+                position_m=mount.position_m,
+                rotation_deg=mount.rotation_deg,
+            )
+        )
+    return sites
 
 
 def camera_sites(case: Case, vehicle: Vehicle) -> list[CameraSite]:
@@ -99,8 +139,17 @@ class _Eye:
     boxes: BoxSensor
 
 
+@dataclass(slots=True)
+class _Scanner:
+    """One lidar."""
+
+    site: LidarSite
+    every: int
+    sensor: LidarSensor
+
+
 class ExteroceptiveSuite:
-    """Cameras of all slots."""
+    """Cameras and lidars of all slots."""
 
     def __init__(
         self,
@@ -115,9 +164,8 @@ class ExteroceptiveSuite:
         """``buffers``: host arrays by channel name; missing ones are allocated.
 
         Raises:
-            ValueError: the vehicle has no such camera; one line.
+            ValueError: the vehicle has no such camera or lidar; one line.
         """
-        self._world = world
         self._geometry = Geometry(world, slots, device)
         self._eyes = []
         for camera, suffix in _cameras(case):
@@ -133,7 +181,17 @@ class ExteroceptiveSuite:
             boxes = BoxSensor(self._geometry.classes, slots, device)
             every = case.control_hz // camera.hz
             self._eyes.append(_Eye(camera, suffix, every, eye, boxes))
-        self.period = math.lcm(*(eye.every for eye in self._eyes))
+        self._scanners = []
+        for lidar, site in zip(case.lidars, lidar_sites(case, vehicle), strict=True):
+            mount = vehicle.lidar(lidar.name)
+            profile = mount.inline or load_lidar_profile(mount.profile)
+            out = buffers.get(site.message)
+            sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
+            self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
+        self.needs_truth = bool(self._scanners)
+        """:meth:`read` needs the vehicles' truth."""
+        rates = [*(eye.every for eye in self._eyes), *(s.every for s in self._scanners)]
+        self.period = math.lcm(*rates)
         """Control periods after which all are due together again."""
 
     def reset(self, slot: int, case: Case) -> None:
@@ -143,35 +201,57 @@ class ExteroceptiveSuite:
             row["noise"] = int(eye.spec.noise)
             row["key"] = stream_key(case.seed, case.id, f"camera/{eye.spec.name}")
             row["active"] = 1
+        for scanner in self._scanners:
+            key = stream_key(case.seed, case.id, f"lidar/{scanner.site.name}")
+            scanner.sensor.reset(slot, key)
 
     def light(self, slot: int, light: Daylight, weather: WeatherParameters) -> None:
         """Light and air of a slot from now on."""
         for eye in self._eyes:
             fill_light(eye.camera.lights.host[slot], light, weather)
+        if self._scanners:
+            air = LidarWeather(
+                extinction_per_m=weather.extinction_per_m,
+                rain_mm_per_h=weather.rain_mm_per_h,
+                snow_mm_per_h=weather.snow_mm_per_h,
+                wetness=weather.wetness,
+                snow_cover=weather.snow_cover,
+            )
+            for scanner in self._scanners:
+                scanner.sensor.weather(slot, air)
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""
         for eye in self._eyes:
             eye.camera.lights.host[slot]["active"] = 0
             eye.camera.clear(slot)
+        for scanner in self._scanners:
+            scanner.sensor.clear(slot)
 
     def read(
-        self, now: Moment, lights: list[Lights | None], placement: Placement, pose: wp.array
+        self,
+        now: Moment,
+        lights: list[Lights | None],
+        placement: Placement,
+        pose: wp.array,
+        truth: wp.array | None,
     ) -> dict[str, SensorData]:
-        """Pictures of the cameras that are due; to be called at every tick, before the step.
+        """Pictures and points that are due; to be called at every tick, before the step.
 
         Args:
             now: ticks and times of the slots.
             lights: lamps of each slot's ego; None where inactive.
             placement: where the objects are.
             pose: vehicle states on the device [S, T].
+            truth: rows of :class:`twin.sensors.vehicle_truth.VehicleTruth`, for lidars.
         """
         if not now.active.any():
             return {}
         phase = now.tick[now.active] % self.period
         assert (phase == phase[0]).all(), "active slots are not due for their frames together"
         due = [eye for eye in self._eyes if phase[0] % eye.every == 0]
-        if not due:
+        sweeping = [s for s in self._scanners if phase[0] % s.every == 0]
+        if not due and not sweeping:
             return {}
         self._geometry.place(placement)
         readings = {}
@@ -180,6 +260,12 @@ class ExteroceptiveSuite:
             readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
             boxes, count = eye.boxes.read(eye.camera.boxes)
             readings[f"boxes{eye.suffix}"] = SensorData(boxes, count)
+        for scanner in sweeping:
+            assert truth is not None
+            scanner.sensor.air.host["tick"] = now.tick
+            scanner.sensor.scan(truth)
+            points, count = scanner.sensor.pull()
+            readings[scanner.site.message] = SensorData(points, count)
         return readings
 
 

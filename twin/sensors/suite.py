@@ -13,7 +13,6 @@ from schemas.messages import SensorErrors
 from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver
 from twin.sensors.imu import InertialUnit
-from twin.sensors.vehicle_truth import VehicleTruth
 from twin.world.scene import Origin
 
 
@@ -48,7 +47,8 @@ class SensorSuite:
             self._sensors["gnss"] = SatelliteReceiver(case, origin, slots, device)
         if "imu" in wanted:
             self._sensors["imu"] = InertialUnit(case, slots, device)
-        self._truth = VehicleTruth(slots, device) if wanted else None
+        self.needs_truth = bool(wanted)
+        """:meth:`read` needs the vehicles' truth."""
         self.period = math.lcm(*(sensor.every for sensor in self._sensors.values()))
         """Control periods after which all sensors are due together again."""
 
@@ -77,17 +77,18 @@ class SensorSuite:
         for sensor in self._sensors.values():
             sensor.modulate(slot, errors)
 
-    def read(self, state: wp.array, tick: np.ndarray, active: np.ndarray) -> dict[str, np.ndarray]:
+    def read(
+        self, truth: wp.array | None, tick: np.ndarray, active: np.ndarray
+    ) -> dict[str, np.ndarray]:
         """Readings of the sensors that are due; to be called at every tick, before the step.
 
         Args:
-            state: :class:`twin.vehicle.state.VehicleState` [S, V] on the device, the ego first.
+            truth: rows of :class:`twin.sensors.vehicle_truth.VehicleTruth`, if anything is there.
             tick: case ticks [S].
             active: bool [S].
         """
-        if self._truth is None or not active.any():
+        if truth is None or not self._sensors or not active.any():
             return {}
-        truth = self._truth.update(state)
         phase = tick[active] % self.period
         assert (phase == phase[0]).all(), "active slots are not due for their sensors together"
         return {

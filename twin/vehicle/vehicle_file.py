@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from schemas.lens import CameraMount
+from schemas.lidar import LidarMount
 from schemas.names import Name
 from schemas.validation import suggest
 from twin.world.scene import load_named
@@ -281,6 +282,8 @@ class Vehicle(_Spec, kw_only=True):
     reference: Reference = field(default_factory=Reference)
     cameras: Annotated[dict[Name, CameraMount], Meta(min_length=1)]
     """Cameras by name; campaigns choose among them."""
+    lidars: dict[Name, LidarMount] = {}
+    """Lidars by name; campaigns choose among them."""
     headlamps_m: Point
     """Middle between the headlamps [m]."""
 
@@ -307,6 +310,17 @@ class Vehicle(_Spec, kw_only=True):
                 f"vehicle '{self.vehicle}': no camera '{name}'; {suggest(name, list(self.cameras))}"
             )
         return self.cameras[name]
+
+    def lidar(self, name: str) -> LidarMount:
+        """The lidar called ``name``.
+
+        Raises:
+            ValueError: it has none; one line.
+        """
+        if name not in self.lidars:
+            known = suggest(name, list(self.lidars)) if self.lidars else "it has no lidars"
+            raise ValueError(f"vehicle '{self.vehicle}': no lidar '{name}'; {known}")
+        return self.lidars[name]
 
     @property
     def centre_offset_m(self) -> float:

@@ -292,6 +292,7 @@ def _episode(index: int, lease: Lease, seq: int, engine: Engine) -> Episode:
         hfov_deg=case.camera.hfov_deg,
         control_period_ns=engine.control_period_ns,
         cameras=engine.camera_sites,
+        lidars=engine.lidar_sites,
     )
 
 

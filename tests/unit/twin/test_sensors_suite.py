@@ -54,7 +54,7 @@ def test_nothing_is_there_unless_asked_for():
     engine.reset(0, case())
     assert set(engine.sense()) == {"camera", "boxes", "vehicle", "environment"}
     assert engine.refill_every == case().control_hz // case().camera.hz
-    assert engine._suite._truth is None
+    assert engine._truth is None
 
 
 def test_each_sensor_comes_at_its_own_rate():

@@ -1,0 +1,62 @@
+"""The memory plan: sums, what fits, and the sentence when it does not."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from schemas.campaign import Camera, ImageOutput
+from twin.render.memory import OUTPUT_BYTES, LidarLoad, plan
+
+PAIR = [Camera(name=f"front_{side}", width=640, height=360) for side in ("left", "right")]
+EYE = Camera(name="eye", width=640, height=360)
+BLURRED = msgspec.structs.replace(EYE, effects=["motion_blur"])
+LIDAR = [LidarLoad("roof", 32 * 1024)]
+
+
+def test_a_full_rig_of_256_slots_stays_below_12_gb():
+    full = [
+        Camera(name=c.name, width=640, height=360, effects=["all"], outputs=list(OUTPUT_BYTES))
+        for c in PAIR
+    ]
+    for cameras in (PAIR, full):
+        found = plan(cameras, LIDAR, 256, triangles=100_000, instances=64, objects=32)
+        assert 0.3e9 < found.bytes_total < 12e9
+    assert found.bytes_total > 4e9
+
+
+def test_the_sum_is_that_of_the_buffers():
+    bare = plan([], [], 8, triangles=0).bytes_total
+    one = plan([EYE], [], 8, triangles=0, sky_bytes=0)
+    pixels = 640 * 360
+    light = next(r.per_slot for r in one.rows if r.name == "eye: light, sky and boxes")
+    assert one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light
+    blurred = plan([BLURRED], [], 8, triangles=0, sky_bytes=0)
+    # The linear picture, flow, one more linear picture; twice 12 x 20 tiles and the gain.
+    assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + 2 * 240 * 8 + 4)
+    flow = msgspec.structs.replace(BLURRED, outputs=["flow"])
+    shared = plan([flow], [], 8, triangles=0, sky_bytes=0)
+    assert shared.bytes_total == blurred.bytes_total
+    lidar = plan([], [LidarLoad("roof", 1000, 40)], 8, triangles=0)
+    assert lidar.bytes_total - bare == 8 * 1000 * 40
+
+
+def test_the_largest_number_of_slots_fits_and_one_more_does_not():
+    free = 10_000_000_000
+    found = plan(PAIR, LIDAR, 1, triangles=50_000)
+    most = found.slots_max(free)
+    plan(PAIR, LIDAR, most, triangles=50_000).check(free)
+    with pytest.raises(
+        ValueError, match=rf"and 10\.00 GB are free: at most {most} fit; ask for"
+    ) as e:
+        plan(PAIR, LIDAR, most + 1, triangles=50_000).check(free)
+    assert "\n" not in str(e.value)
+    with pytest.raises(ValueError, match="not even one fits"):
+        found.check(100_000_000)
+    lines = plan(PAIR, LIDAR, 64, triangles=50_000).lines()
+    assert lines[-1].endswith("for 64 slots")
+    assert any("front_left: pictures" in line for line in lines)
+
+
+def test_every_output_has_a_size():
+    assert set(OUTPUT_BYTES) == set(ImageOutput.__args__)

@@ -1,0 +1,165 @@
+"""GPU memory of a rig's cameras and LiDARs, added up before anything is allocated.
+
+Everything grows with the number of slots in a straight line, so the largest number that fits is
+known as well. Buffers follow the kernels' argument types; what cannot be known before the scene is
+built (BVH nodes) is an upper bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Camera
+from twin.render.light import SlotLight
+from twin.render.post import bytes_needed, needs_depth, needs_flow
+
+OUTPUT_BYTES = {"depth": 4, "instance": 4, "semantic": 1, "normal": 12, "flow": 8}
+"""What an output of a camera takes on the device beside the picture [bytes per pixel]."""
+
+_BYTES_PER_TRIANGLE = 512
+"""Corners, texture coordinates, baked light, face row and two kinds of BVH, rounded up."""
+_BYTES_PER_BOX = 2 * 6 * 4
+_PICTURE_BYTES, _HDR_BYTES = 3, 3 * 2
+_DEPTH_BYTES, _FLOW_BYTES = OUTPUT_BYTES["depth"], OUTPUT_BYTES["flow"]
+_RAY_BYTES = 3 * 4
+_OBJECT_BYTES = 256
+"""Pose, sphere and look of a movable object, rounded up."""
+_RESERVE_BYTES = 256 * 2**20
+"""Kernels, their stacks, and rounding of the allocator."""
+
+
+@dataclass(frozen=True, slots=True)
+class LidarLoad:
+    """What of a LiDAR takes memory."""
+
+    name: str
+    rays: int
+    """Channels times columns of a sweep."""
+    bytes_per_ray: int = 64
+    """A point of the cloud and what its ray met on the way there, rounded up."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryRow:
+    """One line of the plan."""
+
+    name: str
+    fixed: int
+    """[bytes]"""
+    per_slot: int
+    """[bytes]"""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryPlan:
+    """What a rig takes on its GPU."""
+
+    slots: int
+    rows: tuple[MemoryRow, ...]
+
+    @property
+    def bytes_total(self) -> int:
+        """All of it [bytes]."""
+        return sum(row.fixed + self.slots * row.per_slot for row in self.rows)
+
+    def slots_max(self, free: int) -> int:
+        """Largest number of slots that fits into ``free`` [bytes]; 0: not even one."""
+        left = free - sum(row.fixed for row in self.rows)
+        return max(0, left // max(1, sum(row.per_slot for row in self.rows)))
+
+    def lines(self) -> list[str]:
+        """The plan for people: one line per row, largest first, then the sum."""
+        sizes = {row.name: row.fixed + self.slots * row.per_slot for row in self.rows}
+        ranked = sorted(sizes.items(), key=lambda item: -item[1])
+        found = [f"{size / 1e6:10,.1f} MB  {name}" for name, size in ranked]
+        return [*found, f"{self.bytes_total / 1e6:10,.1f} MB  for {self.slots} slots"]
+
+    def check(self, free: int) -> None:
+        """Refuse what does not fit into ``free`` [bytes].
+
+        Raises:
+            ValueError: it does not; one line with the largest number of slots that does.
+        """
+        if self.bytes_total <= free:
+            return
+        most = self.slots_max(free)
+        fits = f"at most {most} fit" if most else "not even one fits"
+        raise ValueError(
+            f"{self.slots} slots of this rig need {self.bytes_total / 1e9:.2f} GB of GPU memory "
+            f"and {free / 1e9:.2f} GB are free: {fits}; ask for fewer slots, smaller pictures, "
+            "fewer outputs or effects"
+        )
+
+
+def plan(
+    cameras: Sequence[Camera],
+    lidars: Sequence[LidarLoad],
+    slots: int,
+    *,
+    triangles: int,
+    texture_bytes: int = 0,
+    instances: int = 0,
+    objects: int = 0,
+    sky_bytes: int = 32 * 64 * 12,
+) -> MemoryPlan:
+    """Memory for ``slots`` cases at once.
+
+    Args:
+        cameras: every camera of the campaign.
+        lidars: every LiDAR of the campaign.
+        slots: cases at once.
+        triangles: of the street and of every kind of object.
+        texture_bytes: of all textures on the device [bytes].
+        instances: things that get a box.
+        objects: movable objects in a slot.
+        sky_bytes: a slot's table of the sky [bytes].
+    """
+    light = np.dtype(SlotLight.numpy_dtype()).itemsize
+    rows = [
+        MemoryRow("kernels and reserve", _RESERVE_BYTES, 0),
+        MemoryRow("scene", triangles * _BYTES_PER_TRIANGLE + texture_bytes, 0),
+        MemoryRow("movable objects", 0, objects * _OBJECT_BYTES),
+    ]
+    for camera in cameras:
+        rows += _camera_rows(camera, instances * _BYTES_PER_BOX + light + sky_bytes)
+    rows += [
+        MemoryRow(f"{lidar.name}: rays", 0, lidar.rays * lidar.bytes_per_ray) for lidar in lidars
+    ]
+    return MemoryPlan(slots, tuple(rows))
+
+
+def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
+    """``small``: light, sky and boxes of a slot [bytes]."""
+    on = camera.active_effects()
+    pixels = camera.width * camera.height
+    outputs = sum(OUTPUT_BYTES[name] for name in set(camera.outputs))
+    rows = [
+        MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
+        MemoryRow(f"{camera.name}: pictures", 0, pixels * (_PICTURE_BYTES + outputs)),
+        MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
+    ]
+    if on:
+        # Depth and flow that are an output anyway are there already.
+        extra = _HDR_BYTES
+        extra += _DEPTH_BYTES if needs_depth(on) and "depth" not in camera.outputs else 0
+        extra += _FLOW_BYTES if needs_flow(on) and "flow" not in camera.outputs else 0
+        rows.append(MemoryRow(f"{camera.name}: linear picture", 0, pixels * extra))
+        one, two = (bytes_needed(n, camera.height, camera.width, on) for n in (1, 2))
+        rows.append(MemoryRow(f"{camera.name}: effects", 2 * one - two, two - one))
+    return rows
+
+
+def check_free(found: MemoryPlan, device: wp.Device, others: Iterable[int] = ()) -> None:
+    """Refuse a plan that does not fit into what is free on ``device``; on a CPU nothing is refused.
+
+    ``others``: further memory that will be taken, such as vehicles [bytes].
+
+    Raises:
+        ValueError: it does not fit; one line.
+    """
+    if device.is_cuda:
+        found.check(device.free_memory - sum(others))

@@ -1,0 +1,234 @@
+"""Which face each ray of a LiDAR meets first: packets of 16 neighbouring rays, for the CPU.
+
+A core tests 16 rays at once with its vector unit; Warp's own ray query takes one ray at a time
+(measured on one core of a Zen 5: 14.8 against 2.1 million rays/s). The packet walks the BVH that
+Warp has built for the mesh, reading Warp's native structures, so it belongs to the pinned series of
+Warp; results agree with :mod:`twin.sensors.lidar_cast` to rounding, and where two faces are equally
+far either may be named.
+
+Edges are tested by the sign of the volume that ray and edge span (Plücker coordinates), whose value
+for one edge is the negative of its neighbour's: rays do not slip between two faces.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.render.geometry import Scene
+from twin.sensors.lidar_air import LidarAir
+from twin.sensors.lidar_sweep import TILE_COLUMNS, TILE_ROWS, Beams, Hit, SweepPose
+
+wp.set_module_options({"enable_backward": False})
+
+PACKET = 16
+"""Rays of a packet: two channels by eight columns."""
+PACKETS_PER_TILE = TILE_COLUMNS * TILE_ROWS // PACKET
+_PACKETS = wp.constant(PACKETS_PER_TILE)
+_ROWS = wp.constant(TILE_ROWS)
+_PACKET_ROWS = wp.constant(PACKET // TILE_COLUMNS)
+_COLUMNS = wp.constant(TILE_COLUMNS)
+
+_WALK = """
+typedef float F __attribute__((ext_vector_type(16)));
+typedef int I __attribute__((ext_vector_type(16)));
+struct Ray { F ox, oy, oz, dx, dy, dz; };
+const F zero = 0.0f;
+const float c_up = 0.5f;
+
+F best, cosine = zero;
+I face = -1, owner = 0;
+
+// The nearest face of `id` along the rays, if it is nearer than `best`.
+auto walk = [&](uint64_t id, const Ray& ray, int first_face, int who) {
+    const wp::Mesh mesh = wp::mesh_get(id);
+    const wp::BVHPackedNodeHalf* lowers = mesh.bvh.node_lowers;
+    const wp::BVHPackedNodeHalf* uppers = mesh.bvh.node_uppers;
+    const F tiny = 1.0e-20f;
+    const F rx = 1.0f / (__builtin_elementwise_abs(ray.dx) < tiny ? tiny : ray.dx);
+    const F ry = 1.0f / (__builtin_elementwise_abs(ray.dy) < tiny ? tiny : ray.dy);
+    const F rz = 1.0f / (__builtin_elementwise_abs(ray.dz) < tiny ? tiny : ray.dz);
+    // Origins differ a little from lane to lane: one for all, and each lane's offset from it.
+    const float cx = ray.ox[0], cy = ray.oy[0], cz = ray.oz[0];
+    const F qx = ray.ox - cx, qy = ray.oy - cy, qz = ray.oz - cz;
+    const F gx = 2.0f * (ray.dy * qz - ray.dz * qy);
+    const F gy = 2.0f * (ray.dz * qx - ray.dx * qz);
+    const F gz = 2.0f * (ray.dx * qy - ray.dy * qx);
+    const float mx = ray.dx[0] + ray.dx[15], my = ray.dy[0] + ray.dy[15];
+    const float mz = ray.dz[0] + ray.dz[15];
+    int stack[BVH_QUERY_STACK_SIZE];
+    int size = 0;
+    int node = *mesh.bvh.root;
+    while (true) {
+        const wp::BVHPackedNodeHalf lo = lowers[node], up = uppers[node];
+        F a = (lo.x - ray.ox) * rx, b = (up.x - ray.ox) * rx;
+        F from = __builtin_elementwise_max(zero, __builtin_elementwise_min(a, b));
+        F to = __builtin_elementwise_min(best, __builtin_elementwise_max(a, b));
+        a = (lo.y - ray.oy) * ry; b = (up.y - ray.oy) * ry;
+        from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
+        to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
+        a = (lo.z - ray.oz) * rz; b = (up.z - ray.oz) * rz;
+        from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
+        to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
+        if (__builtin_reduce_or((I)(from <= to * 1.0000004f))) {
+            if (!lo.b) {
+                const int l = lo.i, r = up.i;
+                const wp::BVHPackedNodeHalf la = lowers[l], lb = uppers[l];
+                const wp::BVHPackedNodeHalf ra = lowers[r], rb = uppers[r];
+                const float along = (ra.x + rb.x - la.x - lb.x) * mx
+                    + (ra.y + rb.y - la.y - lb.y) * my + (ra.z + rb.z - la.z - lb.z) * mz;
+                if (size >= BVH_QUERY_STACK_SIZE) return;
+                stack[size++] = along > 0.0f ? r : l;
+                node = along > 0.0f ? l : r;
+                continue;
+            }
+            for (int p = lo.i; p < (int)up.i; ++p) {
+                const int tri = mesh.bvh.primitive_indices[p];
+                const wp::vec3 A = mesh.points[mesh.indices[3 * tri]];
+                const wp::vec3 B = mesh.points[mesh.indices[3 * tri + 1]];
+                const wp::vec3 C = mesh.points[mesh.indices[3 * tri + 2]];
+                const float ax = A[0] - cx, ay = A[1] - cy, az = A[2] - cz;
+                const float bx = B[0] - cx, by = B[1] - cy, bz = B[2] - cz;
+                const float kx = C[0] - cx, ky = C[1] - cy, kz = C[2] - cz;
+                const float ux = kx - ax, uy = ky - ay, uz = kz - az;
+                const float vx = ax - bx, vy = ay - by, vz = az - bz;
+                const float wx = bx - kx, wy = by - ky, wz = bz - kz;
+                const float sx = kx + ax, sy = ky + ay, sz = kz + az;
+                const float tx = ax + bx, ty = ay + by, tz = az + bz;
+                const float hx = bx + kx, hy = by + ky, hz = bz + kz;
+                const F U = ray.dx * (sy * uz - sz * uy) + ray.dy * (sz * ux - sx * uz)
+                    + ray.dz * (sx * uy - sy * ux) - (ux * gx + uy * gy + uz * gz);
+                const F V = ray.dx * (ty * vz - tz * vy) + ray.dy * (tz * vx - tx * vz)
+                    + ray.dz * (tx * vy - ty * vx) - (vx * gx + vy * gy + vz * gz);
+                const F W = ray.dx * (hy * wz - hz * wy) + ray.dy * (hz * wx - hx * wz)
+                    + ray.dz * (hx * wy - hy * wx) - (wx * gx + wy * gy + wz * gz);
+                const F least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
+                const F most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
+                I in = (I)(least >= 0.0f) | (I)(most <= 0.0f);
+                if (!__builtin_reduce_or(in)) continue;
+                const float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+                const F slant = ray.dx * nx + ray.dy * ny + ray.dz * nz;
+                const F t = ((ax * nx + ay * ny + az * nz) - (qx * nx + qy * ny + qz * nz)) / slant;
+                in = in & (I)(t >= 0.0f) & (I)(t < best);
+                if (!__builtin_reduce_or(in)) continue;
+                const float length = __builtin_sqrtf(nx * nx + ny * ny + nz * nz);
+                const int mark = 2 * (who + 1) + (__builtin_fabsf(nz) > c_up * length ? 1 : 0);
+                best = in ? t : best;
+                cosine = in ? __builtin_elementwise_abs(slant) / length : cosine;
+                face = in ? (I)(first_face + tri) : face;
+                owner = in ? (I)mark : owner;
+            }
+        }
+        if (size == 0) return;
+        node = stack[--size];
+    }
+};
+"""
+
+_CAST = """
+Ray ray;
+F time;
+for (int k = 0; k < 16; ++k) {
+    const int row = channel + k / 8, col = column + k % 8;
+    const bool there = row < beams.channels && col < beams.columns;
+    const int i = there ? row : beams.channels - 1, j = there ? col : beams.columns - 1;
+    best[k] = there ? beams.range_max : -1.0f;
+    const auto* pose = wp::address(poses, slot, j);
+    const wp::vec2 azimuth = *wp::address(beams.azimuth, j);
+    const wp::vec2 elevation = *wp::address(beams.elevation, i);
+    float x = azimuth[0] * elevation[0], y = azimuth[1] * elevation[0], z = -elevation[1];
+    if (sub != 0) {
+        const wp::vec2 offset = *wp::address(beams.offset, sub);
+        x += offset[1] * azimuth[0] * elevation[1] - offset[0] * azimuth[1];
+        y += offset[1] * azimuth[1] * elevation[1] + offset[0] * azimuth[0];
+        z += offset[1] * elevation[0];
+        const float scale = 1.0f / __builtin_sqrtf(x * x + y * y + z * z);
+        x *= scale; y *= scale; z *= scale;
+    }
+    const wp::mat33& turn = pose->rotation;
+    ray.dx[k] = turn.data[0][0] * x + turn.data[0][1] * y + turn.data[0][2] * z;
+    ray.dy[k] = turn.data[1][0] * x + turn.data[1][1] * y + turn.data[1][2] * z;
+    ray.dz[k] = turn.data[2][0] * x + turn.data[2][1] * y + turn.data[2][2] * z;
+    ray.ox[k] = pose->origin[0]; ray.oy[k] = pose->origin[1]; ray.oz[k] = pose->origin[2];
+    time[k] = pose->time;
+}
+walk(scene.mesh, ray, 0, -1);
+for (int word = 0; word < mask.shape[2]; ++word) {
+    unsigned int bits = *wp::address(mask, slot, tile_x, word);
+    for (int m = 32 * word; bits != 0; bits >>= 1, ++m) {
+        if ((bits & 1u) == 0) continue;
+        const auto* thing = wp::address(scene.objects, slot, m);
+        const wp::vec3 v = thing->velocity, c = thing->centre, p = thing->position;
+        const F tox = c[0] + v[0] * time - ray.ox, toy = c[1] + v[1] * time - ray.oy;
+        const F toz = c[2] + v[2] * time - ray.oz;
+        const F along = tox * ray.dx + toy * ray.dy + toz * ray.dz;
+        const float r = thing->radius;
+        const F inside = r * r + along * along - (tox * tox + toy * toy + toz * toz);
+        const I near = (I)(inside >= -0.5f * r * r) & (I)(along + 1.5f * r >= 0.0f)
+            & (I)(along - 1.5f * r <= best);
+        if (!__builtin_reduce_or(near)) continue;
+        // The object where it was: its yaw then, by the first terms of sine and cosine.
+        const F angle = thing->yaw_rate * time, square = angle * angle;
+        const F ca = 1.0f - square * (0.5f - square * (1.0f / 24.0f));
+        const F sa = angle * (1.0f - square * (1.0f / 6.0f - square * (1.0f / 120.0f)));
+        const F cosy = thing->cosine * ca - thing->sine * sa;
+        const F siny = thing->sine * ca + thing->cosine * sa;
+        const F x = ray.ox - (p[0] + v[0] * time), y = ray.oy - (p[1] + v[1] * time);
+        Ray own;
+        own.ox = cosy * x + siny * y; own.oy = cosy * y - siny * x;
+        own.oz = ray.oz - (p[2] + v[2] * time);
+        own.dx = cosy * ray.dx + siny * ray.dy; own.dy = cosy * ray.dy - siny * ray.dx;
+        own.dz = ray.dz;
+        walk(thing->mesh, own, thing->first_face, m);
+    }
+}
+for (int k = 0; k < 16; ++k) {
+    const int row = channel + k / 8, col = column + k % 8;
+    if (row >= beams.channels || col >= beams.columns) continue;
+    auto* hit = wp::address(hits, slot, (row * beams.columns + col) * beams.sub_rays + sub);
+    hit->t = best[k]; hit->cosine = cosine[k]; hit->face = face[k]; hit->owner = owner[k];
+}
+"""
+
+
+@wp.func_native(_WALK + _CAST)
+def _cast_packet(
+    scene: Scene,
+    beams: Beams,
+    poses: wp.array2d(dtype=SweepPose),
+    mask: wp.array3d(dtype=wp.uint32),
+    hits: wp.array2d(dtype=Hit),
+    slot: wp.int32,
+    sub: wp.int32,
+    tile_x: wp.int32,
+    channel: wp.int32,
+    column: wp.int32,
+): ...
+
+
+@wp.kernel
+def packet_kernel(
+    # model
+    scene: Scene,
+    beams: Beams,
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    mask: wp.array3d(dtype=wp.uint32),
+    # out
+    hits_out: wp.array2d(dtype=Hit),
+):
+    """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, packet)."""
+    thread = wp.tid()
+    inside = thread % _PACKETS
+    tile = thread / _PACKETS
+    tiles_y = (beams.channels + _ROWS - 1) / _ROWS
+    tiles_x = (beams.columns + _COLUMNS - 1) / _COLUMNS
+    group = tile / (tiles_x * tiles_y)
+    tile = tile - group * tiles_x * tiles_y
+    slot = group / beams.sub_rays
+    sub = group - slot * beams.sub_rays
+    tile_x = tile / tiles_y
+    channel = (tile - tile_x * tiles_y) * _ROWS + inside * _PACKET_ROWS
+    if channel >= beams.channels or air[slot].active == 0:
+        return
+    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, tile_x * _COLUMNS)
