@@ -164,9 +164,7 @@ class RayCamera:
         device, block = self._device, _block(self._device)
         scene = self._geometry.scene
         lights, poses = self.lights.device, self._poses
-        wp.launch(
-            lamps.beams_kernel, slots, [scene, lights, poses], [self._beams], device=device
-        )
+        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [self._beams], device=device)
         for first in range(0, slots, self._chunk):
             count = visibility.threads(min(self._chunk, slots - first), height, width)
             wp.launch(
@@ -213,9 +211,7 @@ class RayCamera:
     def _place(self, pose: wp.array) -> None:
         kernel = rays.flat_pose_kernel if pose.shape[1] == _POSE_COLUMNS else rays.pose_kernel
         wp.copy(self._poses_before, self._poses)
-        wp.launch(
-            kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device
-        )
+        wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
         active = self.lights.host["active"] != 0
         for slot in np.flatnonzero(self._new & active):
             # The first picture of a case has none before it: nothing flows.
@@ -271,9 +267,7 @@ def _block(device: wp.Device) -> int:
     return 1 if device.is_cpu else _BLOCK
 
 
-def _optics(
-    camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]
-) -> Optics:
+def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:
     optics = Optics()
     optics.width, optics.height = camera.width, camera.height
     optics.near, optics.far = mount.lens.near_m, mount.lens.far_m

@@ -20,10 +20,10 @@ CITY_GLOW_LX = (0.05, 0.35)
 """Illuminance of a city sky at night without its lamps: clear, and what thick cloud adds [lx]."""
 STREET_LAMPS_BELOW_LX = 60.0
 """Street lamps and window lights are on below this illuminance [lx]."""
-EXPOSURE_FLOOR_LX = 40.0
+EXPOSURE_FLOOR_LX = 28.0
 """The camera exposes no longer than for this illuminance [lx]: night stays dark."""
-LAMP_AIR_RGB = np.array([1.1, 0.86, 0.56])
-"""Luminance of a long path of air between street lamps: about 25 lx from all sides over 4 pi."""
+LAMP_AIR_RGB = np.array([0.8, 0.62, 0.41])
+"""Luminance of a long path of air in a lit street: 20 lx from all sides over 4 pi, half of the way."""
 WHITE_SIGNAL = 1.15
 """Signal of white level ground under automatic exposure, before the tone curve [-]."""
 MOON_DISC_CDPM2 = 2500.0
@@ -115,10 +115,10 @@ def daylight_under(
     cover = weather.cloud_cover
     level = atmosphere.haze_level(min(weather.extinction_per_m, 2.0e-4) - 0.12 * AIR_PER_M)
     up = max(0.0, math.sin(elevation))
-    direct_lx = _direct_normal_lx(elevation) * (1.0 - cover) ** 1.5
-    shadows = direct_lx > 0.0 and cover < SHADOW_CLOUD_COVER_MAX
-    if not shadows:  # what is left of the beam arrives as skylight
-        direct_lx = 0.0
+    # The beam is gone where it casts no shadow, and gets there without a step.
+    left = max(0.0, 1.0 - cover / SHADOW_CLOUD_COVER_MAX) ** 0.75
+    direct_lx = _direct_normal_lx(elevation) * left
+    shadows = direct_lx > 0.0
     clear_lx, overcast_lx = _diffuse_lx(elevation)
     sun_color = _sun_color(elevation, level)
     gray = _cloud_color(elevation)
