@@ -120,6 +120,14 @@ def test_focus_is_that_of_the_reference():
     assert (np.abs(expected - image[0].astype(float)).max(axis=-1) > 0.01).mean() > 0.2
 
 
+def test_pixels_without_depth_are_far():
+    depth = depths()
+    assert np.isinf(depth).any()
+    none = np.where(np.isinf(depth), 0.0, depth)
+    expected = run(["depth_of_field"], depth=depth)
+    np.testing.assert_array_equal(run(["depth_of_field"], depth=none), expected)
+
+
 def blurred_edge(left_m: float, right_m: float) -> np.ndarray:
     """Mean row of a picture, dark on the left and bright on the right, at two distances."""
     image = np.full((1, 180, 320, 3), 0.1, np.float16)

@@ -20,9 +20,11 @@ from twin.bench.camera import (
     views,
 )
 from twin.bench.lambert import LambertCamera, Way
-from twin.render.build import CUDA, Build, Tuning
+from twin.render.build import CUDA, Build, Tuning, tuning_for
 from twin.render.bvh import Shape
+from twin.render.picture import PARTS
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.motion import Still
 from twin.world.scene import load_scene
 from twin.world.street import World, build_world
 
@@ -119,3 +121,44 @@ def _fast(world: World, size: Size, device: str, tuning: Tuning, rounds: int) ->
     except Exception as error:  # as above
         return str(error)
     return {"frames_per_s": round(rate, 1), "kernels_ms": kernels}
+
+
+_ROWS: dict[str, dict[str, float]] = {
+    "no shadows": {"shadows": 0},
+    "no night lamps": {"lamps_on": 0, "low_beam": 0, "high_beam": 0, "fog_lamp": 0},
+    "no precipitation": {"rain": 0, "snow": 0},
+    "dry": {"wetness": 0},
+    "no fog": {"extinction": 0},
+}
+"""Values of every view's light that switch something off."""
+_VIEWS: dict[str, tuple[str, int]] = {
+    "clear noon": ("clear", 720),
+    "heavy rain at night": ("heavy_rain", 1320),
+    "heavy fog at night": ("heavy_fog", 1320),
+}
+
+
+def ablate(device: str, size: Size) -> dict[str, object]:
+    """Time of every kernel of the fast picture [ms] with parts of its work left out."""
+    world = build_world(load_scene("downtown"))
+    still = replace(world, kinds=(), motion=Still(), mover_classes=())
+    usual = tuning_for(wp.get_device(device))
+    table: dict[str, object] = {"device": device, "size": dataclasses.asdict(size)}
+    bench = CameraBench(world, size, device, "fast")
+    table["everything"] = bench.kernel_ms()
+    for name, values in _ROWS.items():
+        bench.light()
+        for field, value in values.items():
+            bench.camera.lights.host[field] = value
+        table[name] = bench.kernel_ms()
+    for name, (weather, minute) in _VIEWS.items():
+        bench.light(weather, minute)
+        table[name] = bench.kernel_ms()
+    table["no objects"] = CameraBench(still, size, device, "fast").kernel_ms()
+    for part in PARTS:
+        tuning = replace(usual, without=frozenset({part}))
+        table[f"no {part}"] = CameraBench(world, size, device, "fast", tuning).kernel_ms()
+    tuning = replace(usual, without=frozenset(PARTS))
+    table["none of these"] = CameraBench(world, size, device, "fast", tuning).kernel_ms()
+    table["full"] = CameraBench(world, size, device, "full").kernel_ms()
+    return table

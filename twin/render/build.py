@@ -38,6 +38,8 @@ class Tuning:
     visibility: Build
     mirror: Build
     picture: Build
+    without: frozenset[str] = frozenset()
+    """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
 
 CPU = Tuning(Build(block=1), Build(block=1), Build(block=1))

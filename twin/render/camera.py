@@ -78,6 +78,8 @@ class RayCamera:
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
         self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
+        self.sky_stale = True
+        """``sky_table`` was written on the host since the last picture."""
         self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
         self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
         self._new = np.ones(slots, np.bool_)
@@ -102,7 +104,7 @@ class RayCamera:
         self._kernels = (
             visibility.visibility_kernel(self._tuning.visibility),
             mirror_kernel(self._tuning.mirror),
-            picture_kernel(self._wanted, self._tuning.picture),
+            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
         )
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
@@ -173,7 +175,9 @@ class RayCamera:
         """Render as :meth:`render` does, and leave everything on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
-        self.sky_table.push()
+        if self.sky_stale:
+            self.sky_table.push()
+            self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
         scene, beams, seen = self._geometry.scene, self._beams, self._seen

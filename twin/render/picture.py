@@ -18,11 +18,14 @@ from twin.render.rays import Optics, SlotPose
 from twin.render.sensor_noise import sensor_noise
 from twin.render.shading import Place, matt_light, place_of, surface_of
 from twin.render.sky import sky, sun_through_clouds
+from twin.render.surface import Surface
 from twin.render.tone import tone
 from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 
+PARTS = ("surface", "sky", "air", "tone")
+"""Parts of the kernel that can be left out."""
 _HALF_MAX = wp.constant(60000.0)
 
 
@@ -133,8 +136,15 @@ def flow_at(
 
 
 @cache
-def picture_kernel(wanted: Wanted, build: Build) -> wp.Kernel:
-    """The kernel that writes what is ``wanted``; compiled once for every set."""
+def picture_kernel(
+    wanted: Wanted, build: Build, without: frozenset[str] = frozenset()
+) -> wp.Kernel:
+    """The kernel that writes what is ``wanted``; compiled once for every set.
+
+    ``without``: parts of :data:`PARTS` that are left out to see what they cost.
+    """
+    surfaces, skies = "surface" not in without, "sky" not in without
+    lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
 
@@ -208,8 +218,10 @@ def picture_kernel(wanted: Wanted, build: Build) -> wp.Kernel:
                 distance = at.distance
                 if at.lit > 0.0:
                     at.lit = sun_through_clouds(at.p, light)
-                s = surface_of(scene, slot, optics, at, direction, light)
-                color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+                s = Surface()
+                if wp.static(surfaces):
+                    s = surface_of(scene, slot, optics, at, direction, light)
+                    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
                 if (seen.flags[thread] & MIRRORED) != 0:
                     color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
                         wp.float32(seen.second[thread, 0]),
@@ -218,22 +230,24 @@ def picture_kernel(wanted: Wanted, build: Build) -> wp.Kernel:
                     )
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
-                color = sky(direction, slot, light, sky_table)
+                if wp.static(skies):
+                    color = sky(direction, slot, light, sky_table)
                 path = sky_path(light.extinction, direction[2])
                 color = through_air(color, light.air_rgb, light.extinction, path)
-            color = air_light(
-                color,
-                slot,
-                row,
-                column,
-                lamps,
-                beams,
-                optics,
-                pose,
-                direction,
-                distance,
-                light,
-            )
+            if wp.static(lamp_air):
+                color = air_light(
+                    color,
+                    slot,
+                    row,
+                    column,
+                    lamps,
+                    beams,
+                    optics,
+                    pose,
+                    direction,
+                    distance,
+                    light,
+                )
         signal = color * light.exposure
         for channel in range(3):
             x = signal[channel]
@@ -243,6 +257,9 @@ def picture_kernel(wanted: Wanted, build: Build) -> wp.Kernel:
                 if light.noise != 0:
                     element = (row * optics.width + column) * 3 + channel
                     x = sensor_noise(x, light.key, light.tick, element)
-                out.image[slot, row, column, channel] = tone(x, tones)
+                if wp.static(tones_on):
+                    out.image[slot, row, column, channel] = tone(x, tones)
+                else:
+                    out.image[slot, row, column, channel] = wp.uint8(x)
 
     return camera_kernel

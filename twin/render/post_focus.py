@@ -88,6 +88,15 @@ def turns() -> np.ndarray:
 
 
 @wp.func
+def _distance(depth_m: wp.float32) -> wp.float32:
+    """Depth, or very far where there is none [m]."""
+    far = wp.float32(1.0e30)
+    if depth_m > 0.0:
+        far = wp.min(depth_m, far)
+    return far
+
+
+@wp.func
 def _disc(focus: Focus, depth_m: wp.float32) -> wp.float32:
     """Radius of the disc [px]."""
     return wp.min(
@@ -111,7 +120,7 @@ def near_tiles_kernel(
         row = wp.min(tile_row * focus.tile + i, depth.shape[1] - 1)
         for j in range(focus.tile):
             column = wp.min(tile_column * focus.tile + j, depth.shape[2] - 1)
-            nearest = wp.min(nearest, depth[slot, row, column])
+            nearest = wp.min(nearest, _distance(depth[slot, row, column]))
     radius = wp.float32(0.0)
     if nearest * focus.inverse_m < 1.0:
         radius = _disc(focus, nearest)
@@ -160,7 +169,7 @@ def focus_kernel(
     if lights[slot].active == 0:
         return
     own = load(image, slot, row, column)
-    own_depth = depth[slot, row, column]
+    own_depth = _distance(depth[slot, row, column])
     own_disc = _disc(focus, own_depth)
     reach = wp.max(own_disc, tiles[slot, row / focus.tile, column / focus.tile])
     if reach < _SHARP_PX:
@@ -178,7 +187,7 @@ def focus_kernel(
         x = column + wp.int32(wp.floor(turn[0] * sample[0] - turn[1] * sample[1] + 0.5))
         y = row + wp.int32(wp.floor(turn[1] * sample[0] + turn[0] * sample[1] + 0.5))
         if x >= 0 and y >= 0 and x < image.shape[2] and y < image.shape[1]:
-            there = depth[slot, y, x]
+            there = _distance(depth[slot, y, x])
             disc = own_disc
             if there < own_depth:
                 disc = _disc(focus, there)

@@ -293,6 +293,7 @@ def _detector(profile: LidarProfile, lidar: Lidar) -> lidar_return.Detector:
     detector = lidar_return.Detector()
     detector.threshold = lidar_scatter.threshold(profile)
     detector.sigma = detector.threshold / profile.threshold_to_noise
+    detector.focus = profile.focus_m
     detector.noise, detector.step = profile.noise_m, profile.step_m
     detector.pulse, detector.dropout = profile.pulse_m, profile.dropout
     detector.by_signal = float(profile.returns == "strongest")

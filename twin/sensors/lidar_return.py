@@ -1,7 +1,7 @@
 """From hits to points: signal, weather, noise, detection. One thread per beam.
 
 Signals are in units of a white matt surface that fills the beam and faces the sensor at 1 m (see
-:mod:`twin.sensors.lidar_scatter`), so signal x R^2 is reflectivity.
+:mod:`twin.sensors.lidar_scatter`), so signal x max(R, focus)^2 is reflectivity.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ class Detector:
     """Signal detected in half of the pulses."""
     sigma: wp.float32
     """Standard deviation of the signal's noise."""
+    focus: wp.float32
+    """Nearer than this, signals fall no more with range [m]."""
     noise: wp.float32
     """Standard deviation of a strong return's range [m]."""
     step: wp.float32
@@ -162,7 +164,8 @@ def _best_echo(
             nearest = wp.min(nearest, hits[slot, first + sub].t)
             target = _melted(beams, detector, surfaces, air, hits, slot, first, sub)
             if target[0] >= beams.range_min:
-                signal = target[1] / (target[0] * target[0])
+                caught = wp.max(target[0], detector.focus)
+                signal = target[1] / (caught * caught)
                 passes = wp.exp(-2.0 * air.extinction * target[0])
                 if detector.weakens != 0:
                     signal = signal * passes
@@ -243,7 +246,8 @@ def return_kernel(
         distance = echo.range + jitter * detector.noise * wp.sqrt(1.0 + weak * weak)
         if detector.step > 0.0:
             distance = detector.step * wp.floor(distance / detector.step + 0.5)
-        measured = wp.max(echo.signal + noise, 0.0) * echo.range * echo.range
+        caught = wp.max(echo.range, detector.focus)
+        measured = wp.max(echo.signal + noise, 0.0) * caught * caught
         intensity = _intensity(detector, measured)
         point = direction_of(beams, beam / beams.columns, column, 0) * distance
         if detector.deskew != 0:

@@ -1,0 +1,179 @@
+"""LiDAR rays per second: bare ranges, and with everything; beside newton on the same triangles.
+
+Rates are of device work, the best of several rounds: other load only ever slows a round down.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from schemas.lidar import Lidar, LidarMount, LidarProfile
+from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
+from twin.render.geometry import Geometry
+from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.truth import TRUTH
+from twin.world.scene import load_scene
+from twin.world.street import World, build_world
+
+TARGETS = {"cpu": 6e6, "cuda": 3e9}
+"""Rays per second with everything, on one core and on one H200 at 256 slots."""
+RATIO_TARGETS = {"cpu": 1.8, "cuda": None}
+"""Bare ranges over newton's."""
+SLOTS = {"cpu": 8, "cuda": 256}
+_ROUNDS = 7
+_ROUND_S = 0.3
+_MOUNT = LidarMount(position_m=[1.5, 0.0, 1.9], profile="spinning_32")
+
+WEATHER = LidarWeather(extinction_per_m=2.996 / 500.0, rain_mm_per_h=2.0, wetness=0.6)
+"""Light rain in light fog: every part of the sensor has work."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What was measured."""
+
+    device: str
+    slots: int
+    profile: LidarProfile
+    triangles: int
+    objects: int
+    bare_rays_per_s: float
+    """Ranges of the static triangles, without motion."""
+    rays_per_s: float
+    """Points with intensity, noise, weather, motion and objects."""
+    peer_rays_per_s: float | None
+    """Newton's ranges of the same static triangles; None without it."""
+    peer_order: str
+    peer_differs: float
+    """Share of rays whose ranges differ by more than 1 cm from newton's."""
+    sensor_bytes: int
+    """Device memory of the sensor [bytes]."""
+
+    @property
+    def kind(self) -> str:
+        """``cpu`` or ``cuda``."""
+        return self.device.partition(":")[0]
+
+    @property
+    def target(self) -> float:
+        """Rays per second to reach on this kind of device."""
+        return TARGETS[self.kind]
+
+    @property
+    def ratio(self) -> float | None:
+        """Bare ranges per range of newton."""
+        return self.bare_rays_per_s / self.peer_rays_per_s if self.peer_rays_per_s else None
+
+    @property
+    def missed(self) -> list[str]:
+        """Targets that were not reached, in words."""
+        missed = []
+        if self.rays_per_s < self.target:
+            missed.append(f"{self.target:,.0f} rays/s")
+        wanted = RATIO_TARGETS[self.kind]
+        if wanted and self.ratio is not None and self.ratio < wanted:
+            missed.append(f"{wanted:g} times {PEER}")
+        return missed
+
+
+def measure(
+    device: str, slots: int, profile: str = "spinning_32", scene: str = "downtown"
+) -> Measured:
+    """Sweep ``slots`` cars spread along ``scene``; newton's ranges if it is installed.
+
+    Raises:
+        ValueError: unknown profile or scene; one line.
+    """
+    kind, target = load_lidar_profile(profile), load_scene(scene)
+    world = build_world(target)
+    warp_device = wp.get_device(device)
+    length = target.road.end_m - target.road.start_m
+    positions = np.zeros((slots, 3))
+    positions[:, 0] = target.road.start_m + 0.1 * length + 0.7 * length * _spread(slots)
+    bare = _sensor(kind, world, slots, Lidar(noise=False, motion=False, weather=False), warp_device)
+    truth = _truth(positions, 0.0, warp_device)
+    bare.scan(truth)
+    bare_rate = _rate(bare._cast, slots * kind.channels * kind.columns, warp_device)
+    peer, order, differs = _peer(kind, world, positions, bare, device)
+    # Objects as they are some seconds after the start.
+    full = _sensor(kind, world, slots, Lidar(), warp_device)
+    full._geometry.place(world.motion.at(np.full(slots, 5.0)))
+    full.scan(_truth(positions, 0.0, warp_device))
+    later = _truth(positions + np.array([1.2, 0.05, 0.0]), 0.02, warp_device)
+    rate = _rate(lambda: full.scan(later), slots * kind.channels * kind.columns, warp_device)
+    return Measured(
+        device=device,
+        slots=slots,
+        profile=kind,
+        triangles=len(world.mesh.faces),
+        objects=world.motion.count,
+        bare_rays_per_s=bare_rate,
+        rays_per_s=rate,
+        peer_rays_per_s=peer,
+        peer_order=order,
+        peer_differs=differs,
+        sensor_bytes=full.device_bytes,
+    )
+
+
+def _sensor(
+    kind: LidarProfile, world: World, slots: int, lidar: Lidar, device: wp.Device
+) -> LidarSensor:
+    geometry = Geometry(world, slots, device)
+    sensor = LidarSensor(kind, _MOUNT, geometry, lidar)
+    for slot in range(slots):
+        sensor.reset(slot, slot + 1, WEATHER)
+    return sensor
+
+
+def _spread(slots: int) -> np.ndarray:
+    """Shares of the way, from 0 to 1."""
+    return np.arange(slots) / max(1, slots - 1)
+
+
+def _truth(positions_m: np.ndarray, yaw_rad: float, device: wp.Device) -> wp.array:
+    rows = np.zeros((len(positions_m), len(TRUTH)))
+    rows[:, :3] = positions_m
+    rows[:, 5], rows[:, 6] = np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)
+    return wp.array(rows, dtype=wp.float64, device=device)
+
+
+def _rate(launch: Callable[[], object], rays: int, device: wp.Device) -> float:
+    """Rays per second of the best round."""
+    launch()
+    wp.synchronize_device(device)
+    best = 0.0
+    for _ in range(_ROUNDS):
+        launches, started = 0, time.perf_counter()
+        while (spent := time.perf_counter() - started) < _ROUND_S:
+            for _ in range(1 if device.is_cpu else 5):
+                launch()
+                launches += 1
+            wp.synchronize_device(device)
+        best = max(best, launches * rays / spent)
+    return best
+
+
+def _peer(
+    kind: LidarProfile, world: World, positions_m: np.ndarray, own: LidarSensor, device: str
+) -> tuple[float | None, str, float]:
+    """Newton's best rate, the order it had it with, and the share of ranges that differ."""
+    if importlib.util.find_spec(PEER) is None:
+        return None, "", 0.0
+    phi, theta = np.meshgrid(np.radians(kind.phis_deg), np.radians(kind.thetas_deg), indexing="ij")
+    rays = (np.cos(theta) * np.cos(phi), np.sin(theta) * np.cos(phi), -np.sin(phi))
+    eyes = positions_m + _MOUNT.position_m
+    peer = NewtonLidar(world.mesh, np.stack(rays, -1), eyes, kind.range_max_m, device)
+    count = len(eyes) * kind.channels * kind.columns
+    rates = {name: _rate(launch, count, own._device) for name, launch in peer.orders().items()}
+    best = max(rates, key=lambda name: rates[name])
+    theirs = peer.ranges().reshape(len(eyes), -1)
+    theirs = np.where(theirs == MISS, kind.range_max_m, theirs)
+    ours = own._hits.numpy()["t"].reshape(theirs.shape)
+    return rates[best], best, float((np.abs(theirs - ours) > 0.01).mean())
