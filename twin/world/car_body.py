@@ -183,12 +183,13 @@ def _body(mesh: MeshBuilder, color: Color, shape: CarShape, coarse: bool) -> Non
     for i in range(stations - 1):
         for j in range(size - 1):
             a, b = i * size + j, (i + 1) * size + j
-            faces += [(a, b, b + 1), (a, b + 1, a + 1)]
+            faces += [(a, b + 1, b), (a, a + 1, b + 1)]
     flat = points.reshape(-1, 3)
     mesh.add(flat, np.array(faces), materials.CAR_PAINT, color)
-    for row in (0, stations - 1):
-        fan = [(row * size, row * size + j, row * size + j + 1) for j in range(1, size - 1)]
-        mesh.add(flat, np.array(fan), materials.CAR_PAINT, color)
+    last = (stations - 1) * size
+    rear = [(0, j + 1, j) for j in range(1, size - 1)]
+    nose = [(last, last + j, last + j + 1) for j in range(1, size - 1)]
+    mesh.add(flat, np.array(rear + nose), materials.CAR_PAINT, color)
 
 
 def _trim(mesh: MeshBuilder, color: Color, shape: CarShape, coarse: bool) -> None:
