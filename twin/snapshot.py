@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
-from schemas.environment import Environment
+from schemas.environment import Environment, environment_mistakes
 from schemas.identity import stream_key
 from schemas.messages import Lights
-from schemas.names import WEATHERS, minutes
+from schemas.names import WEATHERS, TimeOfDay, minutes
+from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
@@ -25,7 +28,7 @@ from twin.world.street import build_world
 from twin.world.sun import Daylight
 from twin.world.weather import WeatherParameters, weather_of
 
-HOURS = ("00:00", "05:50", "06:30", "09:00", "12:00", "16:00", "18:30", "19:10")
+HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
 
 _PLAIN = Environment()
@@ -89,6 +92,70 @@ def contact_sheet(
     Path(path).write_bytes(data.tobytes())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetRequest:
+    """A contact sheet as it is asked for on a command line; empty tuples mean the usual."""
+
+    weathers: tuple[str, ...] = ()
+    times: tuple[str, ...] = ()
+    custom: tuple[str, ...] = ()
+    """``NAME:KEY=NUMBER,...`` each; see :class:`schemas.environment.Conditions`."""
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    """Further keys of :class:`schemas.environment.Environment`."""
+    scene: str = "downtown"
+    vehicle: str = "opencav"
+    distance_m: float = 25.0
+    width_px: int = 320
+    device: str = "cpu"
+
+
+def write_sheet(path: str | Path, request: SheetRequest) -> None:
+    """Check ``request`` and write its contact sheet.
+
+    Raises:
+        ValueError: a mistake in the request; one line.
+        OSError: the file cannot be written.
+    """
+    own = dict(_custom(text) for text in request.custom)
+    data = {**request.environment, "custom": own}
+    environment, mistakes = convert_all(data, Environment)
+    if environment is not None:
+        mistakes = environment_mistakes(environment)
+    size, wrong = convert_all(
+        {"width": request.width_px, "height": request.width_px * 9 // 16}, Camera
+    )
+    times, late = convert_all(list(request.times or HOURS), list[TimeOfDay])
+    mistakes = [*mistakes, *wrong, *(Mistake(f"time{m.path}", m.message) for m in late)]
+    if environment is None or size is None or times is None or mistakes:
+        raise ValueError(mistakes[0].line("snapshot"))
+    contact_sheet(
+        path,
+        request.weathers or environment.weathers(),
+        times,
+        environment=environment,
+        distance_m=request.distance_m,
+        camera=size,
+        scene=request.scene,
+        vehicle=request.vehicle,
+        device=request.device,
+    )
+
+
+def _custom(text: str) -> tuple[str, dict[str, Any]]:
+    """``sleet:rain=0.4,snow=0.3`` -> its name, and its intensities as they were given."""
+    name, _, rest = text.partition(":")
+    values: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        key, _, number = part.partition("=")
+        try:
+            values[key.strip()] = float(number)
+        except ValueError:
+            raise ValueError(
+                f"snapshot: custom '{text}': given '{part}', allowed: KEY=NUMBER as in rain=0.4"
+            ) from None
+    return name, values
+
+
 class _Street:
     """One camera behind a windscreen, in a street."""
 
@@ -108,7 +175,7 @@ class _Street:
             world,
             target.furniture,
             camera,
-            tuple(car.camera("front_right").position_m),
+            car.camera(camera.name),
             tuple(car.headlamps_m),
         )
         x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
@@ -126,7 +193,7 @@ class _Street:
         row = self._eye.lights.host[0]
         fill_light(row, light, weather, toward)
         fill_sky(self._eye.sky_table.host[0], light)
-        self._eye.sky_table.push()
+        self._eye.sky_stale = True
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
         advance_light(row, 0.0)

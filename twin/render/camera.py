@@ -75,6 +75,8 @@ class RayCamera:
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
         self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
+        self.sky_stale = True
+        """``sky_table`` was written on the host since the last picture."""
         self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
         self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
         self._new = np.ones(slots, np.bool_)
@@ -158,15 +160,15 @@ class RayCamera:
         """Render as :meth:`render` does, and leave everything on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
-        self.sky_table.push()
+        if self.sky_stale:
+            self.sky_table.push()
+            self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
         device, block = self._device, _block(self._device)
         scene = self._geometry.scene
         lights, poses = self.lights.device, self._poses
-        wp.launch(
-            lamps.beams_kernel, slots, [scene, lights, poses], [self._beams], device=device
-        )
+        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [self._beams], device=device)
         for first in range(0, slots, self._chunk):
             count = visibility.threads(min(self._chunk, slots - first), height, width)
             wp.launch(
@@ -213,9 +215,7 @@ class RayCamera:
     def _place(self, pose: wp.array) -> None:
         kernel = rays.flat_pose_kernel if pose.shape[1] == _POSE_COLUMNS else rays.pose_kernel
         wp.copy(self._poses_before, self._poses)
-        wp.launch(
-            kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device
-        )
+        wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
         active = self.lights.host["active"] != 0
         for slot in np.flatnonzero(self._new & active):
             # The first picture of a case has none before it: nothing flows.
@@ -271,9 +271,7 @@ def _block(device: wp.Device) -> int:
     return 1 if device.is_cpu else _BLOCK
 
 
-def _optics(
-    camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]
-) -> Optics:
+def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:
     optics = Optics()
     optics.width, optics.height = camera.width, camera.height
     optics.near, optics.far = mount.lens.near_m, mount.lens.far_m

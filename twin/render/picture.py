@@ -247,7 +247,18 @@ def picture_kernel(wanted: Wanted) -> wp.Kernel:
                 path = sky_path(light.extinction, direction[2])
                 color = through_air(color, light.air_rgb, light.extinction, path)
             color = air_light(
-                color, slot, row, column, lamps, beams, optics, pose, direction, ray, distance, light
+                color,
+                slot,
+                row,
+                column,
+                lamps,
+                beams,
+                optics,
+                pose,
+                direction,
+                ray,
+                distance,
+                light,
             )
         signal = color * light.exposure
         for channel in range(3):

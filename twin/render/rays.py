@@ -11,9 +11,7 @@ from twin.vehicle.state import COLUMN
 
 wp.set_module_options({"enable_backward": False})
 
-_X, _Y, _Z, _Q = (
-    wp.constant(COLUMN[name]) for name in ("x_m", "y_m", "z_m", "orientation_x")
-)
+_X, _Y, _Z, _Q = (wp.constant(COLUMN[name]) for name in ("x_m", "y_m", "z_m", "orientation_x"))
 
 
 @wp.struct

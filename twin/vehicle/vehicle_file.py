@@ -209,8 +209,8 @@ class Aero(_Spec):
     """Air on the body: drag areas in the four states of the drive, side force and yaw moment.
 
     A drag area is drag coefficient times frontal area [m^2]. Side force and yaw moment are those of
-    a cross wind: Y = rho/2 V w side, N = rho/2 V w yaw, with the air's speed V past the body and the
-    wind's part w across it. Defaults: a saloon's slopes of 2.2 and 0.45 per radian (Hucho,
+    a cross wind: Y = rho/2 V w side, N = rho/2 V w yaw, with the air's speed V past the body and
+    the wind's part w across it. Defaults: a saloon's slopes of 2.2 and 0.45 per radian (Hucho,
     Aerodynamics of Road Vehicles) times 2.5 m^2 and, for the moment, 2.8 m of wheelbase.
     """
 

@@ -4,12 +4,12 @@ After Hillaire, *A Scalable and Production Ready Sky and Atmosphere Rendering Te
 a table of transmittances, one of the light that is scattered more than once (isotropic, infinitely
 many orders by a geometric series), then a march along each direction of the sky. Constants of air,
 Bruneton 2017: Rayleigh scattering (5.802, 13.558, 33.1)e-6 /m at 680, 550 and 440 nm falling over
-8 km; ozone absorbs 1.881e-6 /m at 550 nm in a tent of 15 km around 25 km. That spread of wavelengths
-stands for the negative lobes of sRGB's matching functions and gives the zenith its measured blue;
-but ozone absorbs where red's primary is, at 611 nm, and not at 680, else twilight turns purple
-(cross sections 4.9, 3.3, 0.17e-21 cm^2 at 611, 550 and 450 nm, Serdyuchenko et al. 2014). Aerosol
-falls over 1.2 km, with the phase function of Cornette and Shanks (g = 0.8) and a scattering share of
-0.9; its density follows the weather's visibility.
+8 km; ozone absorbs 1.881e-6 /m at 550 nm in a tent of 15 km around 25 km. That spread of
+wavelengths stands for the negative lobes of sRGB's matching functions and gives the zenith its
+measured blue; but ozone absorbs where red's primary is, at 611 nm, and not at 680, else twilight
+turns purple (cross sections 4.9, 3.3, 0.17e-21 cm^2 at 611, 550 and 450 nm, Serdyuchenko et al.
+2014). Aerosol falls over 1.2 km, with the phase function of Cornette and Shanks (g = 0.8) and a
+scattering share of 0.9; its density follows the weather's visibility.
 
 Why not Hosek-Wilkie or Preetham: both are fits for a sun above the horizon. Dawn and dusk need a
 sky for a sun below it, the moon is a second sun, and all of it has to move continuously. Measured

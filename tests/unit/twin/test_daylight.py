@@ -14,7 +14,7 @@ from twin.world.sun import (
     steady,
     twilight_lx,
 )
-from twin.world.weather import WEATHER
+from twin.world.weather import WEATHER, blended
 
 CLEAR_LEVEL = atmosphere.haze_level(0.88e-4)
 
@@ -28,6 +28,20 @@ def test_light_grows_to_noon_and_falls_with_clouds():
         assert overcast.illuminance_lx < daylight(minute, WEATHER["clear"]).illuminance_lx
         assert not overcast.shadows
         assert not overcast.sun_rgb_lx.any()
+
+
+def test_clouds_close_without_a_step():
+    steps = [
+        daylight(720, blended(WEATHER["clear"], WEATHER["heavy_rain"], i / 200)) for i in range(201)
+    ]
+    total = np.array([s.illuminance_lx for s in steps])
+    assert (np.diff(total) < 0).all()
+    assert np.abs(np.diff(np.log(total))).max() < 0.06
+    exposure = np.array([s.exposure for s in steps])
+    assert np.abs(np.diff(np.log(exposure))).max() < 0.06
+    shadows = [s.shadows for s in steps]
+    assert shadows == sorted(shadows, reverse=True)
+    assert shadows[0] > shadows[-1]
 
 
 def test_nights_are_dark_and_exposure_is_clamped():
