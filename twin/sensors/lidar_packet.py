@@ -14,17 +14,13 @@ import warp as wp
 
 from twin.render.geometry import Scene
 from twin.sensors.lidar_air import LidarAir
-from twin.sensors.lidar_sweep import TILE_COLUMNS, TILE_ROWS, Beams, Hit, SweepPose
+from twin.sensors.lidar_sweep import Beams, Hit, SweepPose
 
 wp.set_module_options({"enable_backward": False})
 
-PACKET = 16
-"""Rays of a packet: two channels by eight columns."""
-PACKETS_PER_TILE = TILE_COLUMNS * TILE_ROWS // PACKET
-_PACKETS = wp.constant(PACKETS_PER_TILE)
-_ROWS = wp.constant(TILE_ROWS)
-_PACKET_ROWS = wp.constant(PACKET // TILE_COLUMNS)
-_COLUMNS = wp.constant(TILE_COLUMNS)
+PACKET = (8, 2)
+"""Columns and channels of a packet."""
+_COLUMNS, _ROWS = (wp.constant(n) for n in PACKET)
 
 _WALK = """
 typedef float F __attribute__((ext_vector_type(16)));
@@ -223,16 +219,20 @@ def packet_kernel(
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, packet)."""
     thread = wp.tid()
-    inside = thread % _PACKETS
-    tile = thread / _PACKETS
-    tiles_y = (beams.channels + _ROWS - 1) / _ROWS
-    tiles_x = (beams.columns + _COLUMNS - 1) / _COLUMNS
+    across = beams.tile_columns / _COLUMNS
+    packets = across * (beams.tile_rows / _ROWS)
+    tile = thread / packets
+    inside = thread - tile * packets
+    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
     group = tile / (tiles_x * tiles_y)
     tile = tile - group * tiles_x * tiles_y
     slot = group / beams.sub_rays
     sub = group - slot * beams.sub_rays
     tile_x = tile / tiles_y
-    channel = (tile - tile_x * tiles_y) * _ROWS + inside * _PACKET_ROWS
-    if channel >= beams.channels or air[slot].active == 0:
+    row = inside / across
+    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row * _ROWS
+    column = tile_x * beams.tile_columns + (inside - row * across) * _COLUMNS
+    if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
         return
-    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, tile_x * _COLUMNS)
+    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, column)
