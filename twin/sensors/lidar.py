@@ -31,6 +31,9 @@ _PROFILES = Path(__file__).parent / "lidar_profiles"
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
 
+_RUN_CPU = 256
+"""Points that one thread makes on the CPU."""
+
 _SPECKLE_MAX = 8.0
 """Fog's strongest echo over its mean row signal, for deciding whether it can be detected."""
 
@@ -216,11 +219,12 @@ class LidarSensor:
             )
         self._cast()
         self.count.zero_()
+        run = _RUN_CPU if device.is_cpu else 1
         wp.launch(
             lidar_return.return_kernel,
-            self.shape[:2],
+            (slots, -(-self.shape[1] // run)),
             inputs=[
-                *(scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
+                *(run, scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
                 *(air, self._poses, self._hits),
             ],
             outputs=[self.points, self.count],
