@@ -1,7 +1,7 @@
 """LiDAR rays per second: bare ranges, and with everything; beside newton on the same triangles.
 
-Rates are of device work, the best of several rounds: other load only ever slows a round down. On the
-CPU time is that of the core (Warp uses one), so that waiting for other programs does not count.
+Rates are of device work, the best of several rounds: other load only ever slows a round down. On
+the CPU time is that of the core (Warp uses one): waiting for other programs does not count.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 A core tests 16 rays at once with its vector unit; neighbours of a sweep walk nearly the same way
 through the hierarchy of :mod:`twin.render.bvh`, and most nodes are met or passed by bounds of the
 whole packet, for all eight children at once (interval slabs, after Boulos, Wald, Shirley 2006).
-Measured on one core of a Zen 5: 20 million rays/s, 6.7 million one by one. Results agree with :mod:`twin.sensors.lidar_cast`
-to rounding, and where two faces are equally far either may be named.
+Measured on one core of a Zen 5, 36,014 triangles: 20 million rays/s, and 6.7 million one by one.
+Results agree with :mod:`twin.sensors.lidar_cast` to rounding, and where two faces are equally far
+either may be named.
 
 Edges are tested by the sign of the volume that ray and edge span (Pluecker coordinates); its value
 for one edge is the negative of its neighbour's: rays do not slip between two faces.

@@ -301,4 +301,5 @@ def return_kernel(
         found += _write_point(
             scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
         )
-    wp.atomic_add(count_out, slot, found)
+    if found > 0:
+        wp.atomic_add(count_out, slot, found)
