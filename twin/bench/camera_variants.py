@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import warp as wp
 
-from twin.bench.camera import HFOV_DEG, SUN, VEHICLE, Size, best_rate, eyes, views
+from twin.bench.camera import CAMERA, HFOV_DEG, SUN, VEHICLE, Size, best_rate, eyes, views
 from twin.bench.lambert import LambertCamera, Way
 from twin.render.bvh import Shape
 from twin.vehicle.vehicle_file import load_vehicle
@@ -46,7 +46,7 @@ def time_variants(device: str, size: Size, rounds: int = 3) -> dict[str, object]
     than one level from the first way's; a way that fails says why."""
     world = build_world(load_scene("downtown"))
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera("front_right").position_m
+    mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     ways = CPU_WAYS if wp.get_device(device).is_cpu else WAYS
     first: np.ndarray | None = None
     table: dict[str, object] = {"device": device, "size": dataclasses.asdict(size)}

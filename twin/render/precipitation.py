@@ -34,19 +34,19 @@ def _streak(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
         own = lattice(i, layer, seed)
         speed = light.fall_mps * (0.85 + 0.3 * own)
         # Streaks are longer than they are at the shutter's pace: an eye or a codec blurs as well.
-        length = 0.03 + speed * light.shutter_s
+        length = 0.16 + speed * light.shutter_s
         cell = wp.max(0.9, 2.5 * length)
         y = v / (size * cell) - speed * light.time_s / cell + 64.0 * own
         j = wp.int32(wp.floor(y))
-        if lattice(i, j, seed + 7 + layer) < 0.10 + 0.75 * light.rain:
+        if lattice(i, j, seed + 7 + layer) < 0.16 + 0.74 * light.rain:
             dx = x - wp.float32(i) - (0.2 + 0.6 * lattice(i, j, seed + 17 + layer))
             half = 0.5 * length / cell
             centre = half + (1.0 - 2.0 * half) * lattice(i, j, seed + 27 + layer)
             dy = (y - wp.float32(j) - centre) / half
-            wide = 0.030 + 0.020 * wp.float32(layer)
+            wide = 0.024 + 0.018 * wp.float32(layer)
             near = 1.0 - wp.abs(dx) / wide
             if near > 0.0 and wp.abs(dy) < 1.0:
-                strength = 0.34 - 0.05 * wp.float32(layer)
+                strength = 0.40 - 0.05 * wp.float32(layer)
                 hidden = wp.max(hidden, strength * wp.min(1.0, 1.6 * near) * (1.0 - dy * dy))
         depth = depth * 1.9
     return hidden

@@ -22,7 +22,10 @@ _DISC_GAIN = wp.constant(4000.0)
 
 @wp.func
 def smooth_sky(
-    direction: wp.vec3, slot: wp.int32, light: SlotLight, table: wp.array3d(dtype=wp.vec3)
+    direction: wp.vec3,
+    slot: wp.int32,
+    light: SlotLight,  # noqa: ARG001 - called like sky
+    table: wp.array3d(dtype=wp.vec3),
 ) -> wp.vec3:
     """Luminance without clouds' shapes and discs, for mirrors [cd/m^2]; bilinear.
 
