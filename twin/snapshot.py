@@ -175,7 +175,7 @@ class _Street:
             world,
             target.furniture,
             camera,
-            tuple(car.camera("front_right").position_m),
+            car.camera(camera.name),
             tuple(car.headlamps_m),
         )
         x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
@@ -193,7 +193,7 @@ class _Street:
         row = self._eye.lights.host[0]
         fill_light(row, light, weather, toward)
         fill_sky(self._eye.sky_table.host[0], light)
-        self._eye.sky_table.push()
+        self._eye.sky_stale = True
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
         advance_light(row, 0.0)

@@ -19,7 +19,7 @@ from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import fill_light, switch_lamps
+from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
 from twin.snapshot import usual_lights
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
@@ -131,7 +131,7 @@ def measure(
     world = build_world(load_scene(SCENE))
     kind = device.partition(":")[0]
     rates = [_lambert(world, size, device, rounds)]
-    for picture in pictures or tuple(PICTURES):
+    for picture in pictures or PICTURES:
         bench = CameraBench(world, size, device, picture)
         rate = bench.rate(rounds)
         target = TARGETS.get((kind, picture, size))
@@ -183,16 +183,19 @@ class CameraBench:
         self._slots = size.slots
         geometry = Geometry(world, size.slots, self._device)
         camera = Camera(
-            width=size.width, height=size.height, hfov_deg=HFOV_DEG, noise=picture == "full"
+            width=size.width,
+            height=size.height,
+            hfov_deg=HFOV_DEG,
+            noise=picture == "full",
+            effects=["all"] if picture == "full" else [],
         )
         self.camera = RayCamera(
             geometry,
             world,
             scene.furniture,
             camera,
-            tuple(car.camera(CAMERA).position_m),
+            car.camera(CAMERA),
             tuple(car.headlamps_m),
-            **PICTURES[picture],
         )
         self._picture = picture
         at = views(world, size.slots)
@@ -207,8 +210,10 @@ class CameraBench:
             minute = 720 if self._slots == 1 else HOURS_MIN[slot // len(WEATHERS) % len(HOURS_MIN)]
             light = daylight(minute, WEATHER[name])
             fill_light(row, light, WEATHER[name])
+            fill_sky(self.camera.sky_table.host[slot], light)
             switch_lamps(row, usual_lights(name, light.illuminance_lx))
             row["active"], row["key"], row["noise"] = 1, slot + 1, int(picture == "full")
+            advance_light(row, 0.37 * slot)
 
     def launch(self) -> None:
         """Render all views; the images stay on the device."""
@@ -228,8 +233,8 @@ class CameraBench:
         return Rate(self._picture, frames, copied, rays)
 
 
-PICTURES: dict[str, dict[str, object]] = {"fast": {}, "full": {}}
-"""What the kinds of pictures ask the camera for."""
+PICTURES = ("fast", "full")
+"""Without and with all effects and noise."""
 
 
 def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> float:

@@ -75,6 +75,8 @@ class RayCamera:
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
         self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
+        self.sky_stale = True
+        """``sky_table`` was written on the host since the last picture."""
         self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
         self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
         self._new = np.ones(slots, np.bool_)
@@ -158,7 +160,9 @@ class RayCamera:
         """Render as :meth:`render` does, and leave everything on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
-        self.sky_table.push()
+        if self.sky_stale:
+            self.sky_table.push()
+            self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
         device, block = self._device, _block(self._device)

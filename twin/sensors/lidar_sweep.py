@@ -253,6 +253,6 @@ def mask_kernel(
         m = word * _MASK_BITS + bit
         if m < scene.objects.shape[1]:
             thing = scene.objects[slot, m]
-            if thing.mesh != wp.uint64(0) and _in_wedge(beams, pose, first, last, thing):
+            if thing.root != 0 and _in_wedge(beams, pose, first, last, thing):
                 bits = bits | (wp.uint32(1) << wp.uint32(bit))
     mask_out[slot, tile, word] = bits
