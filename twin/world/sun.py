@@ -20,12 +20,13 @@ CITY_GLOW_LX = (0.05, 0.35)
 """Illuminance of a city sky at night without its lamps: clear, and what thick cloud adds [lx]."""
 STREET_LAMPS_BELOW_LX = 60.0
 """Street lamps and window lights are on below this illuminance [lx]."""
-EXPOSURE_FLOOR_LX = 28.0
+EXPOSURE_FLOOR_LX = 48.0
 """The camera exposes no longer than for this illuminance [lx]: night stays dark."""
 LAMP_AIR_RGB = np.array([0.8, 0.62, 0.41])
-"""Luminance of a long path of air in a lit street: 20 lx from all sides over 4 pi, half of the way."""
-WHITE_SIGNAL = 1.15
-"""Signal of white level ground under automatic exposure, before the tone curve [-]."""
+"""Luminance of a long path of air in a lit street: 20 lx from all sides over 4 pi, half the way."""
+WHITE_SIGNAL = 2.0
+"""Signal of open white level ground under automatic exposure: half of it is left between houses,
+and the tone curve holds highlights up to 6 [-]."""
 MOON_DISC_CDPM2 = 2500.0
 """Luminance of the lit part of the moon above the atmosphere [cd/m^2]."""
 _SUNLIT_SHARE = 0.25  # of a street between houses
@@ -116,8 +117,8 @@ def daylight_under(
     level = atmosphere.haze_level(min(weather.extinction_per_m, 2.0e-4) - 0.12 * AIR_PER_M)
     up = max(0.0, math.sin(elevation))
     # The beam is gone where it casts no shadow, and gets there without a step.
-    left = max(0.0, 1.0 - cover / SHADOW_CLOUD_COVER_MAX) ** 0.75
-    direct_lx = _direct_normal_lx(elevation) * left
+    gaps = max(0.0, 1.0 - cover / SHADOW_CLOUD_COVER_MAX)
+    direct_lx = _direct_normal_lx(elevation) * gaps * gaps * (3.0 - 2.0 * gaps)
     shadows = direct_lx > 0.0
     clear_lx, overcast_lx = _diffuse_lx(elevation)
     sun_color = _sun_color(elevation, level)

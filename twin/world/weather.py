@@ -99,7 +99,7 @@ PRESETS: dict[str, Conditions] = {
     "light_fog": Conditions(cloud=0.6, fog=0.5, wind=0.1),
     "heavy_fog": Conditions(cloud=0.8, fog=1.0, wind=0.05),
     "light_rain": Conditions(cloud=0.9, rain=0.5, wind=0.3),
-    "heavy_rain": Conditions(cloud=1.0, rain=1.0, wind=0.6),
+    "heavy_rain": Conditions(cloud=1.0, rain=1.0, wind=0.5),
     "light_snow": Conditions(cloud=0.9, snow=0.5, wind=0.2),
     "heavy_snow": Conditions(cloud=1.0, snow=1.0, wind=0.5),
 }
