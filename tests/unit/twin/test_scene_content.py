@@ -1,5 +1,8 @@
 """The shipped district, and scenes of one's own: terrain, meshes, objects."""
 
+import re
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -8,8 +11,17 @@ from msgspec.structs import replace
 
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from twin.world import materials
-from twin.world.content import DRIVABLE, MaterialName
-from twin.world.scene import load_scene, scene_files
+from twin.world.content import DRIVABLE, MaterialName, MeshFile, SceneObject, Terrain
+from twin.world.scene import (
+    Buildings,
+    Furniture,
+    Obstacle,
+    Origin,
+    Road,
+    Scene,
+    load_scene,
+    scene_files,
+)
 from twin.world.street import build_world
 from twin.world.terrain import SAMPLES_MAX
 
@@ -186,3 +198,37 @@ def test_mistakes_in_own_scenes(own, tmp_path):
 def test_names_in_scene_files_are_those_of_the_tables():
     assert set(MaterialName.__args__) == set(materials.NAMES)
     assert set(DRIVABLE) <= set(SEMANTIC_CLASSES)
+
+
+def test_the_example_of_the_page_works(tmp_path):
+    page = Path(__file__).parents[3] / "docs/scene.md"
+    example = re.search(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL).group(1)
+    (tmp_path / "scan").mkdir()
+    for name in ("road.glb", "hall.glb", "scan/yard.ply"):
+        trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / name)
+    cv2.imwrite(str(tmp_path / "hills.png"), np.zeros((16, 16), np.uint16))
+    path = tmp_path / "yard.yaml"
+    path.write_text(example)
+    world = build_world(load_scene(str(path)))
+    assert world.instances == 1
+    assert len(world.colliders) == 2
+    walker = world.motion.at(np.array([2.5, 3.0, 6.0, 8.0])).position_m[:, 0, 1]
+    assert walker[0] == walker[1] == -3.5
+    assert -1.0 < walker[2] < 1.0 < walker[3]
+
+
+def test_the_page_names_every_key():
+    page = (Path(__file__).parents[3] / "docs/scene.md").read_text()
+    for type_ in (
+        Scene,
+        Obstacle,
+        Road,
+        Buildings,
+        Furniture,
+        Origin,
+        SceneObject,
+        MeshFile,
+        Terrain,
+    ):
+        for key in type_.__struct_fields__:
+            assert f"`{key}`" in page or f"{key}:" in page, key
