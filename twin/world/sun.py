@@ -14,6 +14,7 @@ import numpy as np
 from twin.world import atmosphere, sky_table
 from twin.world.almanac import Heavens, Place, heavens
 from twin.world.atmosphere import LUMINANCE, SUN_RGB
+from twin.world.steady import steady
 from twin.world.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
 CITY_GLOW_LX = (0.02, 0.60)
@@ -154,16 +155,6 @@ def daylight_under(
         shadows=shadows,
         lamps_on=lamps_on,
     )
-
-
-def steady(values: object) -> np.ndarray:
-    """``values`` rounded to 18 significant bits.
-
-    Exponentials and sines end in other last bits on other hosts (NumPy and the C library choose by
-    instruction set); rounding keeps them out of what a sensor sees.
-    """
-    mantissa, exponent = np.frexp(np.asarray(values, np.float64))
-    return np.ldexp(np.round(mantissa * 2.0**18) * 2.0**-18, exponent)
 
 
 def _direct_normal_lx(elevation_rad: float) -> float:

@@ -7,11 +7,11 @@ import pytest
 
 from twin.world import atmosphere, sky_table
 from twin.world.atmosphere import LUMINANCE, SUN_LX, SUN_RGB
+from twin.world.steady import steady
 from twin.world.sun import (
     EXPOSURE_FLOOR_LX,
     WHITE_SIGNAL,
     daylight,
-    steady,
     twilight_lx,
 )
 from twin.world.weather import WEATHER, blended
