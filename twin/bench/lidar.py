@@ -1,6 +1,7 @@
 """LiDAR rays per second: bare ranges, and with everything; beside newton on the same triangles.
 
-Rates are of device work, the best of several rounds: other load only ever slows a round down.
+Rates are of device work, the best of several rounds: other load only ever slows a round down. On
+the CPU time is that of the core (Warp uses one): waiting for other programs does not count.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from schemas.lidar import Lidar, LidarMount, LidarProfile
 from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
 from twin.render.geometry import Geometry
 from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.lidar_packet import PACKET
+from twin.sensors.lidar_sweep import TILE
 from twin.sensors.truth import TRUTH
-from twin.world.scene import load_scene
+from twin.world.scene import Scene, load_scene
 from twin.world.street import World, build_world
 
 TARGETS = {"cpu": 6e6, "cuda": 3e9}
@@ -26,6 +29,8 @@ TARGETS = {"cpu": 6e6, "cuda": 3e9}
 RATIO_TARGETS = {"cpu": 1.8, "cuda": None}
 """Bare ranges over newton's."""
 SLOTS = {"cpu": 8, "cuda": 256}
+TILES = ((8, 4), (16, 2), (32, 1), (4, 8))
+"""Tiles of a warp's 32 rays that :func:`time_tiles` tries."""
 _ROUNDS = 7
 _ROUND_S = 0.3
 _MOUNT = LidarMount(position_m=[1.5, 0.0, 1.9], profile="spinning_32")
@@ -93,9 +98,7 @@ def measure(
     kind, target = load_lidar_profile(profile), load_scene(scene)
     world = build_world(target)
     warp_device = wp.get_device(device)
-    length = target.road.end_m - target.road.start_m
-    positions = np.zeros((slots, 3))
-    positions[:, 0] = target.road.start_m + 0.1 * length + 0.7 * length * _spread(slots)
+    positions = _positions(target, slots)
     bare = _sensor(kind, world, slots, Lidar(noise=False, motion=False, weather=False), warp_device)
     truth = _truth(positions, 0.0, warp_device)
     bare.scan(truth)
@@ -122,19 +125,90 @@ def measure(
     )
 
 
+def time_tiles(
+    device: str, slots: int, profile: str = "spinning_32", scene: str = "downtown"
+) -> dict[str, float]:
+    """Bare ranges per second by shape of the tiles; on the CPU only shapes that packets fill."""
+    kind, target = load_lidar_profile(profile), load_scene(scene)
+    world, warp_device = build_world(target), wp.get_device(device)
+    positions = _positions(target, slots)
+    quiet = Lidar(noise=False, motion=False, weather=False)
+    rates = {}
+    for tile in TILES:
+        if warp_device.is_cpu and (tile[0] % PACKET[0] or tile[1] % PACKET[1]):
+            continue
+        sensor = _sensor(kind, world, slots, quiet, warp_device, tile)
+        sensor.scan(_truth(positions, 0.0, warp_device))
+        rays = slots * kind.channels * kind.columns
+        rates[f"{tile[0]}x{tile[1]}"] = _rate(sensor._cast, rays, warp_device)
+    return rates
+
+
+def as_json(found: Measured) -> dict[str, object]:
+    """What is printed with ``--output json``."""
+    return {
+        "device": found.device,
+        "slots": found.slots,
+        "profile": found.profile.lidar,
+        "channels": found.profile.channels,
+        "columns": found.profile.columns,
+        "triangles": found.triangles,
+        "objects": found.objects,
+        "rays_per_s": found.rays_per_s,
+        "target_rays_per_s": found.target,
+        "bare_rays_per_s": found.bare_rays_per_s,
+        "newton_rays_per_s": found.peer_rays_per_s,
+        "newton_order": found.peer_order,
+        "newton_differs": found.peer_differs,
+        "ratio": found.ratio,
+        "sensor_bytes": found.sensor_bytes,
+    }
+
+
+def lines(found: Measured) -> list[str]:
+    """What people read."""
+    kind = found.profile
+    text = [
+        f"{found.rays_per_s:,.0f} rays/s with intensity, noise, weather and motion on "
+        f"{found.device} (target {found.target:,.0f})",
+        f"{found.slots} slots x {kind.channels} channels x {kind.columns} columns ({kind.lidar}), "
+        f"{found.triangles:,} triangles, {found.objects} objects, "
+        f"{found.sensor_bytes / 1e6:,.0f} MB",
+        f"{found.bare_rays_per_s:,.0f} bare ranges/s",
+    ]
+    if found.peer_rays_per_s is None:
+        text.append(f"no ratio: {PEER} is not installed")
+    else:
+        text.append(
+            f"{found.ratio:.2f} times the {found.peer_rays_per_s:,.0f} ranges/s of {PEER} "
+            f"({found.peer_order}) in the same run; {100 * found.peer_differs:.3f} % of the ranges "
+            "differ by more than 1 cm"
+        )
+    return text
+
+
+def _positions(scene: Scene, slots: int) -> np.ndarray:
+    """Rear axles spread along the street [S, 3]."""
+    positions = np.zeros((slots, 3))
+    length = scene.road.end_m - scene.road.start_m
+    shares = np.arange(slots) / max(1, slots - 1)
+    positions[:, 0] = scene.road.start_m + (0.1 + 0.7 * shares) * length
+    return positions
+
+
 def _sensor(
-    kind: LidarProfile, world: World, slots: int, lidar: Lidar, device: wp.Device
+    kind: LidarProfile,
+    world: World,
+    slots: int,
+    lidar: Lidar,
+    device: wp.Device,
+    tile: tuple[int, int] = TILE,
 ) -> LidarSensor:
     geometry = Geometry(world, slots, device)
-    sensor = LidarSensor(kind, _MOUNT, geometry, lidar)
+    sensor = LidarSensor(kind, _MOUNT, geometry, lidar, tile=tile)
     for slot in range(slots):
         sensor.reset(slot, slot + 1, WEATHER)
     return sensor
-
-
-def _spread(slots: int) -> np.ndarray:
-    """Shares of the way, from 0 to 1."""
-    return np.arange(slots) / max(1, slots - 1)
 
 
 def _truth(positions_m: np.ndarray, yaw_rad: float, device: wp.Device) -> wp.array:
@@ -146,12 +220,13 @@ def _truth(positions_m: np.ndarray, yaw_rad: float, device: wp.Device) -> wp.arr
 
 def _rate(launch: Callable[[], object], rays: int, device: wp.Device) -> float:
     """Rays per second of the best round."""
+    clock = time.process_time if device.is_cpu else time.perf_counter
     launch()
     wp.synchronize_device(device)
     best = 0.0
     for _ in range(_ROUNDS):
-        launches, started = 0, time.perf_counter()
-        while (spent := time.perf_counter() - started) < _ROUND_S:
+        launches, started = 0, clock()
+        while (spent := clock() - started) < _ROUND_S:
             for _ in range(1 if device.is_cpu else 5):
                 launch()
                 launches += 1

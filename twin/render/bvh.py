@@ -154,8 +154,12 @@ def _split(
         number = np.bincount(key, minlength=len(start) * _BINS).reshape(shape)
         box_low = np.full((len(start) * _BINS, 3), np.inf)
         box_high = np.full((len(start) * _BINS, 3), -np.inf)
-        np.minimum.at(box_low, key, low[faces])
-        np.maximum.at(box_high, key, high[faces])
+        # Much faster than ufunc.at: faces sorted by bin, then one reduction per bin.
+        sorted_ = np.argsort(key, kind="stable")
+        used = np.flatnonzero(number.ravel())
+        begin = (np.cumsum(number.ravel()) - number.ravel())[used]
+        box_low[used] = np.minimum.reduceat(low[faces[sorted_]], begin)
+        box_high[used] = np.maximum.reduceat(high[faces[sorted_]], begin)
         box_low, box_high = box_low.reshape(*shape, 3), box_high.reshape(*shape, 3)
         size_left = np.maximum.accumulate(box_high, 1) - np.minimum.accumulate(box_low, 1)
         back_low = np.minimum.accumulate(box_low[:, ::-1], 1)[:, ::-1]

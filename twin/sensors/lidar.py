@@ -31,6 +31,9 @@ _PROFILES = Path(__file__).parent / "lidar_profiles"
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
 
+_RUN_CPU = 256
+"""Points that one thread makes on the CPU."""
+
 _SPECKLE_MAX = 8.0
 """Fog's strongest echo over its mean row signal, for deciding whether it can be detected."""
 
@@ -85,8 +88,10 @@ class LidarSensor:
         geometry: Geometry,
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
+        tile: tuple[int, int] = lidar_sweep.TILE,
     ) -> None:
-        """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points.
+        """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
+        ``tile``: columns and channels that are cast together.
 
         Raises:
             ValueError: ``points_out`` has another shape or type.
@@ -98,7 +103,7 @@ class LidarSensor:
         rays = profile.channels * profile.columns
         self.shape = (slots, rays, len(lidar_columns(self.lidar)))
         self.air = Mirror((slots,), LidarAir, device)
-        self._beams = lidar_sweep.make_beams(profile, self.hz, device)
+        self._beams = lidar_sweep.make_beams(profile, self.hz, device, tile)
         self._mount = wp.vec3d(*mount.position_m)
         self._mount_turn = lidar_sweep.mount_rotation(mount)
         self._detector = _detector(profile, self.lidar)
@@ -112,8 +117,11 @@ class LidarSensor:
         self._poses = wp.zeros((slots, profile.columns), dtype=lidar_sweep.SweepPose, device=device)
         self._before = wp.zeros((slots, _POSE_COLUMNS), dtype=wp.float64, device=device)
         objects = geometry.scene.objects.shape[1]
-        self._tiles_x = -(-profile.columns // lidar_sweep.TILE_COLUMNS)
-        self._tiles_y = -(-profile.channels // lidar_sweep.TILE_ROWS)
+        self._tile = tile
+        self._tiles_x, self._tiles_y = (
+            -(-profile.columns // tile[0]),
+            -(-profile.channels // tile[1]),
+        )
         words = -(-objects // lidar_sweep.MASK_BITS)
         self._mask = wp.zeros((slots, self._tiles_x, words), dtype=wp.uint32, device=device)
         self._hits = wp.zeros(
@@ -211,11 +219,12 @@ class LidarSensor:
             )
         self._cast()
         self.count.zero_()
+        run = _RUN_CPU if device.is_cpu else 1
         wp.launch(
             lidar_return.return_kernel,
-            self.shape[:2],
+            (slots, -(-self.shape[1] // run)),
             inputs=[
-                *(scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
+                *(run, scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
                 *(air, self._poses, self._hits),
             ],
             outputs=[self.points, self.count],
@@ -234,8 +243,7 @@ class LidarSensor:
     def _cast(self) -> None:
         """Fill the table of hits: packets on the CPU, a thread per ray on a GPU."""
         cpu = self._device.is_cpu
-        tile = lidar_sweep.TILE_COLUMNS * lidar_sweep.TILE_ROWS
-        threads = lidar_packet.PACKETS_PER_TILE if cpu else tile
+        threads = math.prod(self._tile) // (math.prod(lidar_packet.PACKET) if cpu else 1)
         tiles = self._tiles_x * self._tiles_y * self.profile.sub_rays
         wp.launch(
             lidar_packet.packet_kernel if cpu else lidar_cast.cast_kernel,

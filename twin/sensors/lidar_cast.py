@@ -12,8 +12,6 @@ from twin.render.traverse import closest
 from twin.sensors.lidar_air import LidarAir
 from twin.sensors.lidar_sweep import (
     MASK_BITS,
-    TILE_COLUMNS,
-    TILE_ROWS,
     Beams,
     Hit,
     SweepPose,
@@ -22,9 +20,6 @@ from twin.sensors.lidar_sweep import (
 
 wp.set_module_options({"enable_backward": False})
 
-_TILE_COLUMNS = wp.constant(TILE_COLUMNS)
-_TILE_ROWS = wp.constant(TILE_ROWS)
-_TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
 _MASK_BITS = wp.constant(MASK_BITS)
 _UP = wp.constant(0.5)
 
@@ -93,17 +88,19 @@ def cast_kernel(
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, ray)."""
     thread = wp.tid()
-    inside = thread % _TILE
-    tile = thread / _TILE
-    tiles_y = (beams.channels + _TILE_ROWS - 1) / _TILE_ROWS
-    tiles_x = (beams.columns + _TILE_COLUMNS - 1) / _TILE_COLUMNS
+    rays = beams.tile_columns * beams.tile_rows
+    tile = thread / rays
+    inside = thread - tile * rays
+    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
     group = tile / (tiles_x * tiles_y)
     tile = tile - group * tiles_x * tiles_y
     slot = group / beams.sub_rays
     sub = group - slot * beams.sub_rays
     tile_x = tile / tiles_y
-    channel = (tile - tile_x * tiles_y) * _TILE_ROWS + inside / _TILE_COLUMNS
-    column = tile_x * _TILE_COLUMNS + inside % _TILE_COLUMNS
+    row = inside / beams.tile_columns
+    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row
+    column = tile_x * beams.tile_columns + inside - row * beams.tile_columns
     if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
         return
     pose = poses[slot, column]
@@ -129,5 +126,4 @@ def cast_kernel(
         normal = scene.faces[best.face].normal
         hit.cosine = wp.abs(wp.dot(normal, best.direction))
         hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
-    row = (channel * beams.columns + column) * beams.sub_rays + sub
-    hits_out[slot, row] = hit
+    hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit

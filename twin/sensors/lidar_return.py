@@ -166,11 +166,12 @@ def _best_echo(
             if target[0] >= beams.range_min:
                 caught = wp.max(target[0], detector.focus)
                 signal = target[1] / (caught * caught)
-                passes = wp.exp(-2.0 * air.extinction * target[0])
-                if detector.weakens != 0:
-                    signal = signal * passes
-                elif lucky >= passes:
-                    signal = 0.0
+                if air.extinction > 0.0:
+                    passes = wp.exp(-2.0 * air.extinction * target[0])
+                    if detector.weakens != 0:
+                        signal = signal * passes
+                    elif lucky >= passes:
+                        signal = 0.0
                 best = _offer(best, detector, signal, noise, target[0], _SURFACE, sub)
     if air.fog_row >= 0 or air.drop_row >= 0:
         bits = draw(air.key, air.tick, _DRAWS * beam + 2)
@@ -197,28 +198,22 @@ def _intensity(detector: Detector, reflectivity: wp.float32) -> wp.float32:
     return wp.clamp(wp.floor(value + 0.5), 1.0, 255.0)
 
 
-@wp.kernel
-def return_kernel(
-    # model
+@wp.func
+def _write_point(
     scene: Scene,
     beams: Beams,
     detector: Detector,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
-    # state in
-    air: wp.array(dtype=LidarAir),
+    own: LidarAir,
     poses: wp.array2d(dtype=SweepPose),
     hits: wp.array2d(dtype=Hit),
-    # out
+    slot: wp.int32,
+    beam: wp.int32,
     points_out: wp.array3d(dtype=wp.float32),
-    count_out: wp.array(dtype=wp.int32),
-):
-    """Points [S, channels x columns, K] and number of returns [S]."""
-    slot, beam = wp.tid()
-    own = air[slot]
-    if own.active == 0:
-        return
+) -> wp.int32:
+    """Write one point; returns 1 if there is a return."""
     column = beam % beams.columns
     lucky = wp.float32(0.0)
     jitter = wp.float32(0.0)
@@ -254,7 +249,6 @@ def return_kernel(
             then = poses[slot, column]
             now = poses[slot, beams.columns - 1]
             point = (then.origin - now.origin + then.rotation * point) @ now.rotation
-        wp.atomic_add(count_out, slot, 1)
     for axis in range(3):
         points_out[slot, beam, axis] = point[axis]
     points_out[slot, beam, 3] = distance
@@ -273,3 +267,39 @@ def return_kernel(
                 instance = scene.objects[slot, thing].instance
         points_out[slot, beam, 7] = wp.float32(instance)
         points_out[slot, beam, 8] = wp.float32(semantic)
+    return wp.where(echo.kind != _NONE, 1, 0)
+
+
+@wp.kernel
+def return_kernel(
+    # model
+    run: wp.int32,
+    scene: Scene,
+    beams: Beams,
+    detector: Detector,
+    surfaces: wp.array(dtype=wp.vec4),
+    fog: wp.array2d(dtype=wp.vec2),
+    drops: wp.array2d(dtype=wp.vec2),
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    hits: wp.array2d(dtype=Hit),
+    # out
+    points_out: wp.array3d(dtype=wp.float32),
+    count_out: wp.array(dtype=wp.int32),
+):
+    """Points [S, channels x columns, K] and number of returns [S]; a thread makes ``run`` points.
+
+    On a GPU one: neighbours write side by side. On the CPU many: a thread costs as much as a point.
+    """
+    slot, part = wp.tid()
+    own = air[slot]
+    if own.active == 0:
+        return
+    found = wp.int32(0)
+    for beam in range(part * run, wp.min((part + 1) * run, points_out.shape[1])):
+        found += _write_point(
+            scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
+        )
+    if found > 0:
+        wp.atomic_add(count_out, slot, found)
