@@ -24,8 +24,9 @@ from lidar_rigs import (
 
 from schemas.lidar import POINT_COLUMNS, TRUTH_COLUMNS, Lidar
 from twin.sensors.lidar import LidarWeather, load_lidar_profile, point_table
-from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world import materials
+from twin.world.mesh import MeshBuilder
+from twin.world.street import World
 
 MOVING = Lidar(noise=False)
 DESKEWED = Lidar(noise=False, deskew=True)
@@ -119,9 +120,16 @@ FOGGY = LidarWeather(0.02, rain_mm_per_h=5.0, wetness=0.7)
 
 
 def street(slots, lidar=None):
+    """Ground, a wall and posts of several materials."""
+    mesh = MeshBuilder()
+    mesh.floor((-20, 180), (-40, 40), 0.0, materials.ASPHALT, (0.1, 0.1, 0.1))
+    mesh.box((-20, 12, 0), (180, 16, 9), materials.FACADE, (0.5, 0.4, 0.3))
+    for i, x in enumerate(range(30, 140, 9)):
+        with mesh.place(float(x), -4.0 - i % 5, 0.3 * i, instance=i):
+            mesh.box((-1, -0.6, 0), (1, 0.6, 1.6), materials.CAR_PAINT, (0.4, 0.1, 0.1))
+    scene = World(mesh.build(), np.zeros((1, 5)), 13, (0.0, -5.0), (13.0, 8.0))
     kind = load_lidar_profile("spinning_16")
-    return sensor(build_world(load_scene("downtown")), kind, lidar or Lidar(truth=True), slots,
-                  position_m=(1.5, 0.0, 1.9))  # fmt: skip
+    return sensor(scene, kind, lidar or Lidar(truth=True), slots, position_m=(1.5, 0.0, 1.9))
 
 
 def drive(eye, keys):

@@ -29,17 +29,17 @@ from twin.world.scene import load_scene
 from twin.world.street import World, build_world
 
 WAYS: dict[str, Way] = {
-    "warp leaf 2": Way(traversal="warp", leaf=2),
-    "warp leaf 2 block 64": Way(traversal="warp", leaf=2, block=64),
+    "warp leaf 2": Way(traversal="warp", leaf=2, registers=0),
+    "warp leaf 2 block 64": Way(traversal="warp", leaf=2, block=64, registers=0),
     "own": Way(),
     "own leaf 1": Way(shape=Shape(4, 1, packed=False)),
     "own leaf 4": Way(shape=Shape(4, 4, packed=False)),
     "own leaf 8": Way(shape=Shape(4, 8, packed=False)),
-    "own block 64": Way(block=64),
-    "own block 128": Way(block=128),
+    "own block 64": Way(block=64, registers=16),
+    "own block 256": Way(block=256, registers=4),
     "own fast math": Way(fast_math=True),
     "own 6 blocks of 128": Way(block=128, registers=6),
-    "own 8 blocks of 128": Way(block=128, registers=8),
+    "own free registers": Way(registers=0),
     "own 10 blocks of 128": Way(block=128, registers=10),
     "own tile 4x8": Way(tile=(4, 8)),
     "own tile 16x2": Way(tile=(16, 2)),

@@ -141,16 +141,11 @@ class LidarSensor:
         ):
             raise ValueError(f"points_out must be a contiguous float32 array of shape {self.shape}")
         self._host = np.zeros(self.shape, np.float32) if points_out is None else points_out
-        if self._device.is_cpu:
-            self.points = wp.array(
-                ptr=self._host.ctypes.data,
-                shape=self.shape,
-                dtype=wp.float32,
-                device=self._device,
-                copy=False,
-            )
-        else:
-            self.points = wp.zeros(self.shape, dtype=wp.float32, device=self._device)
+        self._view = wp.array(
+            ptr=self._host.ctypes.data, shape=self.shape, dtype=wp.float32, device="cpu", copy=False
+        )
+        on_cpu = self._device.is_cpu
+        self.points = self._view if on_cpu else wp.zeros_like(self._view, device=self._device)
 
     def reset(self, slot: int, key: int, weather: LidarWeather | None = None) -> None:
         """A case begins in ``slot``: its random stream is ``key``; no sweep came before."""
@@ -258,7 +253,8 @@ class LidarSensor:
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: points float32 [S, channels x columns, K] and count int32 [S]."""
         if not self._device.is_cpu:
-            self._host[...] = self.points.numpy()
+            wp.copy(self._view, self.points)
+            wp.synchronize_device(self._device)
         return self._host, self.count.numpy()
 
     @property
