@@ -21,7 +21,7 @@ from schemas.lidar import (
 from twin.render.geometry import Geometry
 from twin.sensors import lidar_cast, lidar_packet, lidar_return, lidar_scatter, lidar_sweep
 from twin.sensors.lidar_air import LidarAir, fog_extinction
-from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_returns, is_long_wave
+from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
 from twin.world.mirror import Mirror
 from twin.world.scene import load_named
@@ -108,7 +108,9 @@ class LidarSensor:
         self._mount_turn = lidar_sweep.mount_rotation(mount)
         self._detector = _detector(profile, self.lidar)
         rows = geometry.scene.faces.numpy()
-        self._surfaces = wp.array(face_returns(rows, profile), dtype=wp.vec4, device=device)
+        uv = geometry.scene.uv.numpy().reshape(-1, 3, 2)
+        surfaces = face_returns(rows, face_colors(rows, uv, geometry.world.textures), profile)
+        self._surfaces = wp.array(surfaces, dtype=wp.vec4, device=device)
         tables = lidar_scatter.scatter(profile)
         self._fog_peak = tables.fog[:, :, 1].max(axis=1)
         self._drops_expected = tables.drops_expected
