@@ -131,7 +131,7 @@ def sim(
 
 @app.command()
 def snapshot(
-    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("snapshot.png"),
+    out: Annotated[Path, typer.Option(help="File to write, .png or .jpg.")] = Path("snapshot.png"),
     weather: Annotated[
         list[str] | None,
         typer.Option(help="Preset or custom weather, repeatable; default: all of them."),

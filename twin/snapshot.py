@@ -32,6 +32,7 @@ HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
 
 _PLAIN = Environment()
+_ENCODING = {".png": [], ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 88]}
 _LABEL_PX = 22
 _NIGHT_BELOW_LX = 1000.0
 
@@ -60,7 +61,7 @@ def contact_sheet(
     """Render a sheet of ``weathers`` (columns) x ``times`` (rows) and write it to ``path``.
 
     Args:
-        path: PNG file to write.
+        path: file to write, ``.png`` or, a seventh of its size, ``.jpg``.
         weathers: presets, or custom weathers of ``environment``.
         times: local times ``HH:MM``.
         environment: family, date, sun, exposure and custom weathers.
@@ -72,6 +73,9 @@ def contact_sheet(
         ValueError: unknown weather, scene, vehicle or device; one line.
         OSError: the file cannot be written.
     """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _ENCODING:
+        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
     street = _Street(scene, vehicle, camera, distance_m, device)
@@ -86,7 +90,8 @@ def contact_sheet(
             picture = street.picture(light, weather, toward, lamps, key)
             pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
         rows.append(np.hstack(pictures))
-    done, data = cv2.imencode(".png", cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR))
+    sheet = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
+    done, data = cv2.imencode(suffix, sheet, _ENCODING[suffix])
     if not done:
         raise OSError(f"{path}: the picture could not be encoded")
     Path(path).write_bytes(data.tobytes())

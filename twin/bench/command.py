@@ -83,7 +83,10 @@ def camera(
     variants: Annotated[
         bool, typer.Option("--variants", help="Time alternatives of the kernels instead.")
     ] = False,
-    output: Annotated[Output, typer.Option(help="How to print the result.")] = Output.human,
+    ablate: Annotated[
+        bool, typer.Option("--ablate", help="Time the kernels with parts left out instead.")
+    ] = False,
+    output: OutputOption = Output.human,
     check: Annotated[bool, typer.Option("--check", help="Exit 1 below a target.")] = False,
 ) -> None:
     """Camera frames per second, and the ratio to newton's camera on the same triangles and views.
@@ -104,10 +107,11 @@ def camera(
         raise UsageError(f"device '{device}': not here; allowed: {known}")
     usual = bench.SIZES[device.partition(":")[0]]
     size = bench.Size(slots or usual.slots, width or usual.width, height or usual.height)
-    if variants:
-        from twin.bench.camera_variants import time_variants
+    if variants or ablate:
+        from twin.bench import camera_variants
 
-        print(json.dumps(time_variants(device, size), indent=1))
+        look = camera_variants.ablate if ablate else camera_variants.time_variants
+        print(json.dumps(look(device, size), indent=1))
         return
     found = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
     if output is Output.json:

@@ -47,4 +47,3 @@ def gather_box(
     distance: wp.int32,
 ):
     """Add a pixel to ``boxes[slot, instance]``; ``distance`` in tenths of a millimetre."""
-    ...

@@ -11,10 +11,12 @@ from schemas.campaign import Camera
 from schemas.lens import CameraMount
 from twin.render import lamps, rays, visibility
 from twin.render.boxes import BOX_FIELDS
+from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
 from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
 from twin.render.lens import ray_table, vehicle_from_camera
 from twin.render.light import SlotLight
+from twin.render.mirror import mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
 from twin.render.picture import picture_kernel
 from twin.render.post import PostEffects, needs_depth, needs_flow
@@ -26,7 +28,6 @@ from twin.world.scene import Furniture
 from twin.world.street import World
 
 _FAR = np.iinfo(np.int32).max
-_BLOCK = 128  # threads; the visibility kernel's registers leave room for eight such blocks
 _POSE_COLUMNS = 3
 
 
@@ -47,6 +48,7 @@ class RayCamera:
         lamps_m: tuple[float, float, float],
         image_out: np.ndarray | None = None,
         outputs_out: Mapping[str, np.ndarray] | None = None,
+        tuning: Tuning | None = None,
     ) -> None:
         """Allocate and compile.
 
@@ -56,6 +58,7 @@ class RayCamera:
             lamps_m: middle of the ego's headlamps, in the vehicle.
             image_out: uint8 [S, H, W, 3] host buffer that receives the images.
             outputs_out: host buffers of further outputs by name; missing ones are allocated.
+            tuning: of the kernels, by default the usual one of the device.
 
         Raises:
             ValueError: a buffer or the lens does not fit.
@@ -97,11 +100,23 @@ class RayCamera:
                 hz=camera.hz,
             )
         self._wanted = wanted_of(camera)
-        self._kernel = picture_kernel(self._wanted)
+        self._tuning = tuning or tuning_for(device)
+        self._kernels = (
+            visibility.visibility_kernel(self._tuning.visibility),
+            mirror_kernel(self._tuning.mirror),
+            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
+        )
         self._allocate(camera, image_out, outputs_out or {})
-        for module in (visibility, rays, lamps):
-            wp.load_module(module, device=device, block_dim=_block(device))
-        self._kernel.module.load(device, _block(device))
+        for module in (rays, lamps):
+            wp.load_module(module, device=device)
+        for kernel, build in self._launches():
+            kernel.module.load(device, build.block)
+
+    def _launches(self) -> tuple[tuple[wp.Kernel, Build], ...]:
+        """The kernels that go over all pixels, in order."""
+        tuning = self._tuning
+        builds = (tuning.visibility, tuning.mirror, tuning.picture)
+        return tuple(zip(self._kernels, builds, strict=True))
 
     def _allocate(
         self, camera: Camera, image_out: np.ndarray | None, outputs_out: Mapping[str, np.ndarray]
@@ -165,42 +180,31 @@ class RayCamera:
             self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
-        device, block = self._device, _block(self._device)
-        scene = self._geometry.scene
-        lights, poses = self.lights.device, self._poses
-        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [self._beams], device=device)
+        scene, beams, seen = self._geometry.scene, self._beams, self._seen
+        lights, poses, optics = self.lights.device, self._poses, self._optics
+        sky = self.sky_table.device
+        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
         for first in range(0, slots, self._chunk):
+            own = [scene, self._lamps, optics, self._rays]
+            shade, before = [*own, self._table], self._poses_before
+            arguments = (
+                ([scene, optics, self._rays, lights, poses, first], [seen]),
+                ([*own, lights, sky, poses, beams, first], [seen]),
+                (
+                    [*shade, lights, sky, poses, before, beams, seen, first, self._period_s],
+                    [self._out],
+                ),
+            )
             count = visibility.threads(min(self._chunk, slots - first), height, width)
-            wp.launch(
-                visibility.visibility_kernel,
-                count,
-                inputs=[scene, self._optics, self._rays, lights, poses, first],
-                outputs=[self._seen],
-                device=device,
-                block_dim=block,
-            )
-            wp.launch(
-                self._kernel,
-                count,
-                inputs=[
-                    scene,
-                    self._lamps,
-                    self._optics,
-                    self._rays,
-                    self._table,
-                    lights,
-                    self.sky_table.device,
-                    poses,
-                    self._poses_before,
-                    self._beams,
-                    self._seen,
-                    first,
-                    self._period_s,
-                ],
-                outputs=[self._out],
-                device=device,
-                block_dim=block,
-            )
+            for (kernel, build), (inputs, outputs) in zip(self._launches(), arguments, strict=True):
+                wp.launch(
+                    kernel,
+                    count,
+                    inputs=inputs,
+                    outputs=outputs,
+                    device=self._device,
+                    block_dim=build.block,
+                )
         if self._effects is not None:
             out = self._out
             self._effects.apply(
@@ -242,7 +246,7 @@ def bytes_per_slot(camera: Camera, instances: int) -> int:
     """Memory on the device that a camera takes for each slot, without its effects' [bytes].
 
     To it come the rays (12 bytes per pixel) and at most
-    :data:`~twin.render.visibility.CHUNK_PIXELS` x 16 bytes, once.
+    :data:`~twin.render.visibility.CHUNK_PIXELS` x 22 bytes, once.
     """
     pixels = camera.width * camera.height
     small = 2 * max(1, instances) * BOX_FIELDS * 4
@@ -265,10 +269,6 @@ def _host_backed(
     ):
         raise ValueError(f"{name} must be a contiguous {numpy_type} array of shape {shape}")
     return Mirror(shape, dtype, device, host)
-
-
-def _block(device: wp.Device) -> int:
-    return 1 if device.is_cpu else _BLOCK
 
 
 def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:

@@ -2,8 +2,8 @@
 
 Cameras and lidars of a rig share one :class:`Geometry`, so there is one hierarchy of the street
 however many sensors look at it. A movable object is an instance of a kind: a small mesh of its
-own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
-enters.
+own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere they
+enter.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ class Geometry:
         scene.mesh = self._meshes[0].id
         self._ids = np.array([0, *(mesh.id for mesh in self._meshes[1:])], np.uint64)
         shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
-        nodes, leaves, self._roots = _hierarchies(meshes, shape)
+        nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
         rows = np.concatenate([_face_rows(mesh) for mesh in meshes])
@@ -281,6 +281,18 @@ class Geometry:
         around[...] = balls.reshape(self.slots, -1, _BLOCK, 4).transpose(0, 1, 3, 2)
         self.poses.push()
         self._around.push()
+
+
+_Hierarchies = tuple[np.ndarray, np.ndarray, np.ndarray]
+_last: list[tuple[World, bvh.Shape, _Hierarchies]] = []
+"""The world that was prepared last: a process builds several rigs of one world."""
+
+
+def _hierarchies_of(world: World, shape: bvh.Shape) -> _Hierarchies:
+    if not (_last and _last[0][0] is world and _last[0][1] == shape):
+        meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
+        _last[:] = [(world, shape, _hierarchies(meshes, shape))]
+    return _last[0][2]
 
 
 def _hierarchies(meshes: list[Mesh], shape: bvh.Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

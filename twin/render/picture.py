@@ -8,6 +8,7 @@ import warp as wp
 
 from twin.render.air import sky_path, through_air
 from twin.render.boxes import gather_box
+from twin.render.build import Build
 from twin.render.geometry import Scene, turned
 from twin.render.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light import SlotLight
@@ -15,48 +16,17 @@ from twin.render.outputs import Buffers, Wanted
 from twin.render.precipitation import cover
 from twin.render.rays import Optics, SlotPose
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import Place, shaded
-from twin.render.sky import sky
+from twin.render.shading import Place, matt_light, place_of, surface_of
+from twin.render.sky import sky, sun_through_clouds
+from twin.render.surface import Surface
 from twin.render.tone import tone
-from twin.render.visibility import LIT, OBJECT_MASK, OUTSIDE, Seen, pixel_of
+from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 
+PARTS = ("surface", "sky", "air", "tone")
+"""Parts of the kernel that can be left out."""
 _HALF_MAX = wp.constant(60000.0)
-
-
-@wp.func
-def place_of(
-    scene: Scene,
-    slot: wp.int32,
-    seen: Seen,
-    thread: wp.int32,
-    eye: wp.vec3,
-    direction: wp.vec3,
-) -> Place:
-    """What the pixel of a thread sees; its face is below 0 if nothing."""
-    at = Place()
-    at.face = seen.face[thread]
-    at.object = -1
-    if at.face < 0:
-        return at
-    flags = seen.flags[thread]
-    at.object = (flags & OBJECT_MASK) - 1
-    if (flags & LIT) != 0:
-        at.lit = 1.0
-    at.distance = seen.t[thread]
-    at.p = eye + direction * at.distance
-    bary = seen.bary[thread]
-    at.u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
-    at.v = wp.float32(bary & 65535) * 1.5259022e-5
-    at.n = scene.faces[at.face].normal
-    if at.object >= 0:
-        at.n = turned(
-            at.n, scene.objects[slot, at.object].cosine, scene.objects[slot, at.object].sine
-        )
-    if wp.dot(at.n, direction) > 0.0:
-        at.n = -at.n
-    return at
 
 
 @wp.func
@@ -70,7 +40,6 @@ def air_light(
     optics: Optics,
     pose: SlotPose,
     direction: wp.vec3,
-    ray: wp.vec3,
     distance: wp.float32,
     light: SlotLight,
 ) -> wp.vec3:
@@ -140,12 +109,14 @@ def flow_at(
     for _ in range(4):
         u = wp.clamp(wp.float32(column) + x, 0.0, wp.float32(width - 1))
         v = wp.clamp(wp.float32(row) + y, 0.0, wp.float32(height - 1))
-        i = wp.min(wp.int32(v), height - 2)
-        j = wp.min(wp.int32(u), width - 2)
+        i = wp.int32(v + 0.5)
+        j = wp.int32(u + 0.5)
+        k = wp.min(i, height - 2)
+        m = wp.min(j, width - 2)
         corner = rays[i, j]
-        across = rays[i, j + 1] - corner
-        along = rays[i + 1, j] - corner
-        # Linear from the cell on; beyond the picture's edge as well.
+        across = rays[i, m + 1] - rays[i, m]
+        along = rays[k + 1, j] - rays[k, j]
+        # Linear from the nearest pixel on; beyond the picture's edge as well.
         start = corner + across * (wp.float32(column) + x - wp.float32(j))
         start += along * (wp.float32(row) + y - wp.float32(i))
         off = target / wp.max(wp.dot(target, corner), 0.05)
@@ -165,12 +136,19 @@ def flow_at(
 
 
 @cache
-def picture_kernel(wanted: Wanted) -> wp.Kernel:
-    """The kernel that writes what is ``wanted``; compiled once for every set."""
+def picture_kernel(
+    wanted: Wanted, build: Build, without: frozenset[str] = frozenset()
+) -> wp.Kernel:
+    """The kernel that writes what is ``wanted``; compiled once for every set.
+
+    ``without``: parts of :data:`PARTS` that are left out to see what they cost.
+    """
+    surfaces, skies = "surface" not in without, "sky" not in without
+    lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(**build.arguments())
     def camera_kernel(
         # model
         scene: Scene,
@@ -238,28 +216,38 @@ def picture_kernel(wanted: Wanted) -> wp.Kernel:
             distance = optics.far
             if at.face >= 0:
                 distance = at.distance
-                color = shaded(
-                    scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
-                )
+                if at.lit > 0.0:
+                    at.lit = sun_through_clouds(at.p, light)
+                s = Surface()
+                if wp.static(surfaces):
+                    s = surface_of(scene, slot, optics, at, direction, light)
+                    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+                if (seen.flags[thread] & MIRRORED) != 0:
+                    color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
+                        wp.float32(seen.second[thread, 0]),
+                        wp.float32(seen.second[thread, 1]),
+                        wp.float32(seen.second[thread, 2]),
+                    )
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
-                color = sky(direction, slot, light, sky_table)
+                if wp.static(skies):
+                    color = sky(direction, slot, light, sky_table)
                 path = sky_path(light.extinction, direction[2])
                 color = through_air(color, light.air_rgb, light.extinction, path)
-            color = air_light(
-                color,
-                slot,
-                row,
-                column,
-                lamps,
-                beams,
-                optics,
-                pose,
-                direction,
-                ray,
-                distance,
-                light,
-            )
+            if wp.static(lamp_air):
+                color = air_light(
+                    color,
+                    slot,
+                    row,
+                    column,
+                    lamps,
+                    beams,
+                    optics,
+                    pose,
+                    direction,
+                    distance,
+                    light,
+                )
         signal = color * light.exposure
         for channel in range(3):
             x = signal[channel]
@@ -269,6 +257,9 @@ def picture_kernel(wanted: Wanted) -> wp.Kernel:
                 if light.noise != 0:
                     element = (row * optics.width + column) * 3 + channel
                     x = sensor_noise(x, light.key, light.tick, element)
-                out.image[slot, row, column, channel] = tone(x, tones)
+                if wp.static(tones_on):
+                    out.image[slot, row, column, channel] = tone(x, tones)
+                else:
+                    out.image[slot, row, column, channel] = wp.uint8(x)
 
     return camera_kernel

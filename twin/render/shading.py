@@ -5,8 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render import traverse
-from twin.render.air import through_air
-from twin.render.geometry import Face, Scene, occluded, trace, turned
+from twin.render.geometry import Face, Scene, turned
 from twin.render.lamps import (
     SODIUM,
     WARM_WHITE,
@@ -18,18 +17,13 @@ from twin.render.lamps import (
 )
 from twin.render.light import SlotLight
 from twin.render.rays import Optics, SlotPose
-from twin.render.sky import smooth_sky, sun_through_clouds
 from twin.render.surface import Surface, surface_at
 from twin.render.texture import texture_at
+from twin.render.visibility import LIT, OBJECT_MASK, Seen
 from twin.world import materials
 
 _FOLIAGE = wp.constant(materials.FOLIAGE)
-_MIRROR_RANGE_M = wp.constant(150.0)
-_GLASS_RANGE_M = wp.constant(250.0)
-_CABIN = wp.constant(wp.vec3(0.012, 0.013, 0.014))
-# A pane that lies on a closed body shows a dark cabin, not the paint behind it.
-_SHELL_M = wp.constant(0.10)
-_PI_INVERSE = wp.constant(0.31830989)
+PI_INVERSE = wp.constant(0.31830989)
 # An object's underside is this much over the road, at which height its shadow fades out [m].
 _CLEARANCE_M = wp.constant(0.55)
 
@@ -49,6 +43,40 @@ class Place:
     """From the camera along the way of the light [m]."""
     lit: wp.float32
     """Share of the sun that gets there [-]."""
+
+
+@wp.func
+def place_of(
+    scene: Scene,
+    slot: wp.int32,
+    seen: Seen,
+    thread: wp.int32,
+    eye: wp.vec3,
+    direction: wp.vec3,
+) -> Place:
+    """What the pixel of a thread sees; its face is below 0 if nothing."""
+    at = Place()
+    at.face = seen.face[thread]
+    at.object = -1
+    if at.face < 0:
+        return at
+    flags = seen.flags[thread]
+    at.object = (flags & OBJECT_MASK) - 1
+    if (flags & LIT) != 0:
+        at.lit = 1.0
+    at.distance = seen.t[thread]
+    at.p = eye + direction * at.distance
+    bary = seen.bary[thread]
+    at.u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
+    at.v = wp.float32(bary & 65535) * 1.5259022e-5
+    at.n = scene.faces[at.face].normal
+    if at.object >= 0:
+        at.n = turned(
+            at.n, scene.objects[slot, at.object].cosine, scene.objects[slot, at.object].sine
+        )
+    if wp.dot(at.n, direction) > 0.0:
+        at.n = -at.n
+    return at
 
 
 @wp.func
@@ -107,7 +135,7 @@ def irradiance(
     retro: wp.float32,
     light: SlotLight,
 ) -> wp.vec3:
-    """Light falling on a point: sky, sun, street lamps, the ego's and other vehicles' lamps [lx]."""
+    """Light falling on a point: sky, sun, lamps of streets, of the ego, of others [lx]."""
     upward = 0.5 + 0.5 * n[2]
     open_sky = _ambient(scene, at) * _contact(scene, slot, at)
     total = light.sky_rgb * ((0.78 * upward * upward + 0.05) * open_sky)
@@ -118,7 +146,7 @@ def irradiance(
             total += light.sun_rgb * (facing * at.lit)
     if light.lamps_on > 0.0:
         total += SODIUM * street_lamp_lux(at.p, n, lamps)
-        total += vehicles_lux(at.p, n, slot, beams, light)
+        total += vehicles_lux(at.p, n, slot, beams)
     if light.low_beam + light.high_beam + light.fog_lamp > 0.0:
         ray = at.p - pose.position
         local = wp.vec3(wp.dot(ray, pose.forward), wp.dot(ray, pose.left), wp.dot(ray, pose.up))
@@ -167,94 +195,4 @@ def matt_light(
     if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
         n = wp.normalize(n + s.ruffle)
     lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
-    return wp.cw_mul(s.albedo, lux) * _PI_INVERSE + s.emission
-
-
-@wp.func
-def far_light(
-    scene: Scene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
-    optics: Optics,
-    pose: SlotPose,
-    start: wp.vec3,
-    direction: wp.vec3,
-    before: wp.float32,
-    reach: wp.float32,
-    light: SlotLight,
-    table: wp.array3d(dtype=wp.vec3),
-) -> wp.vec3:
-    """What comes along a mirrored or transmitted ray [cd/m^2]; ``before``: way to its start [m]."""
-    hit = trace(scene, slot, start, direction, reach)
-    if not hit.found:
-        return smooth_sky(direction, slot, light, table)
-    at = Place()
-    at.p = start + direction * hit.t
-    at.n = hit.normal
-    at.face = hit.face
-    at.object = hit.object
-    at.u = hit.u
-    at.v = hit.v
-    at.distance = before + hit.t
-    if light.shadows != 0 and wp.dot(at.n, light.sun_direction) > 0.0:
-        if not occluded(scene, slot, at.p + at.n * 0.02, light.sun_direction, 200.0):
-            at.lit = 1.0
-    s = surface_of(scene, slot, optics, at, direction, light)
-    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
-    return through_air(color, light.air_rgb, light.extinction, hit.t)
-
-
-@wp.func
-def shaded(
-    scene: Scene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
-    optics: Optics,
-    pose: SlotPose,
-    seen: Place,
-    direction: wp.vec3,
-    light: SlotLight,
-    table: wp.array3d(dtype=wp.vec3),
-) -> wp.vec3:
-    """Luminance of a place towards the camera: matt part, mirror by Fresnel, what shines through.
-
-    Fresnel reflectance after Schlick (1994).
-    """
-    at = seen
-    if at.lit > 0.0:
-        at.lit = sun_through_clouds(at.p, light)
-    s = surface_of(scene, slot, optics, at, direction, light)
-    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
-    if s.mirror <= 0.0:
-        return color
-    cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
-    grazing = 1.0 - cosine
-    square = grazing * grazing
-    top = wp.min(1.0, s.mirror * 25.0)
-    fresnel = s.mirror + (top - s.mirror) * square * square * grazing
-    # Towards the mirrored ray; for glass also one continued ray: tinted, and a little less of it for
-    # what the surfaces reflect. One loop, so that the code of a ray stands there once.
-    rays = wp.int32(1)
-    if s.clear > 0.0:
-        color = color * 0.2
-        behind = trace(scene, slot, at.p - at.n * 0.004, direction, _SHELL_M)
-        if behind.found:
-            color += wp.cw_mul(_CABIN, light.sky_rgb) * (_PI_INVERSE * (1.0 - fresnel))
-        else:
-            rays = 2
-    ahead = direction + at.n * (2.0 * cosine)
-    start = at.p + at.n * 0.02
-    weight = fresnel
-    reach = _MIRROR_RANGE_M
-    for i in range(rays):
-        if i == 1:
-            ahead = direction
-            start = at.p - at.n * 0.004
-            weight = s.clear * (1.0 - fresnel)
-            reach = _GLASS_RANGE_M
-        color += weight * far_light(
-            scene, slot, lamps, beams, optics, pose, start, ahead, at.distance, reach, light, table
-        )
-    return color
+    return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission

@@ -30,6 +30,16 @@ _GRASS = wp.constant(materials.GRASS)
 _TAIL_LAMP = wp.constant(materials.TAIL_LAMP)
 _HEAD_LAMP = wp.constant(materials.HEAD_LAMP)
 
+_MIRRORS = wp.constant(
+    (1 << materials.CAR_PAINT)
+    | (1 << materials.GLASS)
+    | (1 << materials.WINDOW)
+    | (1 << materials.FACADE)
+    | (1 << materials.SHOPFRONT)
+    | (1 << materials.HEAD_LAMP)
+)
+"""Bits of the materials that can be mirrors, at least in places; wet ground is one as well."""
+
 _PANE = wp.constant(wp.vec3(0.025, 0.03, 0.035))
 _SNOW = wp.constant(wp.vec3(0.80, 0.83, 0.88))
 _LAMP = wp.constant(wp.vec3(1.0, 0.80, 0.52))
@@ -147,7 +157,15 @@ def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, li
 
 
 @wp.func
-def _pane(s: Surface, tag: wp.int32, p: wp.vec3, light: SlotLight):
+def may_mirror(material: wp.int32, wetness: wp.float32) -> wp.bool:
+    """Whether a surface can be a mirror or let light through."""
+    if material <= _LAST_GROUND and material != _PLAIN:
+        return wetness > 0.5
+    return ((1 << material) & _MIRRORS) != 0
+
+
+@wp.func
+def _pane(s: Surface, tag: wp.int32, light: SlotLight):
     """One pane of a building, with a curtain or a lit room behind it."""
     dice = lattice(tag, 5, 7)
     curtain = wp.where(dice > 0.6, 0.18 * lattice(tag, 6, 9), 0.0)
@@ -216,8 +234,8 @@ def surface_at(
 ) -> Surface:
     """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m].
 
-    ``albedo``: the face's colour or that of its image; ``on``: whether the lamps and the brake lamps
-    of the object are on.
+    ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
+    brake lamps are on.
     """
     s = Surface()
     s.albedo = albedo
@@ -233,7 +251,7 @@ def surface_at(
     elif m == _SHOPFRONT:
         s = _shopfront(s, face.tag, u, p[2], light)
     elif m == _WINDOW:
-        s = _pane(s, face.tag, p, light)
+        s = _pane(s, face.tag, light)
     elif m == _BRICK:
         s = _masonry(s, face.tag, u, p[2], distance)
     elif m == _PLASTER:

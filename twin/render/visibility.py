@@ -1,15 +1,18 @@
 """What every pixel sees, and whether the sun reaches it: the part of a picture that traces rays.
 
-Kept apart from shading: a traversal needs few registers, so many rays are under way at once. Threads
-run over (slot, 8x4 tile of pixels): a GPU warp is one tile, and a CPU core stays in the same part of
-the hierarchy. What is found is stored in the order of the threads.
+Kept apart from shading: a traversal needs few registers, so many rays are under way at once.
+Threads run over (slot, 8x4 tile of pixels): a GPU warp is one tile, and a CPU core stays in the
+same part of the hierarchy. What is found is stored in the order of the threads.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import warp as wp
 
+from twin.render.build import Build
 from twin.render.geometry import Scene, occluded, trace
 from twin.render.light import SlotLight
 from twin.render.rays import Optics, SlotPose
@@ -31,13 +34,15 @@ LIT = wp.constant(1 << 16)
 """Flag: the sun reaches the point."""
 ASKED = wp.constant(1 << 17)
 """Flag: a ray to the sun was traced."""
+MIRRORED = wp.constant(1 << 18)
+"""Flag: second rays were followed."""
 OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
-BYTES_PER_PIXEL = 16
+BYTES_PER_PIXEL = 22
 """Of :class:`Seen`."""
 CHUNK_PIXELS = 1 << 24
-"""Pixels that are under way at once: 268 MB of :class:`Seen`."""
+"""Pixels that are under way at once: 369 MB of :class:`Seen`."""
 
 
 @wp.struct
@@ -50,6 +55,8 @@ class Seen:
     flags: wp.array(dtype=wp.int32)
     bary: wp.array(dtype=wp.int32)
     """Barycentric weights of the first two corners, 16 bits each, of 65535."""
+    second: wp.array2d(dtype=wp.float16)
+    """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
 
 
 @wp.struct
@@ -76,6 +83,7 @@ def allocate_seen(slots: int, height: int, width: int, device: wp.Device) -> See
     seen.face = wp.empty(count, dtype=wp.int32, device=device)
     seen.flags = wp.zeros(count, dtype=wp.int32, device=device)
     seen.bary = wp.empty(count, dtype=wp.int32, device=device)
+    seen.second = wp.empty((count, 3), dtype=wp.float16, device=device)
     return seen
 
 
@@ -104,55 +112,63 @@ def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
     return pixel
 
 
-@wp.kernel
-def visibility_kernel(
-    # model
-    scene: Scene,
-    optics: Optics,
-    rays: wp.array2d(dtype=wp.vec3),
-    # state in
-    lights: wp.array(dtype=SlotLight),
-    poses: wp.array(dtype=SlotPose),
-    # args
-    first_slot: wp.int32,
-    # out
-    seen: Seen,
-):
-    """Trace every pixel of the slots from ``first_slot`` on, and the sun from where it ends."""
-    thread = wp.tid()
-    pixel = pixel_of(thread, first_slot, optics)
-    if not pixel.inside:
-        return
-    slot = pixel.slot
-    if lights[slot].active == 0:
-        return
-    ray = rays[pixel.row, pixel.column]
-    if ray[2] == 0.0 and ray[0] == 0.0 and ray[1] == 0.0:
-        seen.face[thread] = OUTSIDE
-        return
-    direction = poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
-    near = wp.float32(0.0)
-    far = optics.far
-    if optics.spherical != 0:
-        near = optics.near
-    elif ray[2] > 1.0e-3:
-        near = optics.near / ray[2]
-        far = wp.min(far / ray[2], 4.0 * far)
-    eye = poses[slot].eye + direction * near
-    hit = trace(scene, slot, eye, direction, far - near)
-    if not hit.found:
-        seen.face[thread] = NOTHING
-        return
-    flags = hit.object + 1
-    sun = lights[slot].sun_direction
-    if lights[slot].shadows != 0 and wp.dot(hit.normal, sun) > 0.0:
-        flags = flags | ASKED
-        start = eye + direction * hit.t + hit.normal * 0.02
-        if not occluded(scene, slot, start, sun, SUN_RANGE_M):
-            flags = flags | LIT
-    seen.t[thread] = hit.t + near
-    seen.face[thread] = hit.face
-    seen.flags[thread] = flags
-    u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
-    v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
-    seen.bary[thread] = (u << 16) | v
+@cache
+def visibility_kernel(build: Build) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says."""
+
+    @wp.kernel(**build.arguments())
+    def first_kernel(
+        # model
+        scene: Scene,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Trace every pixel of the slots from ``first_slot`` on, and the sun from where it ends."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        if lights[slot].active == 0:
+            return
+        ray = rays[pixel.row, pixel.column]
+        if ray[2] == 0.0 and ray[0] == 0.0 and ray[1] == 0.0:
+            seen.face[thread] = OUTSIDE
+            return
+        direction = (
+            poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
+        )
+        near = wp.float32(0.0)
+        far = optics.far
+        if optics.spherical != 0:
+            near = optics.near
+        elif ray[2] > 1.0e-3:
+            near = optics.near / ray[2]
+            far = wp.min(far / ray[2], 4.0 * far)
+        eye = poses[slot].eye + direction * near
+        hit = trace(scene, slot, eye, direction, far - near)
+        if not hit.found:
+            seen.face[thread] = NOTHING
+            return
+        flags = hit.object + 1
+        sun = lights[slot].sun_direction
+        if lights[slot].shadows != 0 and wp.dot(hit.normal, sun) > 0.0:
+            flags = flags | ASKED
+            start = eye + direction * hit.t + hit.normal * 0.02
+            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                flags = flags | LIT
+        seen.t[thread] = hit.t + near
+        seen.face[thread] = hit.face
+        seen.flags[thread] = flags
+        u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
+        v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
+        seen.bary[thread] = (u << 16) | v
+
+    return first_kernel

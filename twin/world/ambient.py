@@ -21,17 +21,20 @@ import numpy as np
 import warp as wp
 
 from twin.fabric.files import write_atomic
+from twin.world import materials
 from twin.world.kernel_cache import kept_folder, prepare_kernels
 from twin.world.mesh import Mesh
 
 wp.set_module_options({"enable_backward": False})
 
-VERSION = 1
+VERSION = 2
 """Raise it when the same mesh gets other values: files of older versions are then ignored."""
 FAR_M = 25.0
 """What is farther away hides no sky [m]."""
-RINGS, SECTORS = 6, 12
+RINGS, SECTORS = 6, 8
 """Directions about a normal: rings of equal weight times sectors."""
+LEAF_SHARE = 0.45
+"""Share of skylight that reaches leaves inside a crown [-]."""
 _LIFT_M = 0.02
 _INWARD_M = 0.05
 _SKY_RAYS_MIN = 4
@@ -47,23 +50,17 @@ def directions() -> np.ndarray:
     return np.stack([x, y, np.sqrt(1.0 - radius**2)], axis=1).astype(np.float32)
 
 
-@wp.kernel
-def ambient_kernel(
-    # model
+@wp.func
+def _free_share(
     mesh: wp.uint64,
     rays: wp.array(dtype=wp.vec3),
     far: wp.float32,
     sky_rays_min: wp.int32,
-    # in
-    origin: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    # out
-    ambient_out: wp.array(dtype=wp.uint8),
-):
-    """Share of the sky before ``normal`` [V] that is free at ``origin`` [V], in 1/255."""
-    i = wp.tid()
-    n = normal[i]
-    p = origin[i]
+    p: wp.vec3,
+    n: wp.vec3,
+    whole: wp.bool,
+) -> wp.int32:
+    """Free share at ``p`` before ``n`` in 1/255; -1 where ``n`` sees no sky and not ``whole``."""
     # An orthonormal frame without a branch that could flip (Duff et al. 2017).
     sign = wp.where(n[2] >= 0.0, wp.float32(1.0), wp.float32(-1.0))
     a = -1.0 / (sign + n[2])
@@ -76,6 +73,8 @@ def ambient_kernel(
         if side[2] * r[0] + up[2] * r[1] + n[2] * r[2] > 0.0:
             sky += 1
     everywhere = sky < sky_rays_min
+    if everywhere and not whole:
+        return wp.int32(-1)
     count = wp.int32(0)
     free = wp.int32(0)
     for k in range(rays.shape[0]):
@@ -85,7 +84,35 @@ def ambient_kernel(
             count += 1
             if not wp.mesh_query_ray_anyhit(mesh, p, d, far):
                 free += 1
-    ambient_out[i] = wp.uint8((free * 510 + count) / (2 * count))
+    return (free * 510 + count) / (2 * count)
+
+
+@wp.kernel
+def ambient_kernel(
+    # model
+    mesh: wp.uint64,
+    rays: wp.array(dtype=wp.vec3),
+    far: wp.float32,
+    sky_rays_min: wp.int32,
+    lift: wp.float32,
+    # in
+    origin: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    # out
+    ambient_out: wp.array(dtype=wp.uint8),
+):
+    """Share of the sky before ``normal`` [V] that is free at ``origin`` [V], in 1/255.
+
+    A vertex that sees nothing at all may belong to a mesh turned inside out: then what it sees on
+    its other side counts.
+    """
+    i = wp.tid()
+    n = normal[i]
+    p = origin[i]
+    share = _free_share(mesh, rays, far, sky_rays_min, p + n * lift, n, True)
+    if share == 0:
+        share = wp.max(0, _free_share(mesh, rays, far, sky_rays_min, p - n * lift, -n, False))
+    ambient_out[i] = wp.uint8(share)
 
 
 def baked(meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -95,6 +122,7 @@ def baked(meshes: Sequence[Mesh]) -> list[Mesh]:
         key.update(np.array([len(mesh.points_m), len(mesh.faces)], "<i8").tobytes())
         key.update(mesh.points_m.astype("<f4").tobytes())
         key.update(mesh.faces.astype("<i4").tobytes())
+        key.update((mesh.material == materials.FOLIAGE).tobytes())
     prepare_kernels()
     path = kept_folder("ambient") / f"{key.hexdigest()}.u8"
     counts = [len(mesh.points_m) for mesh in meshes]
@@ -111,7 +139,7 @@ def bake(mesh: Mesh) -> np.ndarray:
     prepare_kernels()
     device = wp.get_device("cpu")
     normal, inward = _vertex_frames(mesh)
-    origin = mesh.points_m + _LIFT_M * normal + inward
+    origin = mesh.points_m + inward
     points = wp.array(mesh.points_m, dtype=wp.vec3, device=device)
     indices = wp.array(mesh.faces.ravel(), dtype=wp.int32, device=device)
     target = wp.Mesh(points, indices, bvh_constructor="sah", bvh_leaf_size=8)
@@ -124,13 +152,22 @@ def bake(mesh: Mesh) -> np.ndarray:
             wp.array(directions(), dtype=wp.vec3, device=device),
             FAR_M,
             _SKY_RAYS_MIN,
+            _LIFT_M,
             wp.array(origin, dtype=wp.vec3, device=device),
             wp.array(normal, dtype=wp.vec3, device=device),
         ],
         outputs=[out],
         device=device,
     )
-    return out.numpy()
+    return _through_leaves(mesh, out.numpy())
+
+
+def _through_leaves(mesh: Mesh, values: np.ndarray) -> np.ndarray:
+    """Leaves let light through: a vertex of foliage gets at least :data:`LEAF_SHARE`."""
+    leaves = np.zeros(len(values), bool)
+    leaves[mesh.faces[mesh.material == materials.FOLIAGE]] = True
+    raised = np.rint(255.0 * LEAF_SHARE + (1.0 - LEAF_SHARE) * values).astype(np.uint8)
+    return np.where(leaves, raised, values)
 
 
 def _vertex_frames(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

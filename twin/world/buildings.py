@@ -163,10 +163,15 @@ def _front(
         facade.add_flat(mesh, width_m, height_m, style)
         return
     facade.add_shop(mesh, width_m, style, rng)
-    facade.add_storeys(mesh, width_m, (facade.SHOP_HEIGHT_M, height_m), style)
-    shop = facade.SHOP_HEIGHT_M
-    facade.beam(mesh, (0.0, width_m), 0.22, (shop - 0.05, shop + 0.28), style.trim)
-    facade.beam(mesh, (0.0, width_m), 0.45, (height_m - 0.85, height_m - 0.45), style.trim)
+    ledge = (facade.SHOP_HEIGHT_M, facade.SHOP_HEIGHT_M + 0.3)
+    cornice = (height_m - 0.85, height_m - 0.45)
+    # Walls end at ledges: corners hidden in one would be dark and darken the wall around.
+    facade.add_storeys(mesh, width_m, (ledge[1], cornice[0]), style)
+    facade.beam(mesh, (0.0, width_m), 0.22, ledge, style.trim)
+    facade.beam(mesh, (0.0, width_m), 0.45, cornice, style.trim)
+    zero, one = np.zeros(1), np.ones(1)
+    top = facade.upright(zero, width_m * one, 0.0, cornice[1] * one, height_m * one)
+    mesh.quads(top, style.material, style.color, style.tag)
 
 
 def _blank(mesh: MeshBuilder, width_m: float, height_m: float, style: facade.Style) -> None:

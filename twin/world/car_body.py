@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,6 +17,7 @@ LENGTH_M, WIDTH_M, HEIGHT_M = 4.5, 1.8, 1.46
 BLACK: Color = (0.02, 0.02, 0.022)
 GLASS: Color = (0.03, 0.035, 0.04)
 RIM: Color = (0.30, 0.31, 0.32)
+_INSIDE: Color = (0.018, 0.018, 0.02)
 _SEAM: Color = (0.012, 0.012, 0.013)
 _AMBER: Color = (0.70, 0.25, 0.03)
 _RED: Color = (0.42, 0.02, 0.02)
@@ -181,12 +183,13 @@ def _body(mesh: MeshBuilder, color: Color, shape: CarShape, coarse: bool) -> Non
     for i in range(stations - 1):
         for j in range(size - 1):
             a, b = i * size + j, (i + 1) * size + j
-            faces += [(a, b, b + 1), (a, b + 1, a + 1)]
+            faces += [(a, b + 1, b), (a, a + 1, b + 1)]
     flat = points.reshape(-1, 3)
     mesh.add(flat, np.array(faces), materials.CAR_PAINT, color)
-    for row in (0, stations - 1):
-        fan = [(row * size, row * size + j, row * size + j + 1) for j in range(1, size - 1)]
-        mesh.add(flat, np.array(fan), materials.CAR_PAINT, color)
+    last = (stations - 1) * size
+    rear = [(0, j + 1, j) for j in range(1, size - 1)]
+    nose = [(last, last + j, last + j + 1) for j in range(1, size - 1)]
+    mesh.add(flat, np.array(rear + nose), materials.CAR_PAINT, color)
 
 
 def _trim(mesh: MeshBuilder, color: Color, shape: CarShape, coarse: bool) -> None:
@@ -256,7 +259,7 @@ def _cabin(mesh: MeshBuilder, color: Color, shape: CarShape) -> None:
     for corners in (right, left[::-1], rear, front, top):
         mesh.quad(corners, materials.CAR_PAINT, color)
     for corners, share in ((rear, 0.84), (front, 0.90)):
-        mesh.quad(_inset(corners, share, 0.012), materials.GLASS, GLASS)
+        add_pane(mesh, _inset(corners, share, 0.012))
     for corners, sign in ((right, -1.0), (left, 1.0)):
         _side_windows(mesh, np.array(corners), sign, shape)
 
@@ -282,10 +285,16 @@ def _side_windows(mesh: MeshBuilder, corners: np.ndarray, sign: float, shape: Ca
         x1 = b - (0.16 if b == cuts[-1] else 0.05)
         pane = [at(x0, 0.10), at(x1, 0.10), at(x1, 0.86), at(x0, 0.86)]
         pane = pane if sign < 0 else pane[::-1]
-        mesh.quad(_inset(pane, 1.0, 0.012), materials.GLASS, GLASS)
+        add_pane(mesh, _inset(pane, 1.0, 0.012))
 
 
-def _inset(corners: list[Point], share: float, lift_m: float) -> list[list[float]]:
+def add_pane(mesh: MeshBuilder, corners: Sequence[Sequence[float]]) -> None:
+    """A pane of a vehicle: glass before a dark inside."""
+    mesh.quad(_inset(corners, 1.0, -0.006), materials.PLAIN, _INSIDE)
+    mesh.quad(corners, materials.GLASS, GLASS)
+
+
+def _inset(corners: Sequence[Sequence[float]], share: float, lift_m: float) -> list[list[float]]:
     """A quad shrunk about its centre and lifted off along its normal."""
     points = np.array(corners)
     centre = points.mean(axis=0)

@@ -148,8 +148,10 @@ def add_storeys(mesh: MeshBuilder, width_m: float, z_m: tuple[float, float], sty
     z0 = z_m[0] + storey * np.arange(rows) + 0.28 * storey
     z1 = z0 + style.tall * storey
     # Wall: bands between the rows of windows, piers between the windows.
+    # Corners of bands lie between windows, never in a sill.
     bottom, top = np.append(z_m[0], z1), np.append(z0, z_m[1])
-    cuts = np.linspace(0.0, width_m, max(1, round(width_m / 9.0)) + 1)
+    inner = 0.4 + pitch * np.arange(1, columns)[2::3]
+    cuts = np.concatenate([[0.0], inner, [width_m]])
     bands = upright(cuts[:-1, None], cuts[1:, None], 0.0, bottom, top)
     piers = upright(np.append(0.0, x1)[:, None], np.append(x0, width_m)[:, None], 0.0, z0, z1)
     mesh.quads(np.concatenate([bands, piers]), style.material, style.color, style.tag)

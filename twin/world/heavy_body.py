@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.world import materials
-from twin.world.car_body import BLACK, GLASS, add_shade, add_wheel
+from twin.world.car_body import BLACK, add_pane, add_shade, add_wheel
 from twin.world.mesh import Color, MeshBuilder
 
 TRUCK_M = (7.2, 2.3, 3.2)
@@ -52,10 +52,6 @@ def _lamps(mesh: MeshBuilder, length: float, half: float, tail_z: float, lit: bo
     mesh.quad(corners, materials.PLAIN, _WHITE)
 
 
-def _pane(mesh: MeshBuilder, corners: list[tuple[float, float, float]]) -> None:
-    mesh.quad(corners, materials.GLASS, GLASS)
-
-
 def add_truck(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
     """Add a box truck: cab in ``color``, a white box with a stripe."""
     length, width, height = TRUCK_M
@@ -98,14 +94,14 @@ def _cab(mesh: MeshBuilder, color: Color, x0: float, x1: float, half: float) -> 
         mesh.quad([right[i], left[i], left[j], right[j]], materials.CAR_PAINT, color)
     screen = [(x1 - 0.035, -w + 0.1, belt), (x1 - 0.035, w - 0.1, belt)]
     screen += [(x1 - 0.275, w - 0.14, top - 0.12), (x1 - 0.275, -w + 0.14, top - 0.12)]
-    _pane(mesh, [(x + 0.03, y, z) for x, y, z in screen])
+    add_pane(mesh, [(x + 0.03, y, z) for x, y, z in screen])
     mesh.box((x1 - 0.02, 0.15 - w, low), (x1 + 0.03, w - 0.15, 0.62), materials.PLAIN, _CHASSIS)
     mesh.box((x1 - 0.02, -0.5, 0.95), (x1 + 0.008, 0.5, 1.2), materials.PLAIN, _CHASSIS)
     for sign in (-1.0, 1.0):
         y = sign * (w + 0.006)
         rear, high = x0 + 0.45, top - 0.16
         pane = [(rear, y, belt), (x1 - 0.2, y, belt), (x1 - 0.42, y, high), (rear, y, high)]
-        _pane(mesh, pane if sign < 0 else pane[::-1])
+        add_pane(mesh, pane if sign < 0 else pane[::-1])
         a, b = sorted((sign * (w + 0.04), sign * (w + 0.24)))
         mesh.box((x1 - 0.2, a, 1.5), (x1 - 0.12, b, 1.95), materials.PLAIN, BLACK)
 
@@ -122,11 +118,11 @@ def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
         for sign in (-1.0, 1.0):
             _bus_side(mesh, sign, half, length)
         y, x = half - 0.14, length + 0.012
-        _pane(mesh, [(x, -y, 1.05), (x, y, 1.05), (x, y, 2.5), (x, -y, 2.5)])
+        add_pane(mesh, [(x, -y, 1.05), (x, y, 1.05), (x, y, 2.5), (x, -y, 2.5)])
         board = [(x, -0.8, 2.58), (x, 0.8, 2.58), (x, 0.8, 2.9), (x, -0.8, 2.9)]
         mesh.quad(board, materials.SIGN, (0.60, 0.34, 0.02))
         y, x = half - 0.2, -0.012
-        _pane(mesh, [(x, y, 1.5), (x, -y, 1.5), (x, -y, 2.5), (x, y, 2.5)])
+        add_pane(mesh, [(x, y, 1.5), (x, -y, 1.5), (x, -y, 2.5), (x, y, 2.5)])
         mesh.box((-0.03, -0.9, 0.8), (0.0, 0.9, 1.3), materials.PLAIN, _CHASSIS)
         for sign in (-1.0, 1.0):  # mirrors
             a, b = sorted((sign * (half + 0.05), sign * (half + 0.25)))
@@ -147,10 +143,10 @@ def _bus_side(mesh: MeshBuilder, sign: float, half: float, length: float) -> Non
         if any(a < d1 and b > d0 for d0, d1 in doors):
             continue
         pane = [(a, y, 1.25), (b, y, 1.25), (b, y, 2.5), (a, y, 2.5)]
-        _pane(mesh, pane if sign < 0 else pane[::-1])
+        add_pane(mesh, pane if sign < 0 else pane[::-1])
     for d0, d1 in doors:
         middle = (d0 + d1) / 2
         for a, b in ((d0, middle - 0.03), (middle + 0.03, d1)):
-            _pane(mesh, [(a, y, 0.45), (b, y, 0.45), (b, y, 2.5), (a, y, 2.5)])
+            add_pane(mesh, [(a, y, 0.45), (b, y, 0.45), (b, y, 2.5), (a, y, 2.5)])
     skirt = [(0.05, y, 0.34), (length - 0.05, y, 0.34), (length - 0.05, y, 0.62), (0.05, y, 0.62)]
     mesh.quad(skirt if sign < 0 else skirt[::-1], materials.PLAIN, _CHASSIS)

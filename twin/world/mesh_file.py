@@ -115,6 +115,8 @@ def _read(path: Path) -> list[Any]:
         return list(scene.dump(concatenate=False))
     except MemoryError:
         raise ValueError(f"{path}: not enough memory to load it") from None
+    except ModuleNotFoundError:  # it asks for a package that guesses encodings
+        raise ValueError(f"{path}: cannot be read as a mesh: not UTF-8 text") from None
     except Exception as error:  # its loaders raise whatever their parsers do
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: cannot be read as a mesh: {reason[:160]}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
 from schemas.messages import OBJECT_CLASSES
@@ -71,11 +72,26 @@ class World:
 
 
 def build_world(scene: Scene) -> World:
-    """Build the world of ``scene``; the same files give the same arrays.
+    """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
+
+    A scene without files of its own is built once per process.
 
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
     """
+    if scene.meshes or scene.terrain:
+        return _build(scene)
+    key = msgspec.json.encode(scene)
+    if key not in _built:
+        _built.clear()  # one is enough, and they are large
+        _built[key] = _build(scene)
+    return _built[key]
+
+
+_built: dict[bytes, World] = {}
+
+
+def _build(scene: Scene) -> World:
     mesh = MeshBuilder()
     colliders: list[Hull] = [add_obstacle(mesh, scene)]
     classes = ["car"]

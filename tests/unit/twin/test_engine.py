@@ -366,7 +366,7 @@ def test_gusts_push_the_car_and_belong_to_the_case():
             engine.step(commands)
         return float(engine.state[slot, COLUMN["y_m"]])
 
-    gale = {"custom": {"gale": {"wind": 1.0}, "calm": {}}, "wind_from_deg": 0.0}
+    gale = {"custom": {"gale": {"wind": 0.6}, "calm": {}}, "wind_from_deg": 0.0}
     speed = {"ego_speed_mps": 20.0}
     blown = case(weather="gale", environment=gale, **speed)
     assert aside(case(weather="calm", environment=gale, **speed)) == 0.0

@@ -14,6 +14,14 @@ def test_sheet(tmp_path):
     assert cv2.imread(str(path)).shape == (3 * (27 + 22), 2 * 48, 3)
 
 
+def test_the_ending_chooses_the_format(tmp_path):
+    camera = Camera(width=48, height=27)
+    contact_sheet(tmp_path / "a.jpg", ["clear"], ["12:00"], camera=camera)
+    assert (tmp_path / "a.jpg").read_bytes()[:3] == b"\xff\xd8\xff"
+    with pytest.raises(ValueError, match=r"ends in .png or .jpg"):
+        contact_sheet(tmp_path / "a.bmp", ["clear"], ["12:00"], camera=camera)
+
+
 def test_unknown_weather(tmp_path):
     with pytest.raises(ValueError, match="allowed: clear, cloudy"):
         contact_sheet(tmp_path / "a.png", ["hail"], ["12:00"])
