@@ -89,9 +89,10 @@ class LidarSensor:
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
         tile: tuple[int, int] = lidar_sweep.TILE,
+        block: int = 128,
     ) -> None:
         """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
-        ``tile``: columns and channels that are cast together.
+        ``tile``: columns and channels that are cast together; ``block``: threads of a GPU's block.
 
         Raises:
             ValueError: ``points_out`` has another shape or type.
@@ -119,7 +120,7 @@ class LidarSensor:
         self._poses = wp.zeros((slots, profile.columns), dtype=lidar_sweep.SweepPose, device=device)
         self._before = wp.zeros((slots, _POSE_COLUMNS), dtype=wp.float64, device=device)
         objects = geometry.scene.objects.shape[1]
-        self._tile = tile
+        self._tile, self._block = tile, block
         self._tiles_x, self._tiles_y = (
             -(-profile.columns // tile[0]),
             -(-profile.channels // tile[1]),
@@ -250,6 +251,7 @@ class LidarSensor:
             ],
             outputs=[self._hits],
             device=self._device,
+            block_dim=self._block,
         )
 
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
