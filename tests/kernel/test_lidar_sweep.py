@@ -134,7 +134,6 @@ def street(slots, lidar=None):
 
 def drive(eye, keys):
     """Two sweeps; slot s runs the case keys[s] (None: no case)."""
-    at = {key: i for i, key in enumerate(sorted(k for k in keys if k is not None))}
     rows = []
     for slot, key in enumerate(keys):
         if key is None:
@@ -143,7 +142,6 @@ def drive(eye, keys):
             eye.reset(slot, key, FOGGY if key % 2 else LidarWeather())
         x = 40.0 + 7.0 * (key or 0)
         rows.append((pose((x, 0.1, 0.0)), pose((x + 1.3, 0.2, 0.0), yawed(0.03))))
-    assert len(at) == len(set(keys) - {None})
     scan(eye, *(r[0] for r in rows), tick=0)
     return scan(eye, *(r[1] for r in rows), tick=2), eye.pull()[1]
 

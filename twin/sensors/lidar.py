@@ -21,7 +21,7 @@ from schemas.lidar import (
 from twin.render.geometry import Geometry
 from twin.sensors import lidar_cast, lidar_packet, lidar_return, lidar_scatter, lidar_sweep
 from twin.sensors.lidar_air import LidarAir, fog_extinction
-from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_returns, is_long_wave
+from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
 from twin.world.mirror import Mirror
 from twin.world.scene import load_named
@@ -89,9 +89,10 @@ class LidarSensor:
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
         tile: tuple[int, int] = lidar_sweep.TILE,
+        block: int = 128,
     ) -> None:
         """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
-        ``tile``: columns and channels that are cast together.
+        ``tile``: columns and channels that are cast together; ``block``: threads of a GPU's block.
 
         Raises:
             ValueError: ``points_out`` has another shape or type.
@@ -108,7 +109,9 @@ class LidarSensor:
         self._mount_turn = lidar_sweep.mount_rotation(mount)
         self._detector = _detector(profile, self.lidar)
         rows = geometry.scene.faces.numpy()
-        self._surfaces = wp.array(face_returns(rows, profile), dtype=wp.vec4, device=device)
+        uv = geometry.scene.uv.numpy().reshape(-1, 3, 2)
+        surfaces = face_returns(rows, face_colors(rows, uv, geometry.world.textures), profile)
+        self._surfaces = wp.array(surfaces, dtype=wp.vec4, device=device)
         tables = lidar_scatter.scatter(profile)
         self._fog_peak = tables.fog[:, :, 1].max(axis=1)
         self._drops_expected = tables.drops_expected
@@ -117,7 +120,7 @@ class LidarSensor:
         self._poses = wp.zeros((slots, profile.columns), dtype=lidar_sweep.SweepPose, device=device)
         self._before = wp.zeros((slots, _POSE_COLUMNS), dtype=wp.float64, device=device)
         objects = geometry.scene.objects.shape[1]
-        self._tile = tile
+        self._tile, self._block = tile, block
         self._tiles_x, self._tiles_y = (
             -(-profile.columns // tile[0]),
             -(-profile.channels // tile[1]),
@@ -248,6 +251,7 @@ class LidarSensor:
             ],
             outputs=[self._hits],
             device=self._device,
+            block_dim=self._block,
         )
 
     def pull(self) -> tuple[np.ndarray, np.ndarray]:

@@ -88,7 +88,7 @@ def _offer(
     sub: wp.int32,
 ) -> Echo:
     """``best``, or this return if it is detected and preferred."""
-    if signal + noise > detector.threshold:
+    if signal > 0.0 and signal + noise > detector.threshold:
         score = detector.by_signal * signal + detector.by_range * distance
         if best.kind == _NONE or score > best.score:
             best.score = score
@@ -237,7 +237,7 @@ def _write_point(
     intensity = wp.float32(0.0)
     if echo.kind != _NONE:
         # Timing errors grow as the signal nears the noise.
-        weak = detector.threshold / echo.signal
+        weak = detector.threshold / wp.max(echo.signal, 0.2 * detector.threshold)
         distance = echo.range + jitter * detector.noise * wp.sqrt(1.0 + weak * weak)
         if detector.step > 0.0:
             distance = detector.step * wp.floor(distance / detector.step + 0.5)
