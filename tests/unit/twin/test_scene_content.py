@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from msgspec.structs import replace
 
+from schemas.assets import asset_files
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from twin.world import materials
 from twin.world.content import DRIVABLE, MaterialName, MeshFile, SceneObject, Terrain
@@ -20,7 +21,6 @@ from twin.world.scene import (
     Road,
     Scene,
     load_scene,
-    scene_files,
 )
 from twin.world.street import build_world
 from twin.world.terrain import SAMPLES_MAX
@@ -119,10 +119,7 @@ def test_a_world_of_terrain_and_meshes(own, tmp_path):
     assert set(mesh.material[box]) == {materials.BRICK}
     assert world.instances == 2
     assert world.cars == 1
-    names = [p.name for p in scene_files(path)]
-    assert names == ["own.yaml", "box.stl", "hill.npy"]
-    assert all(p.is_file() for p in scene_files(path))
-    assert [p.name for p in scene_files("downtown")] == ["downtown.yaml"]
+    assert {p.name for p in asset_files(Path(path))} == {"own.yaml", "box.stl", "hill.npy"}
 
 
 def test_gltf_is_y_up_unless_the_scene_says_otherwise(own, tmp_path):
@@ -162,13 +159,8 @@ def test_textured_meshes_bring_images(own, tmp_path):
     np.testing.assert_allclose(
         world.mesh.uv[world.mesh.faces[textured][0]], [[0, 0], [1, 0], [0, 1]]
     )
-    assert [p.name for p in scene_files(path)] == [
-        "own.yaml",
-        "t.obj",
-        "t.mtl",
-        "t.png",
-        "hill.npy",
-    ]
+    wanted = {"own.yaml", "t.obj", "t.mtl", "t.png", "hill.npy"}
+    assert {p.name for p in asset_files(Path(path))} == wanted
 
 
 def test_mistakes_in_own_scenes(own, tmp_path):
