@@ -9,7 +9,7 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.lens import CameraMount
-from twin.render import lamps, rays, visibility
+from twin.render import lamps, raster, rays, visibility
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
@@ -20,6 +20,7 @@ from twin.render.mirror import mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
 from twin.render.picture import picture_kernel
 from twin.render.post import PostEffects, needs_depth, needs_flow
+from twin.render.raster import raster_of
 from twin.render.rays import Optics, SlotPose
 from twin.render.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.tone import tone_table
@@ -102,7 +103,7 @@ class RayCamera:
         self._wanted = wanted_of(camera)
         self._tuning = tuning or tuning_for(device)
         self._kernels = (
-            visibility.visibility_kernel(self._tuning.visibility),
+            self._first_kernel(mount, table, camera.hfov_deg),
             mirror_kernel(self._tuning.mirror),
             picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
         )
@@ -111,6 +112,15 @@ class RayCamera:
             wp.load_module(module, device=device)
         for kernel, build in self._launches():
             kernel.module.load(device, build.block)
+
+    def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
+        """Rays to what is seen; where drawing is faster, only those to the sun are left."""
+        build = self._tuning.visibility
+        self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
+        if self._raster is None:
+            return visibility.visibility_kernel(build)
+        wp.load_module(raster, device=self._device)
+        return visibility.sun_kernel(build)
 
     def _launches(self) -> tuple[tuple[wp.Kernel, Build], ...]:
         """The kernels that go over all pixels, in order."""
@@ -195,7 +205,16 @@ class RayCamera:
                     [self._out],
                 ),
             )
-            count = visibility.threads(min(self._chunk, slots - first), height, width)
+            chunk = min(self._chunk, slots - first)
+            count = visibility.threads(chunk, height, width)
+            if self._raster is not None:
+                wp.launch(
+                    raster.raster_kernel,
+                    chunk,
+                    inputs=[scene, optics, self._raster, lights, poses, first],
+                    outputs=[seen],
+                    device=self._device,
+                )
             for (kernel, build), (inputs, outputs) in zip(self._launches(), arguments, strict=True):
                 wp.launch(
                     kernel,

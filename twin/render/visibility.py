@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from twin.render.build import Build
-from twin.render.geometry import Scene, occluded, trace
+from twin.render.geometry import Scene, occluded, trace, turned
 from twin.render.light import SlotLight
 from twin.render.rays import Optics, SlotPose
 
@@ -172,3 +172,54 @@ def visibility_kernel(build: Build) -> wp.Kernel:
         seen.bary[thread] = (u << 16) | v
 
     return first_kernel
+
+
+@cache
+def sun_kernel(build: Build) -> wp.Kernel:
+    """The kernel that asks for the sun where a picture has been drawn; compiled as ``build`` says."""
+
+    @wp.kernel(**build.arguments())
+    def shadow_kernel(
+        # model
+        scene: Scene,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Trace the sun from what the slots from ``first_slot`` on see."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        if lights[slot].active == 0 or lights[slot].shadows == 0:
+            return
+        face = seen.face[thread]
+        if face < 0:
+            return
+        pose = poses[slot]
+        ray = rays[pixel.row, pixel.column]
+        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        flags = seen.flags[thread]
+        normal = scene.faces[face].normal
+        m = (flags & OBJECT_MASK) - 1
+        if m >= 0:
+            cosine = scene.objects[slot, m].cosine
+            normal = turned(normal, cosine, scene.objects[slot, m].sine)
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        sun = lights[slot].sun_direction
+        if wp.dot(normal, sun) > 0.0:
+            flags = flags | ASKED
+            start = pose.eye + direction * seen.t[thread] + normal * 0.02
+            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                flags = flags | LIT
+            seen.flags[thread] = flags
+
+    return shadow_kernel
