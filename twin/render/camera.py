@@ -16,7 +16,7 @@ from twin.render.geometry import Geometry
 from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
 from twin.render.lens import ray_table, vehicle_from_camera
 from twin.render.light import SlotLight
-from twin.render.mirror import mirror_kernel
+from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
 from twin.render.picture import picture_kernel
 from twin.render.post import PostEffects, needs_depth, needs_flow
@@ -193,13 +193,14 @@ class RayCamera:
         scene, beams, seen = self._geometry.scene, self._beams, self._seen
         lights, poses, optics = self.lights.device, self._poses, self._optics
         sky = self.sky_table.device
+        stride = 1 if self._device.is_cpu else STRIDE
         wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
         for first in range(0, slots, self._chunk):
             own = [scene, self._lamps, optics, self._rays]
             shade, before = [*own, self._table], self._poses_before
             arguments = (
                 ([scene, optics, self._rays, lights, poses, first], [seen]),
-                ([*own, lights, sky, poses, beams, first], [seen]),
+                ([*own, lights, sky, poses, beams, first, stride], [seen]),
                 (
                     [*shade, lights, sky, poses, before, beams, seen, first, self._period_s],
                     [self._out],
@@ -215,10 +216,14 @@ class RayCamera:
                     outputs=[seen],
                     device=self._device,
                 )
-            for (kernel, build), (inputs, outputs) in zip(self._launches(), arguments, strict=True):
+            sizes = (count, stride, count)
+            seen.listed_count.zero_()
+            for (kernel, build), (inputs, outputs), size in zip(
+                self._launches(), arguments, sizes, strict=True
+            ):
                 wp.launch(
                     kernel,
-                    count,
+                    size,
                     inputs=inputs,
                     outputs=outputs,
                     device=self._device,
@@ -265,7 +270,7 @@ def bytes_per_slot(camera: Camera, instances: int) -> int:
     """Memory on the device that a camera takes for each slot, without its effects' [bytes].
 
     To it come the rays (12 bytes per pixel) and at most
-    :data:`~twin.render.visibility.CHUNK_PIXELS` x 22 bytes, once.
+    :data:`~twin.render.visibility.CHUNK_PIXELS` x 26 bytes, once.
     """
     pixels = camera.width * camera.height
     small = 2 * max(1, instances) * BOX_FIELDS * 4

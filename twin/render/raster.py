@@ -73,7 +73,8 @@ _DRAW = """
         {0.0f, raster.fy, raster.cy + 1.0f}, {0.0f, -raster.fy, height + 1.0f - raster.cy}};
     for (int i = 0; i < 4; ++i)
         for (int k = 0; k < 3; ++k)
-            plane[i][k] = border[i][0] * right[k] + border[i][1] * down[k] + border[i][2] * ahead[k];
+            plane[i][k] = border[i][0] * right[k] + border[i][1] * down[k]
+                + border[i][2] * ahead[k];
     int stack[320];
     int top = 0;
     stack[top++] = root;
@@ -179,7 +180,7 @@ _DRAW = """
                     j8* kept = (j8*)(seen.face.data + at);
                     *kept = wins ? (i8)face : (i8)*kept;
                     kept = (j8*)(seen.flags.data + at);
-                    *kept = wins ? (i8)(object + 1) : (i8)*kept;
+                    *kept = wins ? (i8)(thing + 1) : (i8)*kept;
                     const f8 scale = 65535.0f / (U + V + W);
                     const i8 u = __builtin_convertvector(W * scale + 0.5f, i8);
                     const i8 v = __builtin_convertvector(U * scale + 0.5f, i8);
@@ -199,7 +200,7 @@ def draw_faces(
     optics: Optics,
     root: wp.int32,
     first_face: wp.int32,
-    object: wp.int32,
+    thing: wp.int32,
     eye: wp.vec3,
     right: wp.vec3,
     down: wp.vec3,
@@ -209,7 +210,6 @@ def draw_faces(
 ):
     """Draw the faces below ``root`` into the pixels from ``first_pixel`` on; the camera is given in
     the axes of the hierarchy."""
-    ...
 
 
 @wp.kernel
