@@ -9,17 +9,18 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.lens import CameraMount
-from twin.render import lamps, rays, visibility
+from twin.render import lamps, raster, rays, visibility
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
 from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
 from twin.render.lens import ray_table, vehicle_from_camera
 from twin.render.light import SlotLight
-from twin.render.mirror import mirror_kernel
+from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
 from twin.render.picture import picture_kernel
 from twin.render.post import PostEffects, needs_depth, needs_flow
+from twin.render.raster import raster_of
 from twin.render.rays import Optics, SlotPose
 from twin.render.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.tone import tone_table
@@ -102,7 +103,7 @@ class RayCamera:
         self._wanted = wanted_of(camera)
         self._tuning = tuning or tuning_for(device)
         self._kernels = (
-            visibility.visibility_kernel(self._tuning.visibility),
+            self._first_kernel(mount, table, camera.hfov_deg),
             mirror_kernel(self._tuning.mirror),
             picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
         )
@@ -111,6 +112,15 @@ class RayCamera:
             wp.load_module(module, device=device)
         for kernel, build in self._launches():
             kernel.module.load(device, build.block)
+
+    def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
+        """Rays to what is seen; where drawing is faster, only those to the sun are left."""
+        build = self._tuning.visibility
+        self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
+        if self._raster is None:
+            return visibility.visibility_kernel(build)
+        wp.load_module(raster, device=self._device)
+        return visibility.sun_kernel(build)
 
     def _launches(self) -> tuple[tuple[wp.Kernel, Build], ...]:
         """The kernels that go over all pixels, in order."""
@@ -183,23 +193,37 @@ class RayCamera:
         scene, beams, seen = self._geometry.scene, self._beams, self._seen
         lights, poses, optics = self.lights.device, self._poses, self._optics
         sky = self.sky_table.device
+        stride = 1 if self._device.is_cpu else STRIDE
         wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
         for first in range(0, slots, self._chunk):
             own = [scene, self._lamps, optics, self._rays]
             shade, before = [*own, self._table], self._poses_before
             arguments = (
                 ([scene, optics, self._rays, lights, poses, first], [seen]),
-                ([*own, lights, sky, poses, beams, first], [seen]),
+                ([*own, lights, sky, poses, beams, first, stride], [seen]),
                 (
                     [*shade, lights, sky, poses, before, beams, seen, first, self._period_s],
                     [self._out],
                 ),
             )
-            count = visibility.threads(min(self._chunk, slots - first), height, width)
-            for (kernel, build), (inputs, outputs) in zip(self._launches(), arguments, strict=True):
+            chunk = min(self._chunk, slots - first)
+            count = visibility.threads(chunk, height, width)
+            if self._raster is not None:
+                wp.launch(
+                    raster.raster_kernel,
+                    chunk,
+                    inputs=[scene, optics, self._raster, lights, poses, first],
+                    outputs=[seen],
+                    device=self._device,
+                )
+            sizes = (count, stride, count)
+            seen.listed_count.zero_()
+            for (kernel, build), (inputs, outputs), size in zip(
+                self._launches(), arguments, sizes, strict=True
+            ):
                 wp.launch(
                     kernel,
-                    count,
+                    size,
                     inputs=inputs,
                     outputs=outputs,
                     device=self._device,
@@ -246,7 +270,7 @@ def bytes_per_slot(camera: Camera, instances: int) -> int:
     """Memory on the device that a camera takes for each slot, without its effects' [bytes].
 
     To it come the rays (12 bytes per pixel) and at most
-    :data:`~twin.render.visibility.CHUNK_PIXELS` x 22 bytes, once.
+    :data:`~twin.render.visibility.CHUNK_PIXELS` x 26 bytes, once.
     """
     pixels = camera.width * camera.height
     small = 2 * max(1, instances) * BOX_FIELDS * 4

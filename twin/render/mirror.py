@@ -1,7 +1,7 @@
 """Second rays: what smooth surfaces mirror, and what is seen through glass.
 
-A kernel of its own between visibility and shading: few pixels need it, and the others are not held
-up by its size.
+A kernel of its own between visibility and shading, over a list of the few pixels that need it: the
+threads of a warp are all busy, and the other pixels are not held up.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from twin.render.lamps import Beams, StreetLamps
 from twin.render.light import SlotLight
 from twin.render.noise import value_noise
 from twin.render.rays import Optics, SlotPose
-from twin.render.shading import PI_INVERSE, Place, matt_light, place_of, surface_of
+from twin.render.shading import PI_INVERSE, Place, fresnel_of, matt_light, place_of, surface_of
 from twin.render.sky import smooth_sky
-from twin.render.surface import may_mirror
 from twin.render.visibility import MIRRORED, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
@@ -31,6 +30,9 @@ _CABIN = wp.constant(wp.vec3(0.012, 0.013, 0.014))
 _SHELL_M = wp.constant(0.10)
 _RIPPLE = wp.constant(0.025)
 _HALF_MAX = wp.constant(60000.0)
+
+STRIDE = 1 << 17
+"""Threads of a launch on a GPU at most: about two to every place for one."""
 
 
 @wp.func
@@ -97,10 +99,7 @@ def _second_light(
         y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
         n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
     cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
-    grazing = 1.0 - cosine
-    square = grazing * grazing
-    top = wp.min(1.0, s.mirror * 25.0)
-    fresnel = s.mirror + (top - s.mirror) * square * square * grazing
+    fresnel = fresnel_of(s.mirror, cosine)
     # One loop over both rays, so that the code of a ray stands there once.
     rays = wp.int32(1)
     if s.clear > 0.0:
@@ -139,32 +138,27 @@ def mirror_kernel(build: Build) -> wp.Kernel:
         beams: wp.array2d(dtype=Beams),
         # args
         first_slot: wp.int32,
+        stride: wp.int32,
         # out
         seen: Seen,
     ):
-        """Follow second rays of the slots from ``first_slot`` on."""
-        thread = wp.tid()
-        pixel = pixel_of(thread, first_slot, optics)
-        if not pixel.inside:
-            return
-        slot = pixel.slot
-        if lights[slot].active == 0:
-            return
-        face = seen.face[thread]
-        if face < 0:
-            return
-        if not may_mirror(scene.faces[face].material, lights[slot].wetness):
-            return
-        light = lights[slot]
-        pose = poses[slot]
-        ray = rays[pixel.row, pixel.column]
-        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
-        at = place_of(scene, slot, seen, thread, pose.eye, direction)
-        color = _second_light(
-            scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
-        )
-        for k in range(3):
-            seen.second[thread, k] = wp.float16(wp.min(color[k], _HALF_MAX))
-        seen.flags[thread] = seen.flags[thread] | MIRRORED
+        """Follow second rays of the pixels on the list; the launch may be shorter than it."""
+        at_list = wp.tid()
+        while at_list < seen.listed_count[0]:
+            thread = seen.listed[at_list]
+            at_list += stride
+            pixel = pixel_of(thread, first_slot, optics)
+            slot = pixel.slot
+            light = lights[slot]
+            pose = poses[slot]
+            ray = rays[pixel.row, pixel.column]
+            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            at = place_of(scene, slot, seen, thread, pose.eye, direction)
+            color = _second_light(
+                scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
+            )
+            for k in range(3):
+                seen.second[thread, k] = wp.float16(wp.min(color[k], _HALF_MAX))
+            seen.flags[thread] = seen.flags[thread] | MIRRORED
 
     return second_kernel

@@ -16,8 +16,8 @@ from twin.render.outputs import Buffers, Wanted
 from twin.render.precipitation import cover
 from twin.render.rays import Optics, SlotPose
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import Place, matt_light, place_of, surface_of
-from twin.render.sky import sky, sun_through_clouds
+from twin.render.shading import Place, fresnel_of, matt_light, place_of, surface_of
+from twin.render.sky import sky, smooth_sky, sun_through_clouds
 from twin.render.surface import Surface
 from twin.render.tone import tone
 from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
@@ -236,6 +236,11 @@ def picture_kernel(
                         wp.float32(seen.second[thread, 1]),
                         wp.float32(seen.second[thread, 2]),
                     )
+                elif s.mirror > 0.0:
+                    cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
+                    bounce = direction + at.n * (2.0 * cosine)
+                    back = smooth_sky(bounce, slot, light, sky_table)
+                    color += back * (fresnel_of(s.mirror, cosine) * wp.max(0.0, bounce[2]))
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
                 if wp.static(skies):

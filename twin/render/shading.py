@@ -80,6 +80,15 @@ def place_of(
 
 
 @wp.func
+def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
+    """Share that is mirrored at an angle, from that at ``normal`` incidence (Schlick 1994)."""
+    grazing = 1.0 - cosine
+    square = grazing * grazing
+    top = wp.min(1.0, normal * 25.0)
+    return normal + (top - normal) * square * square * grazing
+
+
+@wp.func
 def albedo_at(
     scene: Scene, face: Face, row: wp.int32, u: wp.float32, v: wp.float32, footprint: wp.float32
 ) -> wp.vec3:

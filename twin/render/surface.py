@@ -157,10 +157,14 @@ def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, li
 
 
 @wp.func
-def may_mirror(material: wp.int32, wetness: wp.float32) -> wp.bool:
-    """Whether a surface can be a mirror or let light through."""
-    if material <= _LAST_GROUND and material != _PLAIN:
-        return wetness > 0.5
+def is_ground(material: wp.int32) -> wp.bool:
+    """Whether a surface gets wet as the road does."""
+    return material <= _LAST_GROUND and material != _PLAIN
+
+
+@wp.func
+def may_mirror(material: wp.int32) -> wp.bool:
+    """Whether a dry surface can be a mirror or let light through."""
     return ((1 << material) & _MIRRORS) != 0
 
 

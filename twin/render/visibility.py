@@ -13,9 +13,10 @@ import numpy as np
 import warp as wp
 
 from twin.render.build import Build
-from twin.render.geometry import Scene, occluded, trace
+from twin.render.geometry import Scene, occluded, trace, turned
 from twin.render.light import SlotLight
 from twin.render.rays import Optics, SlotPose
+from twin.render.surface import is_ground, may_mirror
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,6 +26,11 @@ _TILE_ROWS = wp.constant(TILE_ROWS)
 _TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
 SUN_RANGE_M = wp.constant(400.0)
 """How far away something may be that shadows [m]."""
+
+SECOND_RANGE_M = wp.constant(60.0)
+"""Farther glass and lacquer mirror nothing but the sky [m]."""
+# A film of water reflects less than a tenth of what meets it more steeply.
+_WET_COSINE = wp.constant(0.4)
 
 NOTHING = wp.constant(-1)
 """Face of a pixel that sees the sky."""
@@ -39,10 +45,10 @@ MIRRORED = wp.constant(1 << 18)
 OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
-BYTES_PER_PIXEL = 22
+BYTES_PER_PIXEL = 26
 """Of :class:`Seen`."""
 CHUNK_PIXELS = 1 << 24
-"""Pixels that are under way at once: 369 MB of :class:`Seen`."""
+"""Pixels that are under way at once: 436 MB of :class:`Seen`."""
 
 
 @wp.struct
@@ -55,6 +61,10 @@ class Seen:
     flags: wp.array(dtype=wp.int32)
     bary: wp.array(dtype=wp.int32)
     """Barycentric weights of the first two corners, 16 bits each, of 65535."""
+    listed: wp.array(dtype=wp.int32)
+    """Threads whose pixels need second rays, in any order."""
+    listed_count: wp.array(dtype=wp.int32)
+    """How many [1]."""
     second: wp.array2d(dtype=wp.float16)
     """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
 
@@ -83,6 +93,8 @@ def allocate_seen(slots: int, height: int, width: int, device: wp.Device) -> See
     seen.face = wp.empty(count, dtype=wp.int32, device=device)
     seen.flags = wp.zeros(count, dtype=wp.int32, device=device)
     seen.bary = wp.empty(count, dtype=wp.int32, device=device)
+    seen.listed = wp.empty(count, dtype=wp.int32, device=device)
+    seen.listed_count = wp.zeros(1, dtype=wp.int32, device=device)
     seen.second = wp.empty((count, 3), dtype=wp.float16, device=device)
     return seen
 
@@ -92,6 +104,42 @@ def rays_traced(seen: Seen, count: int) -> int:
     face, flags = seen.face.numpy()[:count], seen.flags.numpy()[:count]
     seen_any = np.count_nonzero(face != int(OUTSIDE))
     return seen_any + np.count_nonzero((face >= 0) & (flags & int(ASKED) != 0))
+
+
+# The threads of a warp take their places together. The order differs from run to run, what is found
+# for a pixel does not.
+_LIST = """
+    #if defined(__CUDA_ARCH__)
+    const unsigned mates = __activemask();
+    unsigned lane;
+    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
+    const int leader = __ffs(mates) - 1;
+    int first = 0;
+    if (lane == leader) first = atomicAdd(count.data, __popc(mates));
+    first = __shfl_sync(mates, first, leader);
+    places.data[first + __popc(mates & ((1u << lane) - 1u))] = thread;
+    #else
+    places.data[count.data[0]++] = thread;
+    #endif
+"""
+
+
+@wp.func_native(_LIST)
+def put_on_list(
+    places: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), thread: wp.int32
+):
+    """Append ``thread`` to the first ``count[0]`` of ``list``."""
+
+
+@wp.func
+def needs_second_rays(
+    material: wp.int32, wetness: wp.float32, cosine: wp.float32, distance: wp.float32
+) -> wp.bool:
+    """Whether mirrors and glass are worth a ray: near, and on wet ground at grazing angles."""
+    needs = may_mirror(material) and distance < SECOND_RANGE_M
+    if wetness > 0.5 and is_ground(material):
+        needs = cosine < _WET_COSINE
+    return needs
 
 
 @wp.func
@@ -167,8 +215,67 @@ def visibility_kernel(build: Build) -> wp.Kernel:
         seen.t[thread] = hit.t + near
         seen.face[thread] = hit.face
         seen.flags[thread] = flags
+        material = scene.faces[hit.face].material
+        cosine = -wp.dot(hit.normal, direction)
+        if needs_second_rays(material, lights[slot].wetness, cosine, hit.t):
+            put_on_list(seen.listed, seen.listed_count, thread)
         u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
         v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
         seen.bary[thread] = (u << 16) | v
 
     return first_kernel
+
+
+@cache
+def sun_kernel(build: Build) -> wp.Kernel:
+    """The kernel that asks for the sun where a picture has been drawn; compiled as ``build`` says."""
+
+    @wp.kernel(**build.arguments())
+    def shadow_kernel(
+        # model
+        scene: Scene,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Trace the sun from what the slots from ``first_slot`` on see."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        if lights[slot].active == 0:
+            return
+        face = seen.face[thread]
+        if face < 0:
+            return
+        pose = poses[slot]
+        ray = rays[pixel.row, pixel.column]
+        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        flags = seen.flags[thread]
+        normal = scene.faces[face].normal
+        m = (flags & OBJECT_MASK) - 1
+        if m >= 0:
+            cosine = scene.objects[slot, m].cosine
+            normal = turned(normal, cosine, scene.objects[slot, m].sine)
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        material = scene.faces[face].material
+        cosine = -wp.dot(normal, direction)
+        if needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread]):
+            put_on_list(seen.listed, seen.listed_count, thread)
+        sun = lights[slot].sun_direction
+        if lights[slot].shadows != 0 and wp.dot(normal, sun) > 0.0:
+            flags = flags | ASKED
+            start = pose.eye + direction * seen.t[thread] + normal * 0.02
+            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                flags = flags | LIT
+            seen.flags[thread] = flags
+
+    return shadow_kernel
