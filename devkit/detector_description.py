@@ -6,12 +6,14 @@ same kind of heads the user gives it.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
 from schemas.validation import convert_all
+from twin.fabric.errors import UsageError
 
 METADATA_KEY = "drivetwin.detector"
 """Key of the description in the metadata of an ONNX file; the value is JSON."""
@@ -70,3 +72,16 @@ def decode_description(text: str, where: str) -> DetectorDescription:
     if value is None:
         raise ValueError(mistakes[0].line(where))
     return value
+
+
+def read_description(path: Path) -> DetectorDescription:
+    """The description in a JSON file.
+
+    Raises:
+        UsageError: one line naming the file.
+    """
+    try:
+        return decode_description(path.read_text(), str(path))
+    except (OSError, ValueError) as error:
+        reason = f"{path}: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+        raise UsageError(reason) from None

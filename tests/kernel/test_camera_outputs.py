@@ -242,7 +242,7 @@ def test_textures_are_bilinear_in_linear_light():
     picture = camera.render(flat((0, 0, 0)))[0].astype(float)
     quarters = [picture[16, 16], picture[16, 48], picture[48, 16], picture[48, 48]]
     assert quarters[0].argmax() == 0
-    assert quarters[0][1] < 20
+    assert quarters[0][1] < 35  # air and sky light
     assert quarters[1].argmax() == 1
     assert quarters[2].argmax() == 2
     assert np.ptp(quarters[3]) < 40

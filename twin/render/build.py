@@ -46,7 +46,7 @@ CPU = Tuning(Build(block=1), Build(block=1), Build(block=1))
 """Exact functions: a vector unit has no quick ones."""
 CUDA = Tuning(
     visibility=Build(blocks=8),
-    mirror=Build(fast_math=True),
+    mirror=Build(fast_math=True, blocks=4),
     picture=Build(fast_math=True, blocks=4),
 )
 """A GPU's exact functions are slow and large; the quick ones stay far below one level."""

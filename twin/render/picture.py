@@ -106,7 +106,10 @@ def flow_at(
     width = rays.shape[1]
     x = wp.float32(0.0)
     y = wp.float32(0.0)
-    for _ in range(4):
+    step = wp.float32(1.0)
+    count = wp.int32(0)
+    while step > 2.0e-3 and count < 5:
+        count += 1
         u = wp.clamp(wp.float32(column) + x, 0.0, wp.float32(width - 1))
         v = wp.clamp(wp.float32(row) + y, 0.0, wp.float32(height - 1))
         i = wp.int32(v + 0.5)
@@ -127,9 +130,14 @@ def flow_at(
         f = wp.dot(off, across)
         g = wp.dot(off, along)
         det = a * c - b * b
+        step = wp.float32(0.0)
         if det > 1.0e-20:
-            x += (c * f - b * g) / det
-            y += (a * g - b * f) / det
+            inverse = 1.0 / det
+            move_x = (c * f - b * g) * inverse
+            move_y = (a * g - b * f) * inverse
+            x += move_x
+            y += move_y
+            step = wp.abs(move_x) + wp.abs(move_y)
         x = wp.clamp(x, -wp.float32(width), wp.float32(width))
         y = wp.clamp(y, -wp.float32(height), wp.float32(height))
     return wp.vec2(x, y)
