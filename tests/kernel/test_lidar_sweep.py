@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from lidar_rigs import (
+    CPU,
     INTENSITY,
     KIND,
     RANGE,
@@ -23,6 +25,7 @@ from lidar_rigs import (
 )
 
 from schemas.lidar import POINT_COLUMNS, TRUTH_COLUMNS, Lidar
+from twin.sensors import lidar_return
 from twin.sensors.lidar import LidarWeather, load_lidar_profile, point_table
 from twin.world import materials
 from twin.world.mesh import MeshBuilder
@@ -194,3 +197,21 @@ def _mount():
     from schemas.lidar import LidarMount
 
     return LidarMount([1.5, 0.0, 1.9], profile="spinning_16")
+
+
+def test_points_one_by_one_are_those_of_rows():
+    """The kernel of GPUs against that of the CPU."""
+    eye = street(2)
+    points, count = drive(eye, [1, 4])
+    again, number = wp.zeros_like(eye.points), wp.zeros_like(eye.count)
+    constant = [eye._beams, eye._detector, eye._surfaces, eye._fog, eye._drops]
+    state = [eye.air.device, eye._poses, eye._hits]
+    wp.launch(
+        lidar_return.return_kernel,
+        eye.shape[:2],
+        inputs=[eye._geometry.scene, *constant, *state],
+        outputs=[again, number],
+        device=CPU,
+    )
+    assert again.numpy().tobytes() == points.tobytes()
+    assert number.numpy().tolist() == count.tolist()

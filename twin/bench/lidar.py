@@ -31,7 +31,7 @@ RATIO_TARGETS = {"cpu": 1.8, "cuda": None}
 SLOTS = {"cpu": 8, "cuda": 256}
 TILES = ((8, 4), (16, 2), (32, 1), (4, 8))
 """Tiles of a warp's 32 rays that :func:`time_tiles` tries."""
-BLOCKS = {"cpu": (128,), "cuda": (64, 128, 256)}
+BLOCKS = {"cpu": (128,), "cuda": (64, 128)}
 """Blocks that it tries."""
 _ROUNDS = 7
 _ROUND_S = 0.3

@@ -31,9 +31,6 @@ _PROFILES = Path(__file__).parent / "lidar_profiles"
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
 
-_RUN_CPU = 256
-"""Points that one thread makes on the CPU."""
-
 _SPECKLE_MAX = 8.0
 """Fog's strongest echo over its mean row signal, for deciding whether it can be detected."""
 
@@ -89,7 +86,7 @@ class LidarSensor:
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
         tile: tuple[int, int] = lidar_sweep.TILE,
-        block: int = 128,
+        block: int = lidar_cast.BLOCK,
     ) -> None:
         """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
         ``tile``: columns and channels that are cast together; ``block``: threads of a GPU's block.
@@ -217,12 +214,12 @@ class LidarSensor:
             )
         self._cast()
         self.count.zero_()
-        run = _RUN_CPU if device.is_cpu else 1
+        rows = device.is_cpu
         wp.launch(
-            lidar_return.return_kernel,
-            (slots, -(-self.shape[1] // run)),
+            lidar_return.row_kernel if rows else lidar_return.return_kernel,
+            (slots, self.profile.channels if rows else self.shape[1]),
             inputs=[
-                *(run, scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
+                *(scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
                 *(air, self._poses, self._hits),
             ],
             outputs=[self.points, self.count],
