@@ -151,9 +151,9 @@ def _candidates(
     raw: np.ndarray, head: Head, description: DetectorDescription, limit: float, first: int
 ) -> tuple[np.ndarray, ...]:
     """Image, place, class, confidence and box (shares of the image: centre, size) of one head."""
-    images, _, rows, columns = raw.shape
+    images, channels, rows, columns = raw.shape
     anchors = len(head.anchors_px)
-    grid = raw.reshape(images, anchors, -1, rows, columns)
+    grid = raw.reshape(images, anchors, channels // anchors, rows, columns)
     # Most cells are empty: only those that may reach the limit are looked at any further.
     least = np.log(limit / (1.0 - limit)) - LOGIT_MARGIN
     image, anchor, row, column = np.nonzero(grid[:, :, 4] >= least)

@@ -139,10 +139,9 @@ def _judge_row(name: str, line: int, row: Mapping[str, str], parity: Parity) -> 
         counts[0] += 1
         return
     box = detections[0] if detections else Detection("", 0.0, 0.0, 0.0, 0.0, 0.0)
+    percent = round(100.0 * box.confidence, 6)
     parity.disagreements.append(
-        Disagreement(
-            name, line, box.label, 100.0 * box.confidence, box.width_px, logged=logged, rule=rule
-        )
+        Disagreement(name, line, box.label, percent, box.width_px, logged=logged, rule=rule)
     )
 
 
