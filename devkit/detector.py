@@ -17,7 +17,9 @@ import numpy as np
 from devkit.detector_decode import Detections, Selection, decode
 from devkit.detector_description import (
     METADATA_KEY,
+    BoxHead,
     DetectorDescription,
+    GridHead,
     decode_description,
 )
 from schemas.validation import suggest
@@ -78,7 +80,8 @@ class Detector:
         return decode(self.raw(images), self.description, sizes_px, self.selection)
 
     def raw(self, images: Sequence[np.ndarray] | np.ndarray) -> dict[str, np.ndarray]:
-        """Raw heads of N images: name -> float32 [N, A (5 + C), rows, columns]."""
+        """Raw heads of N images: name -> float32 [N, ...], see
+        :mod:`devkit.detector_description`."""
         batch = self._batch or BATCH_MAX
         parts = [
             self._forward(np.stack([self._prepared(i) for i in images[first : first + batch]]))
@@ -119,16 +122,28 @@ class Detector:
                 )
         with _quiet(self.path):
             outputs = self._forward(self._black())
-        classes = len(self.description.names)
         for head in self.description.heads:
-            channels = len(head.anchors_px) * (5 + classes)
             shape = outputs[head.output].shape
-            if len(shape) != 4 or shape[1] != channels:
+            mistake = _head_mistake(head, shape, len(self.description.names))
+            if mistake:
                 raise ModelError(
-                    f"{self.path}: output '{head.output}' is {list(shape)}, expected"
-                    f" [batch, {channels}, rows, columns]: {len(head.anchors_px)} anchors x"
-                    f" (5 + {classes} classes)"
+                    f"{self.path}: output '{head.output}' is {list(shape)}, expected {mistake}"
                 )
+
+
+def _head_mistake(head: GridHead | BoxHead, shape: Sequence[int], classes: int) -> str:
+    """The shape that an output should have, and why; empty if it has it."""
+    channels = head.channels(classes)
+    if isinstance(head, GridHead):
+        axis, rank, dimensions = 1, 4, f"{channels}, rows, columns"
+        why = f"{len(head.anchors_px)} anchors x (5 + {classes} classes)"
+    else:
+        rows = head.layout == "rows"
+        axis, rank = (2, 3) if rows else (1, 3)
+        dimensions = f"boxes, {channels}" if rows else f"{channels}, boxes"
+        why = f"4 for the box{' + objectness' * head.objectness} + {classes} classes"
+    fits = len(shape) == rank and shape[axis] == channels
+    return "" if fits else f"[batch, {dimensions}]: {why}"
 
 
 def _read_model(path: Path) -> Any:
@@ -161,8 +176,8 @@ def _described(path: Path, model: Any) -> DetectorDescription:
             except ValueError as error:
                 raise ModelError(str(error)) from None
     raise ModelError(
-        f"{path}: no metadata '{METADATA_KEY}', so width, height, names and heads (output,"
-        " anchors_px, scores) must be given with the model"
+        f"{path}: no metadata '{METADATA_KEY}', so width, height, names and heads must be"
+        " given with the model, as a description"
     )
 
 

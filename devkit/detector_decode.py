@@ -1,7 +1,8 @@
-"""Raw heads -> boxes: one decoding for YOLOv2's region and YOLOv3's yolo, and the suppression.
+"""Outputs of a network -> boxes, for all kinds of heads, and the suppression.
 
-For a cell (i, j) of a grid of W_g x H_g cells and an anchor (p_w, p_h) of an input of W x H pixels
-(Redmon, Farhadi: YOLO9000, 2016, section 2; YOLOv3, 2018, section 2.1), as shares of the image::
+YOLOv2's region and YOLOv3's yolo share one formula. For a cell (i, j) of a grid of W_g x H_g cells
+and an anchor (p_w, p_h) of an input of W x H pixels, with t the network's values, as shares of the
+image (Redmon, Farhadi: YOLO9000, 2016, section 2; YOLOv3, 2018, section 2.1)::
 
     x = (i + s(t_x)) / W_g      width  = p_w e^(t_w) / W
     y = (j + s(t_y)) / H_g      height = p_h e^(t_h) / H      confidence = s(t_o) P(class)
@@ -19,7 +20,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from devkit.detector_description import DetectorDescription, Head
+from devkit.detector_description import BoxHead, DetectorDescription, GridHead
 from schemas.messages import Detection
 
 EXPONENT_MAX = 30.0
@@ -87,7 +88,7 @@ def decode(
     """Boxes of N images.
 
     Args:
-        outputs: name -> float32 [N, A (5 + C), rows, columns], for every head.
+        outputs: name -> float32 [N, ...], for every head as its type describes.
         description: of the network.
         sizes_px: (width, height) of each image as it was before the resize [px].
         selection: which boxes are reported.
@@ -95,9 +96,15 @@ def decode(
     parts = []
     first = 0
     for head in description.heads:
-        raw = outputs[head.output]
-        parts.append(_candidates(raw, head, description, selection.confidence_min, first))
-        first += raw.shape[2] * raw.shape[3] * len(head.anchors_px)
+        raw, limit = outputs[head.output], selection.confidence_min
+        if isinstance(head, GridHead):
+            part = _from_grid(raw, head, description, limit)
+            count = raw.shape[2] * raw.shape[3] * len(head.anchors_px)
+        else:
+            part = _from_boxes(raw, head, description, limit)
+            count = raw.shape[1 if head.layout == "rows" else 2]
+        parts.append((part[0], first + part[1], *part[2:]))
+        first += count
     found = [np.concatenate(column) for column in zip(*parts, strict=True)]
     image, place, class_id, confidence, box = found
     size_px = np.array(sizes_px, np.float64).reshape(-1, 2)[image]
@@ -147,10 +154,11 @@ def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarr
     return np.flatnonzero(alive)
 
 
-def _candidates(
-    raw: np.ndarray, head: Head, description: DetectorDescription, limit: float, first: int
+def _from_grid(
+    raw: np.ndarray, head: GridHead, description: DetectorDescription, limit: float
 ) -> tuple[np.ndarray, ...]:
-    """Image, place, class, confidence and box (shares of the image: centre, size) of one head."""
+    """Image, place in this head, class, confidence and box (centre and size in shares of the
+    image) of its confident boxes."""
     images, channels, rows, columns = raw.shape
     anchors = len(head.anchors_px)
     grid = raw.reshape(images, anchors, channels // anchors, rows, columns)
@@ -167,10 +175,29 @@ def _candidates(
     centre = (np.stack([column, row], axis=1) + centre) / np.array([columns, rows], np.float64)
     anchor_share = np.array(head.anchors_px) / np.array([description.width, description.height])
     size = np.exp(np.minimum(values[:, 2:4], EXPONENT_MAX)) * anchor_share[anchor]
-    place = first + (row * columns + column) * anchors + anchor
+    place = (row * columns + column) * anchors + anchor
     keep = confidence >= limit
     box = np.concatenate([centre, size], axis=1)
     return image[keep], place[keep], best[keep], confidence[keep], box[keep]
+
+
+def _from_boxes(
+    raw: np.ndarray, head: BoxHead, description: DetectorDescription, limit: float
+) -> tuple[np.ndarray, ...]:
+    """As :func:`_from_grid`, of a head of finished boxes."""
+    rows = raw if head.layout == "rows" else raw.transpose(0, 2, 1)
+    scores = rows[..., 4 + head.objectness :]
+    best = np.argmax(scores, axis=2)
+    confidence = np.take_along_axis(scores, best[..., None], axis=2)[..., 0].astype(np.float64)
+    if head.objectness:
+        confidence = confidence * rows[..., 4]
+    sound = np.isfinite(rows).all(axis=2)
+    image, place = np.nonzero((confidence >= limit) & sound)
+    box = rows[image, place, :4].astype(np.float64)
+    box /= np.array([description.width, description.height] * 2, np.float64)
+    # Probabilities are the network's; a message's confidence is 0 to 1 whatever it says.
+    certain = np.minimum(confidence[image, place], 1.0)
+    return image, place, best[image, place], certain, box
 
 
 def _class_probability(scores: np.ndarray, best: np.ndarray, how: str) -> np.ndarray:

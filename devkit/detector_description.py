@@ -21,8 +21,8 @@ METADATA_KEY = "drivetwin.detector"
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 
 
-class Head(Struct, frozen=True, forbid_unknown_fields=True):
-    """One output of the network: a grid of cells with boxes around A anchors, raw.
+class GridHead(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="grid"):
+    """An output of YOLOv2 or v3: a grid of cells with boxes around A anchors, raw.
 
     The array is [N, A (5 + C), rows, columns]; the 5 + C channels of an anchor are x, y, width,
     height, objectness and one per class, before any activation.
@@ -36,6 +36,32 @@ class Head(Struct, frozen=True, forbid_unknown_fields=True):
     """How class scores become probabilities: ``softmax`` in YOLOv2, ``logistic`` in YOLOv3."""
     scale_xy: Annotated[float, Meta(ge=1, le=10)] = 1.0
     """Stretch of the centre's range around its cell [-], 1 (off, YOLOv2 and v3) to 10."""
+
+    def channels(self, classes: int) -> int:
+        """Of the output."""
+        return len(self.anchors_px) * (5 + classes)
+
+
+class BoxHead(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="boxes"):
+    """An output of K finished boxes, as many exporters write it.
+
+    The channels of a box are the x and y of its centre, width, height [px of the network's input],
+    objectness if there is one, and one probability per class.
+    """
+
+    output: str
+    """Name of the output in the ONNX file."""
+    layout: Literal["rows", "columns"] = "rows"
+    """``rows``: [N, K, channels]; ``columns``: [N, channels, K]."""
+    objectness: bool = True
+    """Whether there is one; the confidence is its product with the class's probability."""
+
+    def channels(self, classes: int) -> int:
+        """Of the output."""
+        return 4 + self.objectness + classes
+
+
+Head = GridHead | BoxHead
 
 
 class DetectorDescription(Struct, frozen=True, forbid_unknown_fields=True):

@@ -29,8 +29,7 @@ from devkit.darknet.network import (
     Upsample,
 )
 from devkit.darknet.weights import Convolution, Weights
-from devkit.detector_description import METADATA_KEY, DetectorDescription
-from devkit.detector_description import Head as DescribedHead
+from devkit.detector_description import METADATA_KEY, DetectorDescription, GridHead
 
 OPSET = 13
 IR_VERSION = 8
@@ -122,7 +121,7 @@ def describe(network: Network, names: Sequence[str]) -> DetectorDescription:
         height=network.input.height,
         names=list(names),
         heads=[
-            DescribedHead(f"head_{i}", list(head.anchors_px), head.scores, head.scale_xy)
+            GridHead(f"head_{i}", list(head.anchors_px), head.scores, head.scale_xy)
             for i, head in enumerate(network.heads())
         ],
     )

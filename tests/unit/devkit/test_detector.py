@@ -14,7 +14,13 @@ from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
 from devkit.detector import Detector, ModelError
 from devkit.detector_decode import Selection, decode
-from devkit.detector_description import METADATA_KEY, DetectorDescription, Head, read_description
+from devkit.detector_description import (
+    METADATA_KEY,
+    BoxHead,
+    DetectorDescription,
+    GridHead,
+    read_description,
+)
 from twin.fabric.errors import UsageError
 
 NAMES = ["car", "truck", "pedestrian", "traffic_sign"]
@@ -150,8 +156,8 @@ def described(model, **changes):
         height=96,
         names=NAMES,
         heads=[
-            Head("head_0", [(81, 82), (135, 169), (344, 319)]),
-            Head("head_1", [(10, 14), (23, 27), (37, 58)]),
+            GridHead("head_0", [(81, 82), (135, 169), (344, 319)]),
+            GridHead("head_1", [(10, 14), (23, 27), (37, 58)]),
         ],
     )
     text = msgspec.structs.replace(description, **changes).encode()
@@ -175,7 +181,7 @@ def described(model, **changes):
             "input 'images' is [batch, 3, 96, 160], expected [batch, 3, 192, 320]",
         ),
         (
-            lambda m: described(m, heads=[Head("head", [(8, 8)])]),
+            lambda m: described(m, heads=[GridHead("head", [(8, 8)])]),
             "no output 'head'; did you mean 'head_",
         ),
         (
@@ -199,7 +205,7 @@ def one_node(tmp_path, kind, inputs, domain="", **attributes):
     )
     opsets = [helper.make_opsetid("", 13)] + [helper.make_opsetid(domain, 1)] * bool(domain)
     model = helper.make_model(graph, opset_imports=opsets, ir_version=8)
-    described(model, width=8, height=8, names=["a"], heads=[Head("head", [(8, 8)])])
+    described(model, width=8, height=8, names=["a"], heads=[GridHead("head", [(8, 8)])])
     onnx.save(model, tmp_path / "x.onnx")
     return tmp_path / "x.onnx"
 
@@ -235,8 +241,8 @@ def test_a_plain_model_is_described_by_its_user(tmp_path, batch):
     model.graph.node[0].input.append("images")  # six channels: one anchor, one class
     onnx.save(model, path)
     (tmp_path / "x.json").write_text(
-        '{"width": 8, "height": 8, "names": ["thing"], "channel_order": "bgr",'
-        ' "heads": [{"output": "head", "anchors_px": [[8, 8]], "scores": "softmax"}]}'
+        '{"width": 8, "height": 8, "names": ["thing"], "channel_order": "bgr", "heads":'
+        ' [{"kind": "grid", "output": "head", "anchors_px": [[8, 8]], "scores": "softmax"}]}'
     )
     detector = Detector(path, description=read_description(tmp_path / "x.json"))
     images = np.random.default_rng(1).integers(0, 256, (5, 8, 8, 3), dtype=np.uint8)
@@ -244,6 +250,28 @@ def test_a_plain_model_is_described_by_its_user(tmp_path, batch):
     planes = images[..., ::-1].transpose(0, 3, 1, 2).astype(np.float32) / 255
     assert np.allclose(raw, np.concatenate([planes, planes], axis=1))
     assert {d.label for d in detector.detect(images).of(4)} == {"thing"}
+
+
+def test_a_plain_model_of_finished_boxes(tmp_path):
+    path = one_node(tmp_path, "Reshape", [("images", TensorProto.FLOAT, ["n", 3, 8, 8])])
+    model = onnx.load(path)
+    without_metadata(model)
+    model.graph.initializer.append(helper.make_tensor("shape", TensorProto.INT64, [3], [-1, 6, 32]))
+    model.graph.node[0].input.append("shape")
+    onnx.save(model, path)
+    head = BoxHead("head", "columns")
+    image = np.full((1, 8, 8, 3), 255, np.uint8)
+    found = Detector(path, description=DetectorDescription(8, 8, ["a"], [head])).detect(image)
+    assert [(d.label, d.confidence) for d in found.of(0)] == [("a", 1.0)]
+    for wrong, line in (
+        (BoxHead("head"), "is [1, 6, 32], expected [batch, boxes, 6]: 4 for the box + objectness"),
+        (
+            BoxHead("head", "columns", False),
+            "expected [batch, 5, boxes]: 4 for the box + 1 classes",
+        ),
+        (GridHead("head", [(8, 8)]), "expected [batch, 6, rows, columns]: 1 anchors x (5 + 1"),
+    ):
+        assert line in refused(path, DetectorDescription(8, 8, ["a"], [wrong]))
 
 
 def test_a_description_with_mistakes(tmp_path):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from devkit.detector_decode import Selection, decode, suppress
-from devkit.detector_description import DetectorDescription, Head
+from devkit.detector_description import BoxHead, DetectorDescription, GridHead
 
 NAMES = ["car", "truck", "sign"]
-REGION = Head("a", [(20.0, 30.0), (50.0, 24.0)], "softmax")
-YOLO = Head("b", [(8.0, 9.0), (16.0, 30.0), (33.0, 23.0)], "logistic")
-STRETCHED = Head("c", [(12.0, 12.0)], "logistic", 1.2)
+REGION = GridHead("a", [(20.0, 30.0), (50.0, 24.0)], "softmax")
+YOLO = GridHead("b", [(8.0, 9.0), (16.0, 30.0), (33.0, 23.0)], "logistic")
+STRETCHED = GridHead("c", [(12.0, 12.0)], "logistic", 1.2)
 DESCRIPTION = DetectorDescription(96, 64, NAMES, [REGION, YOLO, STRETCHED])
 SIZES = [(640, 360), (320, 192)]
 
@@ -93,7 +93,7 @@ def test_decode_and_suppression_against_loops(seed, across_classes):
         assert np.allclose(np.concatenate([low, low + size], axis=1), corners, rtol=1e-12)
 
 
-def empty(head: Head) -> dict[str, np.ndarray]:
+def empty(head: GridHead) -> dict[str, np.ndarray]:
     """No object anywhere; centres in the middle of their cells, sizes those of the anchors."""
     raw = {k: np.zeros_like(v) for k, v in outputs(0).items()}
     for name, array in raw.items():
@@ -197,3 +197,37 @@ def test_an_image_is_decoded_the_same_alone_and_beside_others():
     alone = decode({k: v[1:] for k, v in raw.items()}, DESCRIPTION, SIZES[1:], Selection())
     assert alone.of(0) == together.of(1)
     assert len(alone.of(0)) > 0
+
+
+def test_finished_boxes_by_hand():
+    raw = np.zeros((2, 4, 8), np.float32)
+    raw[1, 2] = (48, 32, 24, 16, 0.5, 0.25, 0.75, 0.125)
+    raw[1, 3] = (48, 32, 24, 16, 0.5, 0.25, 0.25, 0.875)
+    raw[0, 0] = (48, 32, np.nan, 16, 1, 1, 0, 0)
+    raw[0, 1] = (48, 32, -5, 16, 1, 1, 0, 0)
+    heads = [YOLO, BoxHead("d")]
+    description = DetectorDescription(96, 64, NAMES, heads)
+    outputs = {**empty(YOLO), "d": raw}
+    found = decode(outputs, description, SIZES, Selection(confidence_min=0.375))
+    assert found.of(0) == []
+    assert [(d.label, d.confidence) for d in found.of(1)] == [("sign", 0.4375), ("truck", 0.375)]
+    assert found.box_px.tolist() == [[120, 72, 80, 48]] * 2  # of 320x192
+    assert found.place.tolist() == [4 * 6 * 3 + 3, 4 * 6 * 3 + 2]
+    strict = Selection(confidence_min=0.375, across_classes=True)
+    assert [d.label for d in decode(outputs, description, SIZES, strict).of(1)] == ["sign"]
+
+
+def test_finished_boxes_in_columns_without_objectness():
+    rng = np.random.default_rng(0)
+    rows = rng.random((2, 50, 7), dtype=np.float32) * np.array(
+        [96, 64, 40, 30, 1, 1, 1], np.float32
+    )
+    with_one = np.insert(rows, 4, 1.0, axis=2)
+    selection = Selection(confidence_min=0.5)
+    plain = DetectorDescription(96, 64, NAMES, [BoxHead("d", "columns", objectness=False)])
+    usual = DetectorDescription(96, 64, NAMES, [BoxHead("d", "rows")])
+    left = decode({"d": rows.transpose(0, 2, 1)}, plain, SIZES, selection)
+    right = decode({"d": with_one}, usual, SIZES, selection)
+    assert len(left.image) > 10
+    for image in (0, 1):
+        assert left.of(image) == right.of(image)
