@@ -228,7 +228,7 @@ def visibility_kernel(build: Build) -> wp.Kernel:
 
 @cache
 def sun_kernel(build: Build) -> wp.Kernel:
-    """The kernel that asks for the sun where a picture has been drawn; compiled as ``build`` says."""
+    """The kernel that asks for the sun after drawing, compiled as ``build`` says."""
 
     @wp.kernel(**build.arguments())
     def shadow_kernel(
