@@ -50,6 +50,7 @@ class AebStack(Stack):
         self,
         slots: int,
         *,
+        rules: str = _PLANNER.rules,
         cruise_speed_mps: float = _PLANNER.cruise_speed_mps,
         confidence_min: float = _PLANNER.confidence_min,
         area_min_ratio: float = _PLANNER.area_min_ratio,

@@ -11,10 +11,15 @@ from typing import Annotated
 
 import typer
 
+from devkit.model_commands import darknet_cfg, detect, import_darknet, parity
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
+app.command("import-darknet")(import_darknet)
+app.command("darknet-cfg")(darknet_cfg)
+app.command("detect")(detect)
+app.command("parity")(parity)
 
 
 @app.command()

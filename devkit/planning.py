@@ -1,8 +1,9 @@
 """The planner: a finite-state machine that drives, brakes for what stands in its way, and holds.
 
-Pure: :func:`plan` takes the state and returns the next one. A trigger needs an object of a vehicle
-class, seen with enough confidence, large enough in the image, standing in the ego's path, on
-several camera frames in a row.
+Pure: :func:`plan` takes the state and returns the next one. Two rule sets: ``default``, whose
+trigger needs an object of a vehicle class, seen with enough confidence, large enough in the image,
+standing in the ego's path, on several camera frames in a row, and which brakes until standstill;
+and ``autodrive``, the rule of the published AEB script (:mod:`devkit.planning_autodrive`).
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from devkit import planning_autodrive
 from schemas.messages import Detection
 
 VEHICLE_CLASSES = frozenset({"car", "truck", "bus"})
@@ -26,6 +28,8 @@ STANDSTILL_MPS = 0.05
 class Planner(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the planner."""
 
+    rules: Literal["default", "autodrive"] = "default"
+    """Rule set. ``autodrive`` has fixed limits: only ``cruise_speed_mps`` applies to it."""
     cruise_speed_mps: Annotated[float, Meta(ge=0, le=60)] = 8.0
     """Speed on a free road [m/s], 0 to 60."""
     confidence_min: Annotated[float, Meta(ge=0, le=1)] = 0.5
@@ -46,6 +50,19 @@ class Planner(Struct, frozen=True, forbid_unknown_fields=True):
     Its inner edge in the image is its far corner. Shorter than real cars on purpose: too short
     moves an object towards the path, so the error is on the side of braking.
     """
+
+    def __post_init__(self) -> None:
+        """Refuse limits that the chosen rules would not look at."""
+        if self.rules == "autodrive":
+            for name in _DEFAULT_RULES_ONLY:
+                if getattr(self, name) != Planner.__struct_defaults__[_FIELDS.index(name)]:
+                    raise ValueError(
+                        f"{name} is set, but rules: autodrive have limits of their own"
+                    )
+
+
+_FIELDS = Planner.__struct_fields__
+_DEFAULT_RULES_ONLY = tuple(name for name in _FIELDS if name not in ("rules", "cruise_speed_mps"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +97,14 @@ class Hold:
     """Stands still, brake held; in v1 a case ends here."""
 
 
-State = Cruise | Brake | Hold
+@dataclass(frozen=True, slots=True)
+class React:
+    """Rules ``autodrive``: what the last camera frame asked for, and nothing remembered of it."""
+
+    aeb: bool = False
+
+
+State = Cruise | Brake | Hold | React
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +127,7 @@ def plan(
     """One control tick.
 
     Args:
-        state: the state of the last tick, :class:`Cruise` at reset.
+        state: the state of the last tick, :class:`Cruise` at reset for either rule set.
         detections: those of a new camera frame; None when no frame is due (the count of frames
             that agree is kept, neither raised nor reset).
         speed_mps: forward speed of the ego [m/s].
@@ -111,7 +135,7 @@ def plan(
         planner: parameters.
     """
     state = _next_state(state, detections, speed_mps, view, planner)
-    if isinstance(state, Cruise):
+    if isinstance(state, Cruise) or (isinstance(state, React) and not state.aeb):
         return state, Plan(planner.cruise_speed_mps, aeb=False)
     return state, Plan(0.0, aeb=True)
 
@@ -123,7 +147,11 @@ def _next_state(
     view: View,
     planner: Planner,
 ) -> State:
-    if isinstance(state, Hold):
+    if planner.rules == "autodrive":
+        if detections is None:
+            return state if isinstance(state, React) else React()
+        return React(planning_autodrive.brakes(detections, view.width_px, view.height_px))
+    if isinstance(state, Hold | React):
         return state
     if isinstance(state, Brake):
         return Hold() if speed_mps < STANDSTILL_MPS else state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -107,6 +108,8 @@ class Engine:
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene)
+        for note in self._world.notes:
+            print(note, file=sys.stderr, flush=True)
         self._origin = scene.origin
         self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle

@@ -25,7 +25,7 @@ from lidar_rigs import (
     yawed,
 )
 
-from schemas.lidar import Lidar
+from schemas.lidar import Lidar, LidarMount
 from twin.sensors import lidar_cast
 from twin.sensors.lidar import LidarSensor
 from twin.world import materials
@@ -216,6 +216,24 @@ def test_masks_hide_no_object():
     eye._mask.assign(np.full_like(full, (1 << 32) - 1) & np.array([2**32 - 1, 2**8 - 1], np.uint32))
     eye._cast()
     assert (eye._hits.numpy()[0] == masked).all()
+
+
+@pytest.mark.parametrize("tile", [(16, 2), (32, 8)])
+def test_the_shape_of_tiles_changes_no_hit(tile):
+    mesh = MeshBuilder()
+    scene = soup(8, 400)
+    mesh.add(scene.vertices, scene.faces, materials.PLAIN, (0.9, 0.9, 0.9))
+    street = World(mesh.build(), np.zeros((1, 5)), 0, (0, 0), (0, 0))
+    kind = profile(theta_min_deg=0, theta_max_deg=359, theta_res_deg=0.9, phi_res_deg=0.45)
+    usual = sensor(street, kind)
+    shaped = LidarSensor(
+        kind, LidarMount([0, 0, 0], inline=kind), usual._geometry, QUIET, tile=tile
+    )
+    points = look(usual)
+    assert kind.columns % tile[0]
+    assert kind.channels % tile[1]
+    assert (points[:, KIND] == SURFACE).any()
+    assert look(shaped).tobytes() == points.tobytes()
 
 
 def test_nearest_and_farthest_range():

@@ -19,8 +19,10 @@ from lidar_rigs import (
 )
 
 from schemas.lidar import Lidar
+from twin.render.geometry import Face
 from twin.sensors import lidar_scatter
 from twin.sensors.lidar import LidarWeather, load_lidar_profile
+from twin.sensors.lidar_surface import face_colors, face_returns
 from twin.world import materials
 
 HEAVY_FOG = 2.996 / 120.0
@@ -71,6 +73,21 @@ def test_a_wet_road_returns_less_and_a_white_one_more():
     )  # fmt: skip
     eye = sensor(world(ground, material=materials.ASPHALT, color=(0.1, 0.1, 0.1)), long_wave)
     assert one(look(eye, LidarWeather(snow_cover=0.95))) < one(look(eye))
+
+
+def test_an_image_on_a_face_decides_its_reflectance():
+    """The left half of the image is white, the right half nearly black."""
+    faces = np.zeros(3, Face.numpy_dtype())
+    faces["texture"], faces["color"] = [0, 0, -1], 0.5
+    image = np.zeros((4, 8, 3), np.uint8)
+    image[:, :4] = 255
+    uv = np.array([[[0.1, 0.1], [0.3, 0.1], [0.2, 0.5]], [[1.7, 0.1], [1.9, 0.1], [1.8, 0.5]]])
+    uv = np.concatenate([uv, uv[:1]])
+    colors = face_colors(faces, uv, (image,))
+    assert colors[:, 0].tolist() == pytest.approx([0.5, 0.0, 0.5])
+    bright, dark, plain = face_returns(faces, colors, profile())[:, 0]
+    assert bright == plain
+    assert dark == pytest.approx(0.12)
 
 
 def test_range_at_10_percent_is_where_half_of_the_pulses_are_seen():

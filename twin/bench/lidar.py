@@ -10,6 +10,7 @@ import importlib.util
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -19,7 +20,6 @@ from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
 from twin.render.geometry import Geometry
 from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
 from twin.sensors.lidar_packet import PACKET
-from twin.sensors.lidar_sweep import TILE
 from twin.sensors.truth import TRUTH
 from twin.world.scene import Scene, load_scene
 from twin.world.street import World, build_world
@@ -31,6 +31,8 @@ RATIO_TARGETS = {"cpu": 1.8, "cuda": None}
 SLOTS = {"cpu": 8, "cuda": 256}
 TILES = ((8, 4), (16, 2), (32, 1), (4, 8))
 """Tiles of a warp's 32 rays that :func:`time_tiles` tries."""
+BLOCKS = {"cpu": (128,), "cuda": (64, 128)}
+"""Blocks that it tries."""
 _ROUNDS = 7
 _ROUND_S = 0.3
 _MOUNT = LidarMount(position_m=[1.5, 0.0, 1.9], profile="spinning_32")
@@ -128,7 +130,8 @@ def measure(
 def time_tiles(
     device: str, slots: int, profile: str = "spinning_32", scene: str = "downtown"
 ) -> dict[str, float]:
-    """Bare ranges per second by shape of the tiles; on the CPU only shapes that packets fill."""
+    """Bare ranges per second by shape of the tiles (on the CPU only shapes that packets fill) and,
+    on a GPU, size of the blocks."""
     kind, target = load_lidar_profile(profile), load_scene(scene)
     world, warp_device = build_world(target), wp.get_device(device)
     positions = _positions(target, slots)
@@ -137,10 +140,12 @@ def time_tiles(
     for tile in TILES:
         if warp_device.is_cpu and (tile[0] % PACKET[0] or tile[1] % PACKET[1]):
             continue
-        sensor = _sensor(kind, world, slots, quiet, warp_device, tile)
-        sensor.scan(_truth(positions, 0.0, warp_device))
-        rays = slots * kind.channels * kind.columns
-        rates[f"{tile[0]}x{tile[1]}"] = _rate(sensor._cast, rays, warp_device)
+        for block in BLOCKS["cpu" if warp_device.is_cpu else "cuda"]:
+            sensor = _sensor(kind, world, slots, quiet, warp_device, tile=tile, block=block)
+            sensor.scan(_truth(positions, 0.0, warp_device))
+            rays = slots * kind.channels * kind.columns
+            rate = _rate(sensor._cast, rays, warp_device)
+            rates[f"{tile[0]}x{tile[1]}, blocks of {block}"] = rate
     return rates
 
 
@@ -202,10 +207,10 @@ def _sensor(
     slots: int,
     lidar: Lidar,
     device: wp.Device,
-    tile: tuple[int, int] = TILE,
+    **shape: Any,
 ) -> LidarSensor:
     geometry = Geometry(world, slots, device)
-    sensor = LidarSensor(kind, _MOUNT, geometry, lidar, tile=tile)
+    sensor = LidarSensor(kind, _MOUNT, geometry, lidar, **shape)
     for slot in range(slots):
         sensor.reset(slot, slot + 1, WEATHER)
     return sensor

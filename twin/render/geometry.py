@@ -15,6 +15,7 @@ import warp as wp
 
 from twin.render import bvh, traverse
 from twin.render.texture import Textures, pack_textures
+from twin.world.kept import kept
 from twin.world.mesh import Mesh
 from twin.world.mirror import Mirror
 from twin.world.motion import Placement
@@ -314,7 +315,13 @@ _last: list[tuple[World, bvh.Shape, _Hierarchies]] = []
 def _hierarchies_of(world: World, shape: bvh.Shape) -> _Hierarchies:
     if not (_last and _last[0][0] is world and _last[0][1] == shape):
         meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
-        _last[:] = [(world, shape, _hierarchies(meshes, shape))]
+
+        def build() -> _Hierarchies:
+            return _hierarchies(meshes, shape)
+
+        key = world.key + repr(shape).encode()
+        built = kept("hierarchies", key, build) if world.key else build()
+        _last[:] = [(world, shape, built)]
     return _last[0][2]
 
 

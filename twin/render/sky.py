@@ -100,7 +100,7 @@ def sky(
         color += light.moon_rgb * (wp.clamp(lit * 6.0, 0.0, 1.0) * clear)
     # Thin edges are bright, thick bellies dark; a closed cover keeps the table's brightness.
     belly = wp.clamp((field - 0.70 + 0.55 * cover) * 1.6, 0.0, 1.0)
-    shade = 1.12 - (0.45 - 0.1 * cover) * belly * (1.35 - field)
+    shade = 1.12 + 0.14 * cover - (0.30 + 0.35 * cover) * belly
     closed = wp.clamp((cover - 0.3) * 2.0, 0.0, 0.85)
     cloud = (light.cloud_rgb * (1.0 - closed) + color * closed) * shade
     return color * (1.0 - 0.9 * density) + cloud * (0.9 * density)

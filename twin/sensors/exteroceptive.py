@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.memory import LidarLoad, check_free, plan
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
 from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
@@ -164,8 +166,10 @@ class ExteroceptiveSuite:
         """``buffers``: host arrays by channel name; missing ones are allocated.
 
         Raises:
-            ValueError: the vehicle has no such camera or lidar; one line.
+            ValueError: the vehicle has no such camera or lidar, or the GPU has too little memory;
+                one line.
         """
+        _check_memory(case, vehicle, world, slots, device)
         self._geometry = Geometry(world, slots, device)
         self._eyes = []
         for camera, suffix in _cameras(case):
@@ -278,6 +282,29 @@ class ExteroceptiveSuite:
             points, count = scanner.sensor.pull()
             readings[scanner.site.message] = SensorData(points, count)
         return readings
+
+
+def _check_memory(
+    case: Case, vehicle: Vehicle, world: World, slots: int, device: wp.Device
+) -> None:
+    """Say what is about to be taken on a GPU; refuse what does not fit."""
+    found = plan(
+        [camera for camera, _ in _cameras(case)],
+        [LidarLoad(s.message, s.channels * s.columns) for s in lidar_sites(case, vehicle)],
+        slots,
+        triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),
+        texture_bytes=sum(image.size for image in world.textures),
+        instances=len(world.classes),
+        objects=world.motion.count,
+    )
+    if device.is_cuda:
+        print(
+            f"cameras and lidars of {slots} slots take {found.bytes_total / 1e9:.2f} GB of GPU "
+            f"memory, {device.free_memory / 1e9:.2f} GB are free",
+            file=sys.stderr,
+            flush=True,
+        )
+    check_free(found, device)
 
 
 def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:

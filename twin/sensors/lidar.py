@@ -21,7 +21,7 @@ from schemas.lidar import (
 from twin.render.geometry import Geometry
 from twin.sensors import lidar_cast, lidar_packet, lidar_return, lidar_scatter, lidar_sweep
 from twin.sensors.lidar_air import LidarAir, fog_extinction
-from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_returns, is_long_wave
+from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
 from twin.world.mirror import Mirror
 from twin.world.scene import load_named
@@ -30,9 +30,6 @@ _PROFILES = Path(__file__).parent / "lidar_profiles"
 
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
-
-_RUN_CPU = 256
-"""Points that one thread makes on the CPU."""
 
 _SPECKLE_MAX = 8.0
 """Fog's strongest echo over its mean row signal, for deciding whether it can be detected."""
@@ -89,9 +86,10 @@ class LidarSensor:
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
         tile: tuple[int, int] = lidar_sweep.TILE,
+        block: int = lidar_cast.BLOCK,
     ) -> None:
         """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
-        ``tile``: columns and channels that are cast together.
+        ``tile``: columns and channels that are cast together; ``block``: threads of a GPU's block.
 
         Raises:
             ValueError: ``points_out`` has another shape or type.
@@ -108,7 +106,9 @@ class LidarSensor:
         self._mount_turn = lidar_sweep.mount_rotation(mount)
         self._detector = _detector(profile, self.lidar)
         rows = geometry.scene.faces.numpy()
-        self._surfaces = wp.array(face_returns(rows, profile), dtype=wp.vec4, device=device)
+        uv = geometry.scene.uv.numpy().reshape(-1, 3, 2)
+        surfaces = face_returns(rows, face_colors(rows, uv, geometry.world.textures), profile)
+        self._surfaces = wp.array(surfaces, dtype=wp.vec4, device=device)
         tables = lidar_scatter.scatter(profile)
         self._fog_peak = tables.fog[:, :, 1].max(axis=1)
         self._drops_expected = tables.drops_expected
@@ -117,7 +117,7 @@ class LidarSensor:
         self._poses = wp.zeros((slots, profile.columns), dtype=lidar_sweep.SweepPose, device=device)
         self._before = wp.zeros((slots, _POSE_COLUMNS), dtype=wp.float64, device=device)
         objects = geometry.scene.objects.shape[1]
-        self._tile = tile
+        self._tile, self._block = tile, block
         self._tiles_x, self._tiles_y = (
             -(-profile.columns // tile[0]),
             -(-profile.channels // tile[1]),
@@ -141,16 +141,11 @@ class LidarSensor:
         ):
             raise ValueError(f"points_out must be a contiguous float32 array of shape {self.shape}")
         self._host = np.zeros(self.shape, np.float32) if points_out is None else points_out
-        if self._device.is_cpu:
-            self.points = wp.array(
-                ptr=self._host.ctypes.data,
-                shape=self.shape,
-                dtype=wp.float32,
-                device=self._device,
-                copy=False,
-            )
-        else:
-            self.points = wp.zeros(self.shape, dtype=wp.float32, device=self._device)
+        self._view = wp.array(
+            ptr=self._host.ctypes.data, shape=self.shape, dtype=wp.float32, device="cpu", copy=False
+        )
+        on_cpu = self._device.is_cpu
+        self.points = self._view if on_cpu else wp.zeros_like(self._view, device=self._device)
 
     def reset(self, slot: int, key: int, weather: LidarWeather | None = None) -> None:
         """A case begins in ``slot``: its random stream is ``key``; no sweep came before."""
@@ -219,12 +214,12 @@ class LidarSensor:
             )
         self._cast()
         self.count.zero_()
-        run = _RUN_CPU if device.is_cpu else 1
+        rows = device.is_cpu
         wp.launch(
-            lidar_return.return_kernel,
-            (slots, -(-self.shape[1] // run)),
+            lidar_return.row_kernel if rows else lidar_return.return_kernel,
+            (slots, self.profile.channels if rows else self.shape[1]),
             inputs=[
-                *(run, scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
+                *(scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
                 *(air, self._poses, self._hits),
             ],
             outputs=[self.points, self.count],
@@ -253,12 +248,14 @@ class LidarSensor:
             ],
             outputs=[self._hits],
             device=self._device,
+            block_dim=self._block,
         )
 
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: points float32 [S, channels x columns, K] and count int32 [S]."""
         if not self._device.is_cpu:
-            self._host[...] = self.points.numpy()
+            wp.copy(self._view, self.points)
+            wp.synchronize_device(self._device)
         return self._host, self.count.numpy()
 
     @property

@@ -74,7 +74,11 @@ def _against_object(
     return best
 
 
-@wp.kernel
+BLOCK = 128
+"""Threads of a block at most; eight blocks fit a multiprocessor of 64 k registers."""
+
+
+@wp.kernel(grid_stride=False, launch_bounds=(BLOCK, 8))
 def cast_kernel(
     # model
     scene: Scene,

@@ -88,7 +88,7 @@ def _offer(
     sub: wp.int32,
 ) -> Echo:
     """``best``, or this return if it is detected and preferred."""
-    if signal + noise > detector.threshold:
+    if signal > 0.0 and signal + noise > detector.threshold:
         score = detector.by_signal * signal + detector.by_range * distance
         if best.kind == _NONE or score > best.score:
             best.score = score
@@ -237,7 +237,7 @@ def _write_point(
     intensity = wp.float32(0.0)
     if echo.kind != _NONE:
         # Timing errors grow as the signal nears the noise.
-        weak = detector.threshold / echo.signal
+        weak = detector.threshold / wp.max(echo.signal, 0.2 * detector.threshold)
         distance = echo.range + jitter * detector.noise * wp.sqrt(1.0 + weak * weak)
         if detector.step > 0.0:
             distance = detector.step * wp.floor(distance / detector.step + 0.5)
@@ -270,10 +270,9 @@ def _write_point(
     return wp.where(echo.kind != _NONE, 1, 0)
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def return_kernel(
     # model
-    run: wp.int32,
     scene: Scene,
     beams: Beams,
     detector: Detector,
@@ -288,18 +287,44 @@ def return_kernel(
     points_out: wp.array3d(dtype=wp.float32),
     count_out: wp.array(dtype=wp.int32),
 ):
-    """Points [S, channels x columns, K] and number of returns [S]; a thread makes ``run`` points.
+    """Points [S, channels x columns, K] and number of returns [S]; a thread per point."""
+    slot, beam = wp.tid()
+    own = air[slot]
+    if own.active == 0:
+        return
+    found = _write_point(
+        scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
+    )
+    if found > 0:
+        wp.atomic_add(count_out, slot, found)
 
-    On a GPU one: neighbours write side by side. On the CPU many: a thread costs as much as a point.
-    """
-    slot, part = wp.tid()
+
+@wp.kernel
+def row_kernel(
+    # model
+    scene: Scene,
+    beams: Beams,
+    detector: Detector,
+    surfaces: wp.array(dtype=wp.vec4),
+    fog: wp.array2d(dtype=wp.vec2),
+    drops: wp.array2d(dtype=wp.vec2),
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    hits: wp.array2d(dtype=Hit),
+    # out
+    points_out: wp.array3d(dtype=wp.float32),
+    count_out: wp.array(dtype=wp.int32),
+):
+    """As :func:`return_kernel`, a thread per row of the range image: on the CPU a thread's start
+    costs as much as a point."""
+    slot, channel = wp.tid()
     own = air[slot]
     if own.active == 0:
         return
     found = wp.int32(0)
-    for beam in range(part * run, wp.min((part + 1) * run, points_out.shape[1])):
+    for beam in range(channel * beams.columns, (channel + 1) * beams.columns):
         found += _write_point(
             scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
         )
-    if found > 0:
-        wp.atomic_add(count_out, slot, found)
+    wp.atomic_add(count_out, slot, found)

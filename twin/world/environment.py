@@ -93,7 +93,7 @@ def light_of(
 def wind_towards(environment: Environment, place: Place) -> tuple[float, float]:
     """Where the wind blows, unit vector in the world frame, x and y."""
     turn = math.radians(environment.wind_from_deg - place.heading_deg)
-    return -math.cos(turn), math.sin(turn)
+    return round(-math.cos(turn), 9), round(math.sin(turn), 9)  # the same on every host
 
 
 def _progress(change: Change, time_s: float) -> float:

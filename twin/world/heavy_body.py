@@ -98,7 +98,7 @@ def _cab(mesh: MeshBuilder, color: Color, x0: float, x1: float, half: float) -> 
     mesh.box((x1 - 0.02, 0.15 - w, low), (x1 + 0.03, w - 0.15, 0.62), materials.PLAIN, _CHASSIS)
     mesh.box((x1 - 0.02, -0.5, 0.95), (x1 + 0.008, 0.5, 1.2), materials.PLAIN, _CHASSIS)
     for sign in (-1.0, 1.0):
-        y = sign * (w + 0.006)
+        y = sign * (w + 0.014)
         rear, high = x0 + 0.45, top - 0.16
         pane = [(rear, y, belt), (x1 - 0.2, y, belt), (x1 - 0.42, y, high), (rear, y, high)]
         add_pane(mesh, pane if sign < 0 else pane[::-1])
@@ -117,11 +117,11 @@ def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
         )
         for sign in (-1.0, 1.0):
             _bus_side(mesh, sign, half, length)
-        y, x = half - 0.14, length + 0.012
+        y, x = half - 0.14, length + 0.016
         add_pane(mesh, [(x, -y, 1.05), (x, y, 1.05), (x, y, 2.5), (x, -y, 2.5)])
         board = [(x, -0.8, 2.58), (x, 0.8, 2.58), (x, 0.8, 2.9), (x, -0.8, 2.9)]
         mesh.quad(board, materials.SIGN, (0.60, 0.34, 0.02))
-        y, x = half - 0.2, -0.012
+        y, x = half - 0.2, -0.016
         add_pane(mesh, [(x, y, 1.5), (x, -y, 1.5), (x, -y, 2.5), (x, y, 2.5)])
         mesh.box((-0.03, -0.9, 0.8), (0.0, 0.9, 1.3), materials.PLAIN, _CHASSIS)
         for sign in (-1.0, 1.0):  # mirrors
@@ -130,13 +130,13 @@ def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
         _lamps(mesh, length, half, 1.0, lit)
         for x in (3.0, length - 2.7):
             for sign in (-1.0, 1.0):
-                add_wheel(mesh, x, sign * half, 0.48, 18, 0.30)
+                add_wheel(mesh, x, sign * (half + 0.02), 0.48, 18, 0.30)
     add_shade(mesh, (0.0, length), half)
 
 
 def _bus_side(mesh: MeshBuilder, sign: float, half: float, length: float) -> None:
     """Windows along one side; the right side (``sign`` -1) has two doors."""
-    y = sign * (half + 0.008)
+    y = sign * (half + 0.014)
     doors = ((length - 1.75, length - 0.45), (5.0, 6.3)) if sign < 0 else ()
     cuts = np.linspace(0.4, length - 0.4, 8)
     for a, b in zip(cuts[:-1] + 0.05, cuts[1:] - 0.05, strict=True):

@@ -47,6 +47,15 @@ class Mesh:
     :mod:`twin.world.ambient`"""
 
 
+_GRID_PER_M = 65536.0
+
+
+def _settled(points_m: np.ndarray) -> np.ndarray:
+    """float32, on a grid of 15 um: sines that differ in the last bit between processors, as those
+    of NumPy may, give the same mesh."""
+    return (np.rint(points_m * _GRID_PER_M) / _GRID_PER_M).astype(np.float32)
+
+
 @dataclass(frozen=True, slots=True)
 class _Batch:
     """Faces that were added together; arrays hold one row per face, scalars go for all."""
@@ -285,7 +294,7 @@ class MeshBuilder:
             return np.concatenate(rows)
 
         return Mesh(
-            points_m=np.concatenate(self._points).astype(np.float32),
+            points_m=_settled(np.concatenate(self._points)),
             faces=np.concatenate(self._faces).astype(np.int32),
             material=spread("material", np.int32),
             color=spread("color", np.float32, (3,)),

@@ -1,4 +1,4 @@
-"""What a mesh file says about itself before it is loaded: how many faces, which other files.
+"""What a mesh file says about itself before it is loaded: how many faces.
 
 A file of a hundred million triangles is refused by these few bytes, not by running out of memory.
 """
@@ -10,7 +10,6 @@ import re
 import struct
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 FACES_MAX = 5_000_000
 """Most triangles of one mesh file."""
@@ -21,7 +20,6 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 _HEAD_BYTES = 64 << 10
 _GLTF_JSON_MAX = 64 << 20
 _STL_HEAD, _STL_FACE = 84, 50
-_TEXT_BYTES_MAX = 64 << 20
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
@@ -113,46 +111,3 @@ def _gltf_faces(data: dict[str, Any]) -> int:
     except (KeyError, TypeError, IndexError, ValueError, AttributeError):
         raise ValueError("its JSON is no glTF document") from None
     return total
-
-
-def mesh_files(path: Path) -> list[Path]:
-    """The mesh file and the local files that it names: buffers, material libraries, images.
-
-    What cannot be read names nothing; loading the mesh says why.
-    """
-    try:
-        suffix = path.suffix.lower()
-        if suffix == ".gltf":
-            named = _gltf_names(gltf_json(path))
-        elif suffix == ".obj":
-            named = _obj_names(path)
-        elif suffix == ".ply":
-            with path.open("rb") as file:
-                head = file.read(_HEAD_BYTES).split(b"end_header")[0].decode("utf-8", "replace")
-            named = re.findall(r"^comment\s+TextureFile\s+(.+?)\s*$", head, re.MULTILINE)
-        else:
-            named = []
-    except (OSError, ValueError):
-        named = []
-    return [path, *(path.parent / name for name in dict.fromkeys(named))]
-
-
-def _gltf_names(data: dict[str, Any]) -> list[str]:
-    parts = [*data.get("buffers", ()), *data.get("images", ())]
-    links = [part.get("uri") for part in parts if isinstance(part, dict)]
-    return [unquote(x) for x in links if isinstance(x, str) and not x.startswith("data:")]
-
-
-def _obj_names(path: Path) -> list[str]:
-    names = []
-    with path.open("r", encoding="utf-8", errors="replace") as file:
-        for line in file:
-            if line.startswith("mtllib"):
-                names.append(line[6:].strip())
-    images = []
-    for name in names:
-        library = path.parent / name
-        if library.is_file() and library.stat().st_size <= _TEXT_BYTES_MAX:
-            text = library.read_text(encoding="utf-8", errors="replace")
-            images += re.findall(r"^\s*map_\S+\s+(?:.*\s)?(\S+)\s*$", text, re.MULTILINE)
-    return names + images

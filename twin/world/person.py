@@ -133,6 +133,8 @@ def add_person(mesh: MeshBuilder, looks: Looks, phase: float | None) -> None:
         for side in (1.0, -1.0):
             arm = (-0.40 * swing * side) if walking else 0.04 * side
             at = np.array((0.0, side * 0.215 * looks.girth, 0.0)) * size + (0, 0, hip + 0.50 * size)
+            cap = (0.010, 0.058)
+            mesh.tube(at + np.array((0, 0, 0.045)), at, cap, 7, materials.PLAIN, looks.coat)
             elbow = _limb(mesh, at, arm, 0.29 * size, (0.058, 0.048), looks.coat)
             bend = arm + (0.28 if walking else 0.12)
             wrist = _limb(mesh, elbow, bend, 0.25 * size, (0.047, 0.036), looks.coat)

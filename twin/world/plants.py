@@ -113,14 +113,14 @@ def add_tree(
             share = i / max(1, kind.clumps - 1)  # from the lowest branch to the top
             angle = turn + 2.4 * i  # the golden angle spreads branches evenly
             reach = kind.crown * height * (1.0 - share) ** (0.5 + 0.5 * kind.column)
-            reach *= rng.uniform(0.55, 0.8)
+            reach *= rng.uniform(0.45, 0.72)
             side = np.array((np.cos(angle) * reach, np.sin(angle) * reach, 0.0))
             lift = np.array((0.0, 0.0, top * (0.22 + 0.56 * share)))
             centre = fork + lean * share + side + lift
-            size = kind.crown * height * rng.uniform(0.62, 0.78) * (1.0 - 0.3 * share)
+            size = kind.crown * height * rng.uniform(0.66, 0.82) * (1.0 - 0.25 * share)
             if i < 3:
                 mesh.tube(fork, centre, (0.5 * thick, 0.2 * thick), 4, materials.PLAIN, _BARK)
-            _clump(mesh, centre, size, 0.86 + 0.3 * kind.column, kind.green, rng)
+            _clump(mesh, centre, size, 0.9 + 0.65 * kind.column, kind.green, rng)
 
 
 def add_shrub(

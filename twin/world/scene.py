@@ -18,7 +18,6 @@ from twin.world.content import (
     SceneObject,
     Terrain,
 )
-from twin.world.mesh_header import mesh_files
 from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"
@@ -155,24 +154,6 @@ def load_scene(name_or_path: str) -> Scene:
     if terrain is not None:
         terrain = replace(terrain, heightmap=str(folder / terrain.heightmap))
     return replace(scene, meshes=meshes, terrain=terrain)
-
-
-def scene_files(name_or_path: str) -> list[Path]:
-    """All files that make the scene, the scene file first: what its identity depends on.
-
-    Meshes come with the buffers, material libraries and images that they name. Files that are
-    missing are listed all the same.
-
-    Raises:
-        ValueError: as :func:`load_scene`.
-    """
-    scene = load_scene(name_or_path)
-    files = [named_path(name_or_path, _SCENES, "scene")]
-    for mesh in scene.meshes:
-        files += mesh_files(Path(mesh.file))
-    if scene.terrain is not None:
-        files.append(Path(scene.terrain.heightmap))
-    return list(dict.fromkeys(files))
 
 
 def named_path(name_or_path: str, folder: Path, noun: str) -> Path:

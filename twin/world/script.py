@@ -12,6 +12,7 @@ from twin.world.path import Path, TimeLaw
 
 _BRAKING_MPS2 = 0.3
 """Brake lamps light up when it slows down more than this [m/s^2]."""
+_GRID = 2.0**20
 _STILL_MPS = 0.02
 """Slower than this it stands [m/s]."""
 
@@ -82,12 +83,12 @@ class Script:
         zero = np.zeros_like(x)
         return Placement(
             kind=np.where(here, kind, -1).astype(np.int32),
-            position_m=np.stack([x, y, z], axis=-1),
-            yaw_rad=heading,
-            velocity_mps=np.stack(
-                [speed * np.cos(heading), speed * np.sin(heading), zero], axis=-1
+            position_m=_settled(np.stack([x, y, z], axis=-1)),
+            yaw_rad=_settled(heading),
+            velocity_mps=_settled(
+                np.stack([speed * np.cos(heading), speed * np.sin(heading), zero], axis=-1)
             ),
-            yaw_rate_radps=speed * curvature,
+            yaw_rate_radps=_settled(speed * curvature),
             brake=brake.astype(np.float32),
             lamps=np.broadcast_to(self._vehicle, x.shape).astype(np.float32),
         )
@@ -131,6 +132,12 @@ class Script:
         share = np.clip((station - s0) / (s1 - s0), 0.0, 1.0)
         z = height[column, q, 1] + share * (height[column, q + 1, 1] - height[column, q, 1])
         return x, y, z, yaw0 + 2.0 * half, curvature
+
+
+def _settled(values: np.ndarray) -> np.ndarray:
+    """On a grid of a millionth: sines that differ in the last bit between processors, as those of
+    NumPy may, give the same values."""
+    return np.rint(values * _GRID) / _GRID
 
 
 def _padded_laws(

@@ -14,6 +14,7 @@ from twin.world.ambient import baked
 from twin.world.buildings import add_buildings
 from twin.world.ground import add_ground
 from twin.world.imports import add_imports
+from twin.world.kept import kept
 from twin.world.layout import Hull, lay_out
 from twin.world.mesh import Mesh, MeshBuilder
 from twin.world.motion import Motion, ObjectKind, Still
@@ -54,6 +55,9 @@ class World:
     notes: tuple[str, ...] = ()
     """What was left out or made smaller when files were imported, one line each."""
 
+    key: bytes = b""
+    """Everything it was built from, beside the software; empty: files of its own as well."""
+
     @property
     def first_mover(self) -> int:
         """Instance of the first movable object; the static ones come before."""
@@ -74,7 +78,7 @@ class World:
 def build_world(scene: Scene) -> World:
     """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
 
-    A scene without files of its own is built once per process.
+    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`).
 
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
@@ -84,7 +88,8 @@ def build_world(scene: Scene) -> World:
     key = msgspec.json.encode(scene)
     if key not in _built:
         _built.clear()  # one is enough, and they are large
-        _built[key] = _build(scene)
+        world = kept("worlds", key, lambda: _build(scene))
+        _built[key] = replace(world, key=key)
     return _built[key]
 
 

@@ -14,10 +14,12 @@ import numpy as np
 from twin.world import atmosphere, sky_table
 from twin.world.almanac import Heavens, Place, heavens
 from twin.world.atmosphere import LUMINANCE, SUN_RGB
+from twin.world.steady import steady
 from twin.world.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
-CITY_GLOW_LX = (0.05, 0.35)
-"""Illuminance of a city sky at night without its lamps: clear, and what thick cloud adds [lx]."""
+CITY_GLOW_LX = (0.02, 0.60)
+"""Illuminance of a city sky at night without its lamps: clear, and what closed cloud adds [lx]
+(amplification by cloud of one to two orders of magnitude: Jechow et al. 2017, 2019)."""
 STREET_LAMPS_BELOW_LX = 60.0
 """Street lamps and window lights are on below this illuminance [lx]."""
 EXPOSURE_FLOOR_LX = 48.0
@@ -29,6 +31,7 @@ WHITE_SIGNAL = 2.0
 and the tone curve holds highlights up to 6 [-]."""
 MOON_DISC_CDPM2 = 2500.0
 """Luminance of the lit part of the moon above the atmosphere [cd/m^2]."""
+_CLOSED_COVER = 0.9  # from here on nothing of the clear sky is left
 _SUNLIT_SHARE = 0.25  # of a street between houses
 _ROW_45 = round((sky_table.ROWS - 1) * math.sqrt(math.sqrt(0.5)))  # row of the sky at 45 deg
 
@@ -109,8 +112,8 @@ def daylight_under(
 
     Daylight after the availability model of the Illuminating Engineering Society: direct normal
     127.5 exp(-0.21 m) klx with air mass m (Kasten 1965), diffuse 0.8 + 15.5 sqrt(sin h) klx when
-    clear and 0.3 + 21 sin h klx when overcast; of a cloud cover c the sum of (1 - c)^1.5 and c of
-    them. Twilight after Janiczek and DeYoung, USNO Circular 171 (1987).
+    clear and 0.3 + 21 sin h klx when overcast; of a cloud cover c the sum of (1 - c / 0.9)^2 and c
+    of them. Twilight after Janiczek and DeYoung, USNO Circular 171 (1987).
     """
     elevation = bodies.sun_elevation_rad
     cover = weather.cloud_cover
@@ -121,10 +124,11 @@ def daylight_under(
     direct_lx = _direct_normal_lx(elevation) * gaps * gaps * (3.0 - 2.0 * gaps)
     shadows = direct_lx > 0.0
     clear_lx, overcast_lx = _diffuse_lx(elevation)
+    seen = max(0.0, 1.0 - cover / _CLOSED_COVER) ** 2
     sun_color = _sun_color(elevation, level)
     gray = _cloud_color(elevation)
     sky = sky_table.clear(bodies.sun, elevation, level) * SUN_RGB
-    sky = sky_table.scaled(sky, clear_lx * (1.0 - cover) ** 1.5 * weather.sky_factor)
+    sky = sky_table.scaled(sky, clear_lx * seen * weather.sky_factor)
     sky = sky + sky_table.overcast(gray, overcast_lx * cover * weather.sky_factor)
     sky = sky + _night_sky(bodies, cover, level)
     sky_rgb_lx = sky_table.illuminance_rgb(sky)
@@ -151,16 +155,6 @@ def daylight_under(
         shadows=shadows,
         lamps_on=lamps_on,
     )
-
-
-def steady(values: object) -> np.ndarray:
-    """``values`` rounded to 18 significant bits.
-
-    Exponentials and sines end in other last bits on other hosts (NumPy and the C library choose by
-    instruction set); rounding keeps them out of what a sensor sees.
-    """
-    mantissa, exponent = np.frexp(np.asarray(values, np.float64))
-    return np.ldexp(np.round(mantissa * 2.0**18) * 2.0**-18, exponent)
 
 
 def _direct_normal_lx(elevation_rad: float) -> float:
@@ -212,7 +206,7 @@ def _cloud_color(elevation_rad: float) -> np.ndarray:
 def _night_sky(bodies: Heavens, cover: float, level: int) -> np.ndarray:
     """Moonlit sky and the glow of the city, luminance [rows, columns, 3]."""
     warm = np.array([1.28, 0.96, 0.62])
-    sky = sky_table.city(warm, CITY_GLOW_LX[0] + CITY_GLOW_LX[1] * cover)
+    sky = sky_table.city(warm, CITY_GLOW_LX[0] + CITY_GLOW_LX[1] * cover * cover)
     elevation = bodies.moon_elevation_rad
     if elevation > 0.0:
         moon = sky_table.clear(bodies.moon, elevation, level) * SUN_RGB * bodies.moon_lx

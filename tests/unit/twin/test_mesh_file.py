@@ -11,7 +11,7 @@ from PIL import Image
 
 from twin.world import mesh_file, mesh_header
 from twin.world.mesh_file import linear, load_mesh, srgb
-from twin.world.mesh_header import FACES_MAX, mesh_files
+from twin.world.mesh_header import FACES_MAX
 
 TRIANGLE = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
 OBJ = "v 0 0 0\nv 2 0 0\nv 0 3 0\nf 1 2 3\n"
@@ -72,7 +72,6 @@ def test_textures_come_with_coordinates_and_are_made_smaller(tmp_path):
     assert part.image[0, 0].tolist() == [200, 100, 50]
     np.testing.assert_allclose(part.uv[part.faces[0]], [[0, 0], [1, 0], [0, 1]])
     assert data.notes == ["wall.obj: a texture of 4096 x 1024 px scaled to 2048 x 512"]
-    assert [p.name for p in mesh_files(path)] == ["wall.obj", "wall.mtl", "wall.png"]
     (tmp_path / "wall.png").write_bytes(b"broken")
     data = load_mesh(path)  # a picture that is none: the mesh comes without it
     assert data.parts[0].image is None
@@ -173,12 +172,3 @@ def test_formats_without_a_count_are_judged_by_their_size(tmp_path, monkeypatch)
     monkeypatch.setattr(mesh_file, "FACES_MAX", 1)
     two = OBJ + "v 5 5 5\nf 2 3 4\n"
     refused(write(tmp_path, "two.obj", two), "more than 1 faces")
-
-
-def test_other_files_that_a_mesh_names(tmp_path):
-    tree = {"buffers": [{"uri": "a%20b.bin"}, {"uri": "data:x"}], "images": [{"uri": "c.png"}]}
-    path = write(tmp_path, "m.gltf", json.dumps(tree))
-    assert [p.name for p in mesh_files(path)] == ["m.gltf", "a b.bin", "c.png"]
-    ply = write(tmp_path, "m.ply", "ply\ncomment TextureFile scan.jpg\nend_header\n")
-    assert [p.name for p in mesh_files(ply)] == ["m.ply", "scan.jpg"]
-    assert mesh_files(tmp_path / "gone.obj") == [tmp_path / "gone.obj"]

@@ -1,15 +1,27 @@
 """The shipped district, and scenes of one's own: terrain, meshes, objects."""
 
+import re
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 import trimesh
 from msgspec.structs import replace
 
+from schemas.assets import asset_files
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from twin.world import materials
-from twin.world.content import DRIVABLE, MaterialName
-from twin.world.scene import load_scene, scene_files
+from twin.world.content import DRIVABLE, MaterialName, MeshFile, SceneObject, Terrain
+from twin.world.scene import (
+    Buildings,
+    Furniture,
+    Obstacle,
+    Origin,
+    Road,
+    Scene,
+    load_scene,
+)
 from twin.world.street import build_world
 from twin.world.terrain import SAMPLES_MAX
 
@@ -107,10 +119,7 @@ def test_a_world_of_terrain_and_meshes(own, tmp_path):
     assert set(mesh.material[box]) == {materials.BRICK}
     assert world.instances == 2
     assert world.cars == 1
-    names = [p.name for p in scene_files(path)]
-    assert names == ["own.yaml", "box.stl", "hill.npy"]
-    assert all(p.is_file() for p in scene_files(path))
-    assert [p.name for p in scene_files("downtown")] == ["downtown.yaml"]
+    assert {p.name for p in asset_files(Path(path))} == {"own.yaml", "box.stl", "hill.npy"}
 
 
 def test_gltf_is_y_up_unless_the_scene_says_otherwise(own, tmp_path):
@@ -150,13 +159,8 @@ def test_textured_meshes_bring_images(own, tmp_path):
     np.testing.assert_allclose(
         world.mesh.uv[world.mesh.faces[textured][0]], [[0, 0], [1, 0], [0, 1]]
     )
-    assert [p.name for p in scene_files(path)] == [
-        "own.yaml",
-        "t.obj",
-        "t.mtl",
-        "t.png",
-        "hill.npy",
-    ]
+    wanted = {"own.yaml", "t.obj", "t.mtl", "t.png", "hill.npy"}
+    assert {p.name for p in asset_files(Path(path))} == wanted
 
 
 def test_mistakes_in_own_scenes(own, tmp_path):
@@ -186,3 +190,37 @@ def test_mistakes_in_own_scenes(own, tmp_path):
 def test_names_in_scene_files_are_those_of_the_tables():
     assert set(MaterialName.__args__) == set(materials.NAMES)
     assert set(DRIVABLE) <= set(SEMANTIC_CLASSES)
+
+
+def test_the_example_of_the_page_works(tmp_path):
+    page = Path(__file__).parents[3] / "docs/scene.md"
+    example = re.search(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL).group(1)
+    (tmp_path / "scan").mkdir()
+    for name in ("road.glb", "hall.glb", "scan/yard.ply"):
+        trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / name)
+    cv2.imwrite(str(tmp_path / "hills.png"), np.zeros((16, 16), np.uint16))
+    path = tmp_path / "yard.yaml"
+    path.write_text(example)
+    world = build_world(load_scene(str(path)))
+    assert world.instances == 1
+    assert len(world.colliders) == 2
+    walker = world.motion.at(np.array([2.5, 3.0, 6.0, 8.0])).position_m[:, 0, 1]
+    assert walker[0] == walker[1] == -3.5
+    assert -1.0 < walker[2] < 1.0 < walker[3]
+
+
+def test_the_page_names_every_key():
+    page = (Path(__file__).parents[3] / "docs/scene.md").read_text()
+    for type_ in (
+        Scene,
+        Obstacle,
+        Road,
+        Buildings,
+        Furniture,
+        Origin,
+        SceneObject,
+        MeshFile,
+        Terrain,
+    ):
+        for key in type_.__struct_fields__:
+            assert f"`{key}`" in page or f"{key}:" in page, key

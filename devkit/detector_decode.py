@@ -1,0 +1,197 @@
+"""Raw heads -> boxes: one decoding for YOLOv2's region and YOLOv3's yolo, and the suppression.
+
+For a cell (i, j) of a grid of W_g x H_g cells and an anchor (p_w, p_h) of an input of W x H pixels
+(Redmon, Farhadi: YOLO9000, 2016, section 2; YOLOv3, 2018, section 2.1), as shares of the image::
+
+    x = (i + s(t_x)) / W_g      width  = p_w e^(t_w) / W
+    y = (j + s(t_y)) / H_g      height = p_h e^(t_h) / H      confidence = s(t_o) P(class)
+
+with the logistic s, and P the softmax or the logistic of the class channels. All arithmetic is in
+float64 and of one box alone, so a box is the same to the last bit whatever lies beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from devkit.detector_description import DetectorDescription, Head
+from schemas.messages import Detection
+
+EXPONENT_MAX = 30.0
+"""Larger exponents of a box's size are cut: such a box is larger than any image."""
+
+EXPONENT_LARGE = 700.0
+"""e to this is still a number."""
+
+LOGIT_MARGIN = 1e-6
+"""Objectness may miss its limit by this before the exact comparison of the confidence [-]."""
+
+
+class Selection(Struct, frozen=True, forbid_unknown_fields=True):
+    """Which boxes are reported."""
+
+    confidence_min: Annotated[float, Meta(gt=0, lt=1)] = 0.25
+    """Least confidence [-], above 0 and below 1, inclusive."""
+    overlap_max: Annotated[float, Meta(ge=0, le=1)] = 0.4
+    """Intersection over union above which the less confident box goes [-], 0 to 1."""
+    across_classes: bool = False
+    """Boxes of different classes suppress each other, too, as in the AutoDRIVE script."""
+    candidates_max: Annotated[int, Meta(ge=1, le=100_000)] = 1000
+    """Most boxes per image that the suppression looks at, the most confident ones; 1 to 100000."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """K boxes of N images, by image, the most confident first."""
+
+    names: tuple[str, ...]
+    image: np.ndarray
+    """int64 [K]: index of the image."""
+    class_id: np.ndarray
+    """int64 [K]: index into ``names``."""
+    confidence: np.ndarray
+    """float64 [K]: 0 to 1."""
+    box_px: np.ndarray
+    """float64 [K, 4]: x and y of the upper left corner, width, height; inside the image."""
+    place: np.ndarray
+    """int64 [K]: which of the network's boxes it is, counted head by head, row by row, cell by
+    cell, anchor by anchor. Scripts that take "the last box" mean this order."""
+
+    def of(self, image: int, *, by_place: bool = False) -> list[Detection]:
+        """Detections of one image as messages, the most confident first or ``by_place``."""
+        rows = np.flatnonzero(self.image == image)
+        if by_place:
+            rows = rows[np.argsort(self.place[rows], kind="stable")]
+        return [
+            Detection(self.names[class_id], confidence, *box)
+            for class_id, confidence, box in zip(
+                self.class_id[rows].tolist(),
+                self.confidence[rows].tolist(),
+                self.box_px[rows].tolist(),
+                strict=True,
+            )
+        ]
+
+
+def decode(
+    outputs: Mapping[str, np.ndarray],
+    description: DetectorDescription,
+    sizes_px: Sequence[tuple[int, int]],
+    selection: Selection,
+) -> Detections:
+    """Boxes of N images.
+
+    Args:
+        outputs: name -> float32 [N, A (5 + C), rows, columns], for every head.
+        description: of the network.
+        sizes_px: (width, height) of each image as it was before the resize [px].
+        selection: which boxes are reported.
+    """
+    parts = []
+    first = 0
+    for head in description.heads:
+        raw = outputs[head.output]
+        parts.append(_candidates(raw, head, description, selection.confidence_min, first))
+        first += raw.shape[2] * raw.shape[3] * len(head.anchors_px)
+    found = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    image, place, class_id, confidence, box = found
+    size_px = np.array(sizes_px, np.float64).reshape(-1, 2)[image]
+    box = _clipped(box, size_px)
+    seen = (box[:, 2] > 0.0) & (box[:, 3] > 0.0)
+    # The place breaks ties of confidence: no two boxes of an image share it.
+    order = np.lexsort((place, -confidence, image))
+    order = order[seen[order]]
+    kept = []
+    for index in range(len(sizes_px)):
+        rows = order[image[order] == index][: selection.candidates_max]
+        groups = np.zeros_like(class_id[rows]) if selection.across_classes else class_id[rows]
+        kept.append(rows[suppress(box[rows], groups, selection.overlap_max)])
+    rows = np.concatenate(kept) if kept else order
+    return Detections(
+        names=tuple(description.names),
+        image=image[rows],
+        class_id=class_id[rows],
+        confidence=confidence[rows],
+        box_px=box[rows],
+        place=place[rows],
+    )
+
+
+def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarray:
+    """Greedy non-maximum suppression within groups.
+
+    Args:
+        box: float64 [K, 4], x, y, width, height; in the order in which boxes win.
+        group: int [K]: boxes of different groups never meet.
+        overlap_max: intersection over union above which the later box goes.
+
+    Returns:
+        Indices of the boxes that stay, ascending.
+    """
+    low, high = box[:, :2], box[:, :2] + box[:, 2:]
+    area = box[:, 2] * box[:, 3]
+    alive = np.ones(len(box), bool)
+    for index in range(len(box)):
+        if not alive[index]:
+            continue
+        after = slice(index + 1, None)
+        extent = np.minimum(high[index], high[after]) - np.maximum(low[index], low[after])
+        shared = np.maximum(extent[:, 0], 0.0) * np.maximum(extent[:, 1], 0.0)
+        overlap = shared / (area[index] + area[after] - shared)
+        alive[after] &= (overlap <= overlap_max) | (group[after] != group[index])
+    return np.flatnonzero(alive)
+
+
+def _candidates(
+    raw: np.ndarray, head: Head, description: DetectorDescription, limit: float, first: int
+) -> tuple[np.ndarray, ...]:
+    """Image, place, class, confidence and box (shares of the image: centre, size) of one head."""
+    images, channels, rows, columns = raw.shape
+    anchors = len(head.anchors_px)
+    grid = raw.reshape(images, anchors, channels // anchors, rows, columns)
+    # Most cells are empty: only those that may reach the limit are looked at any further.
+    least = np.log(limit / (1.0 - limit)) - LOGIT_MARGIN
+    image, anchor, row, column = np.nonzero(grid[:, :, 4] >= least)
+    values = grid[image, anchor, :, row, column].astype(np.float64)
+    sound = np.isfinite(values).all(axis=1)
+    values, image, anchor = values[sound], image[sound], anchor[sound]
+    row, column = row[sound], column[sound]
+    best = np.argmax(values[:, 5:], axis=1)
+    confidence = _logistic(values[:, 4]) * _class_probability(values[:, 5:], best, head.scores)
+    centre = _logistic(values[:, :2]) * head.scale_xy - 0.5 * (head.scale_xy - 1.0)
+    centre = (np.stack([column, row], axis=1) + centre) / np.array([columns, rows], np.float64)
+    anchor_share = np.array(head.anchors_px) / np.array([description.width, description.height])
+    size = np.exp(np.minimum(values[:, 2:4], EXPONENT_MAX)) * anchor_share[anchor]
+    place = first + (row * columns + column) * anchors + anchor
+    keep = confidence >= limit
+    box = np.concatenate([centre, size], axis=1)
+    return image[keep], place[keep], best[keep], confidence[keep], box[keep]
+
+
+def _class_probability(scores: np.ndarray, best: np.ndarray, how: str) -> np.ndarray:
+    """Of the best class, [K]."""
+    top = np.take_along_axis(scores, best[:, None], axis=1)
+    if how == "logistic":
+        return _logistic(top[:, 0])
+    # Summed column by column: a sum along rows may be split as the array's layout suggests.
+    total = np.zeros(len(scores))
+    for column in range(scores.shape[1]):
+        total += np.exp(scores[:, column] - top[:, 0])
+    return 1.0 / total
+
+
+def _logistic(values: np.ndarray) -> np.ndarray:
+    return 1.0 / (1.0 + np.exp(np.minimum(-values, EXPONENT_LARGE)))
+
+
+def _clipped(box: np.ndarray, size_px: np.ndarray) -> np.ndarray:
+    """Centre and size in shares of the image -> corner and size inside the image [px]."""
+    half = 0.5 * box[:, 2:]
+    low = np.clip((box[:, :2] - half) * size_px, 0.0, size_px)
+    high = np.clip((box[:, :2] + half) * size_px, 0.0, size_px)
+    return np.concatenate([low, high - low], axis=1)

@@ -1,0 +1,142 @@
+"""Commands of ``devkit`` about detectors and the published logs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from twin.fabric.cli import Output, OutputOption
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, UsageError
+
+if TYPE_CHECKING:
+    from devkit.parity import Parity
+
+LISTED_MAX = 20
+"""Most rows that are listed for people; JSON lists all."""
+
+WidthOption = Annotated[
+    int | None, typer.Option(min=1, max=8192, help="Of the network's input [px].")
+]
+HeightOption = Annotated[
+    int | None, typer.Option(min=1, max=8192, help="Of the network's input [px].")
+]
+
+
+def import_darknet(
+    cfg: Annotated[Path, typer.Argument(help="Darknet's description of the network, .cfg.")],
+    weights: Annotated[Path, typer.Argument(help="Darknet's .weights.")],
+    out: Annotated[Path, typer.Option(help="ONNX file to write, .onnx.")],
+    names: Annotated[
+        Path | None, typer.Option(help="Labels, one per line; COCO's if there are 80 classes.")
+    ] = None,
+    width: WidthOption = None,
+    height: HeightOption = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Write a Darknet detector as ONNX: region and yolo heads of YOLOv2 and YOLOv3."""
+    from devkit.darknet.importer import import_darknet as run
+
+    written = run(cfg, weights, out, names, width, height)
+    if output is Output.json:
+        print(json.dumps(dataclasses.asdict(written)))
+        return
+    print(
+        f"{written.out}: {written.layers} layers, {written.parameters / 1e6:.2f} M parameters,"
+        f" input {written.width}x{written.height}, {len(written.classes)} classes"
+    )
+
+
+def darknet_cfg(
+    name: Annotated[
+        str, typer.Argument(help="yolov2, yolov2-tiny, yolov3 or yolov3-tiny; -w25: 25 % as wide.")
+    ],
+    width_multiple: Annotated[float, typer.Option(help="Share of the channels, 0 to 1.")] = 1.0,
+    classes: Annotated[int | None, typer.Option(min=1, help="Number of classes.")] = None,
+    width: WidthOption = None,
+    height: HeightOption = None,
+) -> None:
+    """Print the .cfg of a published architecture, or of a narrower variant for other classes."""
+    from devkit.darknet.build import build_network
+    from devkit.darknet.sections import to_text
+    from devkit.darknet.variant import architecture
+
+    sections = architecture(
+        name, width_multiple=width_multiple, classes=classes, width=width, height=height
+    )
+    build_network(sections, name)  # a size that does not fit is found here
+    print(to_text(sections), end="")
+
+
+def detect(
+    model: Annotated[Path, typer.Argument(help="ONNX file.")],
+    images: Annotated[list[Path], typer.Argument(help="Images, e.g. PNG or JPEG.")],
+    confidence_min: Annotated[float, typer.Option(min=0.001, max=0.999)] = 0.25,
+    overlap_max: Annotated[float, typer.Option(min=0, max=1)] = 0.4,
+    description: Annotated[
+        Path | None, typer.Option(help="JSON about a model whose metadata has none.")
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Print what a detector sees in images."""
+    import cv2
+
+    from devkit.detector import Detector
+    from devkit.detector_decode import Selection
+    from devkit.detector_description import read_description
+
+    detector = Detector(
+        model,
+        Selection(confidence_min=confidence_min, overlap_max=overlap_max),
+        read_description(description) if description else None,
+    )
+    for path in images:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
+        if image is None:
+            raise UsageError(f"{path}: not an image that OpenCV reads")
+        found = detector.detect(image[None, ..., ::-1]).of(0)
+        if output is Output.json:
+            print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(found)}))
+            continue
+        print(f"{path}: {len(found)} objects")
+        for d in found:
+            size = f"{d.width_px:.0f}x{d.height_px:.0f}"
+            print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")
+
+
+def parity(
+    folder: Annotated[Path, typer.Argument(help="Folder of logs, .csv or .tar.gz of them.")],
+    output: OutputOption = Output.human,
+) -> None:
+    """Feed the published AEB logs to the rules `autodrive`: rows that agree, of all rows."""
+    from devkit.parity import run_parity
+
+    found = run_parity(folder)
+    if output is Output.json:
+        print(json.dumps(dataclasses.asdict(found)))
+    else:
+        _print_parity(found)
+    raise typer.Exit(EXIT_FAILED if found.disagreements else EXIT_PASS)
+
+
+def _print_parity(found: Parity) -> None:
+    print(f"{found.agreeing} / {found.rows} rows agree, in {found.files} logs")
+    for model, (agreeing, rows) in sorted(found.by_model.items()):
+        print(f"  {model or 'no model named'}: {agreeing} / {rows}")
+    for one in found.disagreements[:LISTED_MAX]:
+        box = f"{one.label} {one.confidence_percent:g} % {one.size_px2:g} px^2" if one.label else ""
+        print(
+            f"{one.file}:{one.line}: {box or 'nothing seen'}:"
+            f" logged AEB {one.logged:d}, the rule says {one.rule:d}"
+        )
+    for row in found.unreadable[:LISTED_MAX]:
+        print(f"{row.file}:{row.line}: not judged: {row.reason}")
+    hidden = max(len(found.disagreements) - LISTED_MAX, 0) + max(
+        len(found.unreadable) - LISTED_MAX, 0
+    )
+    if hidden:
+        print(f"{hidden} more rows; --output json lists all")
