@@ -138,3 +138,20 @@ def test_baked_ambient_darkens_the_light_of_the_sky():
         light_slot(camera, 0, "cloudy", 720)
         pictures.append(camera.render(flat((0, 0, 0)))[0].astype(float)[28:].mean())
     assert pictures[1] < 0.8 * pictures[0]
+
+
+def test_second_rays_are_an_option():
+    points, faces = joined(ROAD, quad((8, -3, -1), (8, 3, -1), (8, 3, 1), (8, -3, 1)))
+    material = materials_of((2, materials.ASPHALT), (2, materials.GLASS))
+    world = world_of(mesh_of(points, faces, material=material))
+    pictures = {}
+    for reflections in (True, False):
+        camera = camera_in(world, reflections=reflections)
+        light_slot(camera, 0, "heavy_rain", 720)
+        pictures[reflections] = camera.render(flat((0, 0, 0)))[0].astype(float)
+        listed = int(camera._seen.listed_count.numpy()[0])
+        assert (listed > 0) == reflections
+        assert camera.rays_per_frame() >= 64 * 36 + listed
+    assert np.abs(pictures[True] - pictures[False])[12:24, 20:44].mean() > 2.0
+    upper = np.s_[:8]  # the sky is the same
+    assert (pictures[True][upper] == pictures[False][upper]).all()
