@@ -63,7 +63,7 @@ class Rate:
     """Speed of one kind of picture."""
 
     picture: str
-    """``lambert``, ``fast`` or ``full``."""
+    """``lambert``, ``fast``, ``mirrors`` or ``full``."""
     frames_per_s: float
     copied_frames_per_s: float | None
     """With the copy of the images to the host."""
@@ -196,6 +196,7 @@ class CameraBench:
             hfov_deg=HFOV_DEG,
             noise=picture == "full",
             effects=["all"] if picture == "full" else [],
+            reflections=picture != "fast",
         )
         self.camera = RayCamera(
             geometry,
@@ -259,8 +260,8 @@ class CameraBench:
         return Rate(self._picture, frames, copied, rays)
 
 
-PICTURES = ("fast", "full")
-"""Without and with all effects and noise."""
+PICTURES = ("fast", "mirrors", "full")
+"""Sun shadows, sky, weather, textures; with second rays as well; with all effects and noise too."""
 
 
 def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> float:

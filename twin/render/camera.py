@@ -86,7 +86,10 @@ class RayCamera:
         self._new = np.ones(slots, np.bool_)
         self._beams = wp.zeros((slots, BEAMS_MAX), dtype=Beams, device=device)
         self._chunk = min(slots, max(1, visibility.CHUNK_PIXELS // (camera.width * camera.height)))
-        self._seen = visibility.allocate_seen(self._chunk, camera.height, camera.width, device)
+        self._wanted = wanted_of(camera)
+        self._seen = visibility.allocate_seen(
+            self._chunk, camera.height, camera.width, device, self._wanted.second
+        )
         effects = camera.active_effects()
         self._effects: PostEffects | None = None
         if effects:
@@ -100,30 +103,30 @@ class RayCamera:
                 hfov_deg=camera.hfov_deg,
                 hz=camera.hz,
             )
-        self._wanted = wanted_of(camera)
         self._tuning = tuning or tuning_for(device)
         self._kernels = (
             self._first_kernel(mount, table, camera.hfov_deg),
-            mirror_kernel(self._tuning.mirror),
+            mirror_kernel(self._tuning.mirror) if self._wanted.second else None,
             picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
         )
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
             wp.load_module(module, device=device)
         for kernel, build in self._launches():
-            kernel.module.load(device, build.block)
+            if kernel is not None:
+                kernel.module.load(device, build.block)
 
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
         build = self._tuning.visibility
         self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
         if self._raster is None:
-            return visibility.visibility_kernel(build)
+            return visibility.visibility_kernel(build, self._wanted.second)
         wp.load_module(raster, device=self._device)
-        return visibility.sun_kernel(build)
+        return visibility.sun_kernel(build, self._wanted.second)
 
-    def _launches(self) -> tuple[tuple[wp.Kernel, Build], ...]:
-        """The kernels that go over all pixels, in order."""
+    def _launches(self) -> tuple[tuple[wp.Kernel | None, Build], ...]:
+        """What goes over all pixels, in order: visibility, second rays if asked for, shading."""
         tuning = self._tuning
         builds = (tuning.visibility, tuning.mirror, tuning.picture)
         return tuple(zip(self._kernels, builds, strict=True))
@@ -221,6 +224,8 @@ class RayCamera:
             for (kernel, build), (inputs, outputs), size in zip(
                 self._launches(), arguments, sizes, strict=True
             ):
+                if kernel is None:
+                    continue
                 wp.launch(
                     kernel,
                     size,
@@ -262,7 +267,11 @@ def wanted_of(camera: Camera) -> Wanted:
     """What the shading kernel of a camera writes."""
     effects = camera.active_effects()
     return Wanted.of(
-        camera.outputs, hdr=bool(effects), depth=needs_depth(effects), flow=needs_flow(effects)
+        camera.outputs,
+        hdr=bool(effects),
+        second=camera.reflections,
+        depth=needs_depth(effects),
+        flow=needs_flow(effects),
     )
 
 

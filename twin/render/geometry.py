@@ -136,43 +136,28 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
     ) -> Hit:
         """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
         hit = Hit()
-        hit.face = wp.int32(-1)
         hit.object = wp.int32(-1)
         hit.instance = wp.int32(-1)
-        best = wp.vec4(far, 0.0, 0.0, 0.0)
-        # The static mesh, then the objects; one loop, so that the traversal stands there once.
-        m = wp.int32(-1)
-        first_face = wp.int32(0)
-        root = wp.int32(0)
-        local = origin
-        ahead = direction
-        block = wp.int32(0)
-        mask = wp.int32(0)
-        while root >= 0:
-            own = closest(scene.nodes, scene.leaves, root, local, ahead, best[0])
-            face = wp.cast(own[3], wp.int32)
-            if face >= 0:
-                best = own
-                hit.face = first_face + face
-                hit.object = m
-            while mask == 0 and block < scene.spheres.shape[1]:
-                mask = traverse.spheres_entered(
-                    scene.spheres, slot, block, origin, direction, best[0]
-                )
-                block += 1
-            root = -1
-            if mask != 0:
-                m = (block - 1) * 8 + traverse.lowest_bit(mask)
+        found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
+        hit.face = wp.cast(found[3], wp.int32)
+        for block in range(scene.spheres.shape[1]):
+            mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, found[0])
+            while mask != 0:
+                k = traverse.lowest_bit(mask)
                 mask = mask & (mask - 1)
-                first_face = scene.objects[slot, m].first_face
-                root = scene.objects[slot, m].root
-                cosine = scene.objects[slot, m].cosine
-                sine = scene.objects[slot, m].sine
-                local = turned(origin - scene.objects[slot, m].position, cosine, -sine)
-                ahead = turned(direction, cosine, -sine)
-        hit.t = best[0]
-        hit.u = best[1]
-        hit.v = best[2]
+                m = block * 8 + k
+                pose = scene.objects[slot, m]
+                local = turned(origin - pose.position, pose.cosine, -pose.sine)
+                ahead = turned(direction, pose.cosine, -pose.sine)
+                own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
+                face = wp.cast(own[3], wp.int32)
+                if face >= 0:
+                    found = own
+                    hit.face = pose.first_face + face
+                    hit.object = m
+        hit.t = found[0]
+        hit.u = found[1]
+        hit.v = found[2]
         if hit.face >= 0:
             hit.found = True
             hit.normal = scene.faces[hit.face].normal
@@ -193,26 +178,18 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
         scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
     ) -> wp.bool:
         """Whether anything lies on the ray within ``far`` [m]."""
-        root = wp.int32(0)
-        local = origin
-        ahead = direction
-        block = wp.int32(0)
-        mask = wp.int32(0)
-        while root >= 0:
-            if blocked(scene.nodes, scene.leaves, root, local, ahead, far):
-                return True
-            while mask == 0 and block < scene.spheres.shape[1]:
-                mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
-                block += 1
-            root = -1
-            if mask != 0:
-                m = (block - 1) * 8 + traverse.lowest_bit(mask)
+        if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
+            return True
+        for block in range(scene.spheres.shape[1]):
+            mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
+            while mask != 0:
+                m = block * 8 + traverse.lowest_bit(mask)
                 mask = mask & (mask - 1)
-                root = scene.objects[slot, m].root
-                cosine = scene.objects[slot, m].cosine
-                sine = scene.objects[slot, m].sine
-                local = turned(origin - scene.objects[slot, m].position, cosine, -sine)
-                ahead = turned(direction, cosine, -sine)
+                pose = scene.objects[slot, m]
+                local = turned(origin - pose.position, pose.cosine, -pose.sine)
+                ahead = turned(direction, pose.cosine, -pose.sine)
+                if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
+                    return True
         return False
 
     return trace, occluded

@@ -8,6 +8,8 @@ from twin.render.geometry import Scene
 from twin.render.light import SlotLight
 from twin.render.rays import SlotPose
 
+wp.set_module_options({"enable_backward": False})
+
 # Both headlamps together, seen as one source in the middle of the front.
 # Order of magnitude of UN R149 lamps: low beam about 20 kcd below its cut-off, high beam 50 kcd.
 LOW_CD = wp.constant(22_000.0)

@@ -30,6 +30,8 @@ class Wanted:
 
     hdr: bool = False
     """Linear signal for the post-processing instead of 8 bits."""
+    second: bool = True
+    """Second rays: what smooth surfaces mirror and glass lets through."""
     depth: bool = False
     instance: bool = False
     semantic: bool = False
@@ -37,10 +39,12 @@ class Wanted:
     flow: bool = False
 
     @classmethod
-    def of(cls, outputs: Iterable[str], *, hdr: bool, depth: bool, flow: bool) -> Wanted:
+    def of(
+        cls, outputs: Iterable[str], *, hdr: bool, second: bool, depth: bool, flow: bool
+    ) -> Wanted:
         """For the outputs that a camera declares and what its effects need."""
         names = {*outputs, *(("depth",) if depth else ()), *(("flow",) if flow else ())}
-        return cls(hdr=hdr, **{name: name in names for name in OUTPUTS})
+        return cls(hdr=hdr, second=second, **{name: name in names for name in OUTPUTS})
 
 
 @wp.struct

@@ -61,6 +61,15 @@ def air_light(
 
 
 @wp.func
+def sky_share(bounce: wp.vec3) -> wp.float32:
+    """How much of the sky is seen along a mirrored ray whose surroundings are not traced [-].
+
+    A street hides the sky near the horizon: nothing is left below it, all from 50 deg on.
+    """
+    return wp.clamp(bounce[2] * 1.3 + 0.05, 0.0, 1.0)
+
+
+@wp.func
 def _instance_of(scene: Scene, slot: wp.int32, at: Place) -> wp.int32:
     instance = wp.int32(-1)
     if at.object >= 0:
@@ -152,6 +161,7 @@ def picture_kernel(
     ``without``: parts of :data:`PARTS` that are left out to see what they cost.
     """
     surfaces, skies = "surface" not in without, "sky" not in without
+    second = wanted.second
     lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
@@ -230,17 +240,20 @@ def picture_kernel(
                 if wp.static(surfaces):
                     s = surface_of(scene, slot, optics, at, direction, light)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
-                if (seen.flags[thread] & MIRRORED) != 0:
+                followed = wp.bool(False)
+                if wp.static(second):
+                    followed = (seen.flags[thread] & MIRRORED) != 0
+                if followed:
                     color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
                         wp.float32(seen.second[thread, 0]),
                         wp.float32(seen.second[thread, 1]),
                         wp.float32(seen.second[thread, 2]),
                     )
-                elif s.mirror > 0.0:
+                if s.mirror > 0.0 and not followed:
                     cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
                     bounce = direction + at.n * (2.0 * cosine)
                     back = smooth_sky(bounce, slot, light, sky_table)
-                    color += back * (fresnel_of(s.mirror, cosine) * wp.max(0.0, bounce[2]))
+                    color += back * (fresnel_of(s.mirror, cosine) * sky_share(bounce))
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
                 if wp.static(skies):

@@ -215,7 +215,9 @@ def _plain_surface(s: Surface, m: wp.int32, on: wp.vec2, light: SlotLight):
     elif m == _SIGN:
         s.retro = 25.0
     elif m == _SIGNAL:
-        s.emission = s.albedo * 4000.0
+        # Dimmed at night, as LED signals are; squared, so that the colour outlives the exposure.
+        bright = wp.where(light.lamps_on > 0.0, 120.0, 4000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * bright
     elif m == _TAIL_LAMP:
         s.retro = 4.0
         dark = wp.where(light.lamps_on > 0.0, on[0], 0.0)

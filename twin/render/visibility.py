@@ -27,10 +27,10 @@ _TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
 SUN_RANGE_M = wp.constant(400.0)
 """How far away something may be that shadows [m]."""
 
-SECOND_RANGE_M = wp.constant(60.0)
+SECOND_RANGE_M = wp.constant(40.0)
 """Farther glass and lacquer mirror nothing but the sky [m]."""
-# A film of water reflects less than a tenth of what meets it more steeply.
-_WET_COSINE = wp.constant(0.4)
+# A film of water reflects less than a fifth of what meets it more steeply.
+_WET_COSINE = wp.constant(0.3)
 
 NOTHING = wp.constant(-1)
 """Face of a pixel that sees the sky."""
@@ -85,25 +85,30 @@ def threads(slots: int, height: int, width: int) -> int:
     return slots * tiles * TILE_COLUMNS * TILE_ROWS
 
 
-def allocate_seen(slots: int, height: int, width: int, device: wp.Device) -> Seen:
-    """Buffers for ``slots`` at once."""
+def allocate_seen(
+    slots: int, height: int, width: int, device: wp.Device, second: bool = True
+) -> Seen:
+    """Buffers for ``slots`` at once; ``second``: for second rays as well."""
     count = threads(slots, height, width)
     seen = Seen()
     seen.t = wp.empty(count, dtype=wp.float32, device=device)
     seen.face = wp.empty(count, dtype=wp.int32, device=device)
     seen.flags = wp.zeros(count, dtype=wp.int32, device=device)
     seen.bary = wp.empty(count, dtype=wp.int32, device=device)
-    seen.listed = wp.empty(count, dtype=wp.int32, device=device)
+    listed = count if second else 1
+    seen.listed = wp.empty(listed, dtype=wp.int32, device=device)
     seen.listed_count = wp.zeros(1, dtype=wp.int32, device=device)
-    seen.second = wp.empty((count, 3), dtype=wp.float16, device=device)
+    seen.second = wp.empty((listed, 3), dtype=wp.float16, device=device)
     return seen
 
 
 def rays_traced(seen: Seen, count: int) -> int:
-    """Rays behind the first ``count`` threads' results: to what is seen, and to the sun."""
+    """Rays behind the first ``count`` threads' results: to what is seen, and to the sun; pixels
+    with second rays once more."""
     face, flags = seen.face.numpy()[:count], seen.flags.numpy()[:count]
     seen_any = np.count_nonzero(face != int(OUTSIDE))
-    return seen_any + np.count_nonzero((face >= 0) & (flags & int(ASKED) != 0))
+    listed = int(seen.listed_count.numpy()[0])
+    return seen_any + np.count_nonzero((face >= 0) & (flags & int(ASKED) != 0)) + listed
 
 
 # The threads of a warp take their places together. The order differs from run to run, what is found
@@ -161,8 +166,8 @@ def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
 
 
 @cache
-def visibility_kernel(build: Build) -> wp.Kernel:
-    """The kernel, compiled as ``build`` says."""
+def visibility_kernel(build: Build, second: bool) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says; ``second``: it lists pixels for second rays."""
 
     @wp.kernel(**build.arguments())
     def first_kernel(
@@ -215,10 +220,11 @@ def visibility_kernel(build: Build) -> wp.Kernel:
         seen.t[thread] = hit.t + near
         seen.face[thread] = hit.face
         seen.flags[thread] = flags
-        material = scene.faces[hit.face].material
-        cosine = -wp.dot(hit.normal, direction)
-        if needs_second_rays(material, lights[slot].wetness, cosine, hit.t):
-            put_on_list(seen.listed, seen.listed_count, thread)
+        if wp.static(second):
+            material = scene.faces[hit.face].material
+            cosine = -wp.dot(hit.normal, direction)
+            if needs_second_rays(material, lights[slot].wetness, cosine, hit.t):
+                put_on_list(seen.listed, seen.listed_count, thread)
         u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
         v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
         seen.bary[thread] = (u << 16) | v
@@ -227,8 +233,8 @@ def visibility_kernel(build: Build) -> wp.Kernel:
 
 
 @cache
-def sun_kernel(build: Build) -> wp.Kernel:
-    """The kernel that asks for the sun where a picture has been drawn; compiled as ``build`` says."""
+def sun_kernel(build: Build, second: bool) -> wp.Kernel:
+    """The kernel that asks for the sun after drawing, compiled as ``build`` says."""
 
     @wp.kernel(**build.arguments())
     def shadow_kernel(
@@ -266,10 +272,11 @@ def sun_kernel(build: Build) -> wp.Kernel:
             normal = turned(normal, cosine, scene.objects[slot, m].sine)
         if wp.dot(normal, direction) > 0.0:
             normal = -normal
-        material = scene.faces[face].material
-        cosine = -wp.dot(normal, direction)
-        if needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread]):
-            put_on_list(seen.listed, seen.listed_count, thread)
+        if wp.static(second):
+            material = scene.faces[face].material
+            cosine = -wp.dot(normal, direction)
+            if needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread]):
+                put_on_list(seen.listed, seen.listed_count, thread)
         sun = lights[slot].sun_direction
         if lights[slot].shadows != 0 and wp.dot(normal, sun) > 0.0:
             flags = flags | ASKED
