@@ -270,6 +270,25 @@ def _write_point(
     return wp.where(echo.kind != _NONE, 1, 0)
 
 
+# A GPU's warp counts its returns of one slot first: all rays of a sweep add to one number, and would
+# wait for each other.
+_COUNT = """
+    #if defined(__CUDA_ARCH__)
+    const unsigned mates = __match_any_sync(__activemask(), slot);
+    unsigned lane;
+    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
+    if (lane == __ffs(mates) - 1) atomicAdd(counts.data + slot, __popc(mates));
+    #else
+    counts.data[slot] += 1;
+    #endif
+"""
+
+
+@wp.func_native(_COUNT)
+def _count(counts: wp.array(dtype=wp.int32), slot: wp.int32):
+    """Add 1 to ``counts[slot]``."""
+
+
 @wp.kernel(grid_stride=False)
 def return_kernel(
     # model
@@ -296,7 +315,7 @@ def return_kernel(
         scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
     )
     if found > 0:
-        wp.atomic_add(count_out, slot, found)
+        _count(count_out, slot)
 
 
 @wp.kernel
