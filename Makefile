@@ -11,7 +11,7 @@ help:
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   a hundred storms of killed and frozen processes"
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
-	@echo "make install-bench  install the peers of 'conductor bench'"
+	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make check    format, lint, types and layers, in under a minute"
 
 install: $(VENV)/.installed

@@ -12,6 +12,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from schemas.yaml_file import load_yaml
 
@@ -20,6 +21,8 @@ _FILE_KEYS = ("file", "heightmap")
 
 _MATERIAL_LIBRARY = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
 _MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
+_PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
+_HEAD_BYTES = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
 """Largest glTF or OBJ file that is searched for the files it names [bytes]."""
 
@@ -39,8 +42,7 @@ def asset_files(path: Path) -> list[Path]:
     """
     found = [path]
     for name in _named(load_yaml(path)):
-        mesh = path.parent / name
-        found += [mesh, *(mesh.parent / more for more in _resources(mesh))]
+        found += mesh_files(path.parent / name)
     unique = dict.fromkeys(file for file in found if file.is_file())
     return list(unique)
 
@@ -71,14 +73,26 @@ def _named(value: Any) -> list[str]:
     return []
 
 
+def mesh_files(mesh: Path) -> list[Path]:
+    """The mesh file and the local files that it names: buffers, material libraries, images.
+
+    What cannot be read names nothing; loading the mesh says why.
+    """
+    return [mesh, *(mesh.parent / name for name in dict.fromkeys(_resources(mesh)))]
+
+
 def _resources(mesh: Path) -> list[str]:
-    """Files that a mesh file names: buffers and images of glTF, materials and maps of OBJ."""
-    if not mesh.is_file() or mesh.stat().st_size > _TEXT_BYTES_MAX:
+    if not mesh.is_file():
         return []
-    if mesh.suffix == ".gltf":
+    suffix = mesh.suffix.lower()
+    if suffix == ".ply":
+        with mesh.open("rb") as file:
+            head = file.read(_HEAD_BYTES).split(b"end_header")[0]
+        return [name.decode(errors="replace") for name in _PLY_TEXTURE.findall(head)]
+    if mesh.stat().st_size > _TEXT_BYTES_MAX or suffix not in (".gltf", ".obj"):
+        return []
+    if suffix == ".gltf":
         return _gltf_resources(mesh)
-    if mesh.suffix != ".obj":
-        return []
     found = []
     for library in _MATERIAL_LIBRARY.findall(mesh.read_bytes()):
         name = library.decode(errors="replace")
@@ -98,7 +112,7 @@ def _gltf_resources(mesh: Path) -> list[str]:
         return []
     rows = [*_rows(document, "buffers"), *_rows(document, "images")]
     uris = [row.get("uri") for row in rows if isinstance(row, dict)]
-    return [uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
+    return [unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
 
 
 def _rows(document: Any, key: str) -> list[Any]:

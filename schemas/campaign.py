@@ -50,6 +50,9 @@ class Camera(_Spec, frozen=True):
     """Horizontal field of view [deg]."""
     noise: bool = True
     """Shot and read noise, drawn from the case's own stream."""
+    reflections: bool = True
+    """Second rays: wet roads, paint and panes mirror the street, and glass is clear. False: they
+    mirror the sky alone and glass is dark; faster."""
     effects: list[Effect | Literal["all"]] = []
     """What lens and shutter do to the picture, how strongly is the lens's; none is the fastest."""
     outputs: list[ImageOutput] = []

@@ -63,8 +63,9 @@ class Environment(_Spec, frozen=True):
     degrees a minute, rises at 06:00 and stands overhead at noon."""
     date: Annotated[str, Meta(pattern=r"^\d{4}-\d{2}-\d{2}$")] = "2025-03-20"
     """Day of sun and moon, `YYYY-MM-DD`."""
-    wind_from_deg: Annotated[float, Meta(ge=0, lt=360)] = 240.0
-    """Where the wind comes from, clockwise from north [deg]."""
+    wind_from_deg: Annotated[float, Meta(ge=0, lt=360)] = 270.0
+    """Where the wind comes from, clockwise from north; 270 blows along the shipped street, so that
+    a stack that does not steer stays in its lane [deg]."""
     exposure_ev100: Annotated[float, Meta(ge=-6, le=20)] | None = None
     """Exposure value of the cameras at ISO 100; null: automatic."""
     friction: Annotated[float, Meta(gt=0, le=1.5)] | None = None

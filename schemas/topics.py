@@ -26,9 +26,7 @@ class Topic:
 CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True, True)
 DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True, False)
 INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True, False)
-SEMANTIC = Topic(
-    "drive/{rig}/sensor/semantic", "array", "SEMANTIC_CLASSES [S,H,W] uint8", True, False
-)
+SEMANTIC = Topic("drive/{rig}/sensor/semantic", "array", "classes [S,H,W] uint8", True, False)
 NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True, False)
 FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True, False)
 LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True, True)

@@ -131,30 +131,51 @@ def sim(
 
 @app.command()
 def snapshot(
-    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("snapshot.png"),
+    out: Annotated[Path, typer.Option(help="File to write, .png or .jpg.")] = Path("snapshot.png"),
     weather: Annotated[
-        list[str] | None, typer.Option(help="Weather, repeatable; default: all eight.")
+        list[str] | None,
+        typer.Option(help="Preset or custom weather, repeatable; default: all of them."),
     ] = None,
     time: Annotated[
-        list[str] | None, typer.Option(help="Time of day HH:MM, repeatable; default: four.")
+        list[str] | None, typer.Option(help="Local time HH:MM, repeatable; default: eight hours.")
     ] = None,
+    custom: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A weather of one's own, repeatable: NAME:KEY=NUMBER,... with the intensities "
+            "cloud, fog, rain, snow and wind from 0 to 1, as in sleet:rain=0.4,snow=0.3."
+        ),
+    ] = None,
+    family: Annotated[
+        str, typer.Option(help="Weather family: physical or autodrive.")
+    ] = "physical",
+    sun: Annotated[str, typer.Option(help="almanac, or autodrive: overhead at noon.")] = "almanac",
+    date: Annotated[str, typer.Option(help="Day of sun and moon, YYYY-MM-DD.")] = "2025-03-20",
+    ev100: Annotated[
+        float | None, typer.Option(help="Fixed exposure value at ISO 100; default: automatic.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
+    vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
-    width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 480,
+    width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",
 ) -> None:
     """Render the street in several weathers and hours as one contact sheet."""
-    from schemas.campaign import WEATHERS, Camera
-    from twin.snapshot import contact_sheet
+    from twin.snapshot import SheetRequest, write_sheet
 
+    request = SheetRequest(
+        weathers=tuple(weather or ()),
+        times=tuple(time or ()),
+        custom=tuple(custom or ()),
+        environment={"family": family, "sun": sun, "date": date, "exposure_ev100": ev100},
+        scene=scene,
+        vehicle=vehicle,
+        distance_m=distance,
+        width_px=width,
+        device=device,
+    )
     try:
-        contact_sheet(
-            out,
-            weather or list(WEATHERS),
-            time or ["05:00", "09:00", "13:00", "19:00"],
-            distance_m=distance,
-            camera=Camera(width=width, height=width * 9 // 16),
-            device=device,
-        )
+        write_sheet(out, request)
     except ValueError as error:
         raise UsageError(str(error)) from None
     print(out)

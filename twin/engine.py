@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ import warp as wp
 
 from schemas.assets import asset_digest
 from schemas.campaign import Case
+from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
 from twin.fabric.frames import Channel
 from twin.kpi import verdict as judging
@@ -28,11 +30,11 @@ from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.environment import CaseEnvironment
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
 from twin.world.street import build_world
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.wind import Winds
 
 _NO_LIGHTS = Lights()
 
@@ -57,6 +59,7 @@ class _Run:
     """What a slot remembers of its case."""
 
     case: Case
+    environment: CaseEnvironment
     recorder: Recorder = field(default_factory=Recorder)
     pending: deque[tuple[int, Command]] = field(default_factory=deque)
     """Commands with the physics step from which they are in force."""
@@ -105,6 +108,10 @@ class Engine:
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene)
+        for note in self._world.notes:
+            print(note, file=sys.stderr, flush=True)
+        self._origin = scene.origin
+        self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle
         self._eyes = ExteroceptiveSuite(
             case, vehicle, scene, self._world, slots, warp_device, buffers or {}
@@ -146,23 +153,21 @@ class Engine:
     @property
     def cars(self) -> int:
         """How many of the colliders are cars."""
-        return self._world.instances
+        return self._world.cars
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
-        weather = WEATHER[case.weather]
-        light = daylight(case.time_of_day_min, weather)
+        environment = CaseEnvironment(case, self._origin)
         scenario = case.scenario
         rear = self._world.obstacle_rear_m
         x_m = rear - scenario.ego_start_m - self._vehicle.front_offset_m
-        self._vehicles.place(slot, x_m, scenario.ego_speed_mps, weather.friction)
+        self._vehicles.place(slot, x_m, scenario.ego_speed_mps, 1.0)
         self._vehicles.active[slot] = 1
         self._eyes.reset(slot, case)
-        self._eyes.light(slot, light, weather)
-        self._illuminance_lx[slot] = light.illuminance_lx
-        self._extinction_per_m[slot] = weather.extinction_per_m
+        self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
+        self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
-        self._runs[slot] = _Run(case)
+        self._runs[slot] = _Run(case, environment)
         self.active[slot] = True
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
@@ -174,6 +179,7 @@ class Engine:
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
+        self._winds.clear(slot)
         self._vehicles.state[slot] = 0.0
         self._eyes.clear(slot)
         self._suite.clear(slot)
@@ -183,6 +189,9 @@ class Engine:
 
         All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
+        for slot, run in enumerate(self._runs):
+            if run is not None and run.environment.changes:
+                self._apply(slot, run.environment, int(self.sim_time_ns[slot]))
         state = self.state
         sensors = {
             "vehicle": SensorData(by_wire(state, self.active)),
@@ -200,6 +209,15 @@ class Engine:
         )
         sensors.update(images)
         return sensors
+
+    def _apply(self, slot: int, environment: CaseEnvironment, time_ns: int) -> None:
+        """Weather and light of a slot as they are at its sim time."""
+        weather, light = environment.at(time_ns)
+        self._vehicles.friction[slot] = weather.friction
+        self._winds.set(slot, weather.wind_mps, weather.gust_mps)
+        self._eyes.light(slot, light, weather, environment.wind_towards)
+        self._illuminance_lx[slot] = light.illuminance_lx
+        self._extinction_per_m[slot] = weather.extinction_per_m
 
     def _place_objects(self) -> None:
         """Scripted objects as they are at the current ticks, for eyes and for contacts."""
@@ -253,6 +271,7 @@ class Engine:
             self._schedule(slot, run, command)
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
+        self._vehicles.wind[...] = self._winds.advance(self.tick)
         self._vehicles.advance(self._steps)
         for slot, run in enumerate(self._runs):
             if run is None:

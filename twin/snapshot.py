@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
+from schemas.environment import Environment, environment_mistakes
 from schemas.identity import stream_key
 from schemas.messages import Lights
+from schemas.names import WEATHERS, TimeOfDay, minutes
+from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import fill_light, switch_lamps
+from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.environment import light_of, wind_towards
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
 from twin.world.street import build_world
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.sun import Daylight
+from twin.world.weather import WeatherParameters, weather_of
 
+HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
+"""Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
+
+_PLAIN = Environment()
+_ENCODING = {".png": [], ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 88]}
 _LABEL_PX = 22
 _NIGHT_BELOW_LX = 1000.0
 
@@ -36,9 +47,10 @@ def usual_lights(weather: str, illuminance_lx: float) -> Lights:
 
 def contact_sheet(
     path: str | Path,
-    weathers: Sequence[str],
-    times: Sequence[str],
+    weathers: Sequence[str] = WEATHERS,
+    times: Sequence[str] = HOURS,
     *,
+    environment: Environment = _PLAIN,
     distance_m: float = 25.0,
     camera: Camera | None = None,
     scene: str = "downtown",
@@ -49,52 +61,148 @@ def contact_sheet(
     """Render a sheet of ``weathers`` (columns) x ``times`` (rows) and write it to ``path``.
 
     Args:
-        path: PNG file to write.
-        weathers: names of :data:`schemas.campaign.WEATHERS`.
-        times: local solar times ``HH:MM``.
+        path: file to write, ``.png`` or, a seventh of its size, ``.jpg``.
+        weathers: presets, or custom weathers of ``environment``.
+        times: local times ``HH:MM``.
+        environment: family, date, sun, exposure and custom weathers.
         distance_m: distance from the ego's front to the obstacle [m].
-        camera: size and field of view of one picture; 480x270 by default.
+        camera: size and field of view of one picture; 320x180 by default.
         lights: lamps of the ego; those of :func:`usual_lights` by default.
 
     Raises:
         ValueError: unknown weather, scene, vehicle or device; one line.
         OSError: the file cannot be written.
     """
-    for name in weathers:
-        if name not in WEATHER:
-            raise ValueError(f"weather '{name}': allowed: {', '.join(WEATHER)}")
-    prepare_kernels()
-    camera = camera or Camera(width=480, height=270)
-    target, car = load_scene(scene), load_vehicle(vehicle)
-    world = build_world(target)
-    warp_device = wp.get_device(device)
-    eye = RayCamera(
-        Geometry(world, 1, warp_device),
-        world,
-        target.furniture,
-        camera,
-        tuple(car.camera("front_right").position_m),
-        tuple(car.headlamps_m),
-    )
-    x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
-    pose = wp.array([[x_m, 0.0, 0.0]], dtype=wp.float64, device=warp_device)
+    suffix = Path(path).suffix.lower()
+    if suffix not in _ENCODING:
+        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
+    found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
+    camera = camera or Camera(width=320, height=180)
+    street = _Street(scene, vehicle, camera, distance_m, device)
     rows = []
     for time in times:
-        hours, minutes = time.split(":")
         pictures = []
-        for name in weathers:
-            light = daylight(60 * int(hours) + int(minutes), WEATHER[name])
-            row = eye.lights.host[0]
-            fill_light(row, light, WEATHER[name])
-            switch_lamps(row, lights or usual_lights(name, light.illuminance_lx))
-            row["active"], row["hazard"], row["noise"] = 1, 1.0, int(camera.noise)
-            row["key"] = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
-            pictures.append(_labelled(eye.render(pose)[0], f"{time}  {name.replace('_', ' ')}"))
+        for name, weather in found.items():
+            light = light_of(environment, street.place, minutes(time), weather)
+            toward = wind_towards(environment, street.place)
+            lamps = lights or usual_lights(name, light.illuminance_lx)
+            key = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
+            picture = street.picture(light, weather, toward, lamps, key)
+            pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
         rows.append(np.hstack(pictures))
-    done, data = cv2.imencode(".png", cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR))
+    sheet = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
+    done, data = cv2.imencode(suffix, sheet, _ENCODING[suffix])
     if not done:
         raise OSError(f"{path}: the picture could not be encoded")
     Path(path).write_bytes(data.tobytes())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetRequest:
+    """A contact sheet as it is asked for on a command line; empty tuples mean the usual."""
+
+    weathers: tuple[str, ...] = ()
+    times: tuple[str, ...] = ()
+    custom: tuple[str, ...] = ()
+    """``NAME:KEY=NUMBER,...`` each; see :class:`schemas.environment.Conditions`."""
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    """Further keys of :class:`schemas.environment.Environment`."""
+    scene: str = "downtown"
+    vehicle: str = "opencav"
+    distance_m: float = 25.0
+    width_px: int = 320
+    device: str = "cpu"
+
+
+def write_sheet(path: str | Path, request: SheetRequest) -> None:
+    """Check ``request`` and write its contact sheet.
+
+    Raises:
+        ValueError: a mistake in the request; one line.
+        OSError: the file cannot be written.
+    """
+    own = dict(_custom(text) for text in request.custom)
+    data = {**request.environment, "custom": own}
+    environment, mistakes = convert_all(data, Environment)
+    if environment is not None:
+        mistakes = environment_mistakes(environment)
+    size, wrong = convert_all(
+        {"width": request.width_px, "height": request.width_px * 9 // 16}, Camera
+    )
+    times, late = convert_all(list(request.times or HOURS), list[TimeOfDay])
+    mistakes = [*mistakes, *wrong, *(Mistake(f"time{m.path}", m.message) for m in late)]
+    if environment is None or size is None or times is None or mistakes:
+        raise ValueError(mistakes[0].line("snapshot"))
+    contact_sheet(
+        path,
+        request.weathers or environment.weathers(),
+        times,
+        environment=environment,
+        distance_m=request.distance_m,
+        camera=size,
+        scene=request.scene,
+        vehicle=request.vehicle,
+        device=request.device,
+    )
+
+
+def _custom(text: str) -> tuple[str, dict[str, Any]]:
+    """``sleet:rain=0.4,snow=0.3`` -> its name, and its intensities as they were given."""
+    name, _, rest = text.partition(":")
+    values: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        key, _, number = part.partition("=")
+        try:
+            values[key.strip()] = float(number)
+        except ValueError:
+            raise ValueError(
+                f"snapshot: custom '{text}': given '{part}', allowed: KEY=NUMBER as in rain=0.4"
+            ) from None
+    return name, values
+
+
+class _Street:
+    """One camera behind a windscreen, in a street."""
+
+    def __init__(
+        self, scene: str, vehicle: str, camera: Camera, distance_m: float, device: str
+    ) -> None:
+        prepare_kernels()
+        target, car = load_scene(scene), load_vehicle(vehicle)
+        world = build_world(target)
+        warp_device = wp.get_device(device)
+        self.place = target.origin
+        self._noise = int(camera.noise)
+        self._geometry = Geometry(world, 1, warp_device)
+        self._geometry.place(world.motion.at(np.zeros(1)))
+        self._eye = RayCamera(
+            self._geometry,
+            world,
+            target.furniture,
+            camera,
+            car.camera(camera.name),
+            tuple(car.headlamps_m),
+        )
+        x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
+        self._pose = wp.array([[x_m, 0.0, 0.0]], dtype=wp.float64, device=warp_device)
+
+    def picture(
+        self,
+        light: Daylight,
+        weather: WeatherParameters,
+        toward: tuple[float, float],
+        lamps: Lights,
+        key: int,
+    ) -> np.ndarray:
+        """uint8 [H, W, 3], valid until the next."""
+        row = self._eye.lights.host[0]
+        fill_light(row, light, weather, toward)
+        fill_sky(self._eye.sky_table.host[0], light)
+        self._eye.sky_stale = True
+        switch_lamps(row, lamps)
+        row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
+        advance_light(row, 0.0)
+        return self._eye.render(self._pose)[0]
 
 
 def _labelled(image: np.ndarray, text: str) -> np.ndarray:

@@ -17,9 +17,10 @@ import warp as wp
 from schemas.campaign import WEATHERS, Camera
 from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
+from twin.render.build import Tuning
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import fill_light, switch_lamps
+from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
 from twin.snapshot import usual_lights
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
@@ -33,7 +34,7 @@ SUN = (0.4423, 0.5528, 0.7063)
 """Unit direction to the sun of the Lambert pictures."""
 PEER_RATIO = 1.3
 """Frames per frame of the peer to reach on a GPU."""
-SCENE, VEHICLE = "downtown", "opencav"
+SCENE, VEHICLE, CAMERA = "downtown", "opencav", "front_right"
 HFOV_DEG = 70.0
 
 
@@ -62,7 +63,7 @@ class Rate:
     """Speed of one kind of picture."""
 
     picture: str
-    """``lambert``, ``fast`` or ``full``."""
+    """``lambert``, ``fast``, ``mirrors`` or ``full``."""
     frames_per_s: float
     copied_frames_per_s: float | None
     """With the copy of the images to the host."""
@@ -131,7 +132,7 @@ def measure(
     world = build_world(load_scene(SCENE))
     kind = device.partition(":")[0]
     rates = [_lambert(world, size, device, rounds)]
-    for picture in pictures or tuple(PICTURES):
+    for picture in pictures or PICTURES:
         bench = CameraBench(world, size, device, picture)
         rate = bench.rate(rounds)
         target = TARGETS.get((kind, picture, size))
@@ -176,43 +177,74 @@ def eyes(at: Views, mount_m: tuple[float, ...] | list[float]) -> np.ndarray:
 class CameraBench:
     """One camera of the bench: built once, rendered many times."""
 
-    def __init__(self, world: World, size: Size, device: str, picture: str) -> None:
+    def __init__(
+        self,
+        world: World,
+        size: Size,
+        device: str,
+        picture: str,
+        tuning: Tuning | None = None,
+    ) -> None:
         car = load_vehicle(VEHICLE)
         scene = load_scene(SCENE)
         self._device = wp.get_device(device)
         self._slots = size.slots
         geometry = Geometry(world, size.slots, self._device)
         camera = Camera(
-            width=size.width, height=size.height, hfov_deg=HFOV_DEG, noise=picture == "full"
+            width=size.width,
+            height=size.height,
+            hfov_deg=HFOV_DEG,
+            noise=picture == "full",
+            effects=["all"] if picture == "full" else [],
+            reflections=picture != "fast",
         )
         self.camera = RayCamera(
             geometry,
             world,
             scene.furniture,
             camera,
-            tuple(car.camera("front_right").position_m),
+            car.camera(CAMERA),
             tuple(car.headlamps_m),
-            **PICTURES[picture],
+            tuning=tuning,
         )
         self._picture = picture
         at = views(world, size.slots)
         poses = np.stack([at.x_m, at.y_m, at.yaw_rad], axis=1)
         self._poses = wp.array(poses, dtype=wp.float64, device=self._device)
         geometry.place(world.motion.at(np.arange(size.slots) * 0.37))
-        self._light(picture)
+        self.light()
 
-    def _light(self, picture: str) -> None:
+    def light(self, weather: str = "", minute_of_day: int = -1) -> None:
+        """Light the views: all weathers and hours in turn, or one for all."""
+        self.camera.sky_stale = True
         for slot, row in enumerate(self.camera.lights.host):
-            name = WEATHERS[slot % len(WEATHERS)]
+            name = weather or WEATHERS[slot % len(WEATHERS)]
             minute = 720 if self._slots == 1 else HOURS_MIN[slot // len(WEATHERS) % len(HOURS_MIN)]
+            minute = minute if minute_of_day < 0 else minute_of_day
             light = daylight(minute, WEATHER[name])
             fill_light(row, light, WEATHER[name])
+            fill_sky(self.camera.sky_table.host[slot], light)
             switch_lamps(row, usual_lights(name, light.illuminance_lx))
-            row["active"], row["key"], row["noise"] = 1, slot + 1, int(picture == "full")
+            row["active"], row["key"], row["noise"] = 1, slot + 1, int(self._picture == "full")
+            advance_light(row, 0.37 * slot)
 
     def launch(self) -> None:
         """Render all views; the images stay on the device."""
         self.camera.launch(self._poses)
+
+    def kernel_ms(self) -> dict[str, float]:
+        """Time of every kernel in one picture of all views, by its name; on a CPU of all [ms]."""
+        self.launch()
+        if self._device.is_cpu:
+            return {"all": round(1e3 / best_rate(self.launch, self._device, 2), 3)}
+        wp.synchronize_device(self._device)
+        wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+        self.launch()
+        total: dict[str, float] = {}
+        for result in wp.timing_end():
+            name = result.name.removeprefix("forward kernel ").partition("_kernel")[0]
+            total[name] = round(total.get(name, 0.0) + result.elapsed, 3)
+        return total
 
     def render(self) -> np.ndarray:
         """Render all views; the images uint8 [S, H, W, 3]."""
@@ -228,8 +260,8 @@ class CameraBench:
         return Rate(self._picture, frames, copied, rays)
 
 
-PICTURES: dict[str, dict[str, object]] = {"fast": {}, "full": {}}
-"""What the kinds of pictures ask the camera for."""
+PICTURES = ("fast", "mirrors", "full")
+"""Sun shadows, sky, weather, textures; with second rays as well; with all effects and noise too."""
 
 
 def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> float:
@@ -250,7 +282,7 @@ def best_rate(launch: Callable[[], object], device: wp.Device, rounds: int) -> f
 
 def _lambert(world: World, size: Size, device: str, rounds: int) -> Rate:
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera("front_right").position_m
+    mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     camera = LambertCamera(
         world, eyes(at, mount), at.yaw_rad, (size.width, size.height), HFOV_DEG, SUN, device
     )
@@ -260,22 +292,24 @@ def _lambert(world: World, size: Size, device: str, rounds: int) -> Rate:
 
 def _peer(world: World, size: Size, device: str, rounds: int) -> dict[str, float]:
     at = views(world, size.slots)
-    mount = load_vehicle(VEHICLE).camera("front_right").position_m
-    peer = newton_peer.NewtonCamera(
-        world.mesh,
-        eyes(at, mount),
-        at.yaw_rad,
-        (size.width, size.height),
-        HFOV_DEG,
-        SUN,
-        device,
-    )
+    mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     warp_device = wp.get_device(device)
-    launches = peer.launches().items()
-    rates = {n: best_rate(launch, warp_device, rounds) * size.slots for n, launch in launches}
-    picture = peer.image()[..., :3]
-    if picture.std() < 1.0:
-        raise ValueError(f"{newton_peer.PEER} rendered an empty picture")
+    rates: dict[str, float] = {}
+    for shapes in newton_peer.SHAPES:
+        peer = newton_peer.NewtonCamera(
+            world.mesh,
+            eyes(at, mount),
+            at.yaw_rad,
+            (size.width, size.height),
+            HFOV_DEG,
+            SUN,
+            device,
+            shapes,
+        )
+        for name, launch in peer.launches().items():
+            rates[name] = best_rate(launch, warp_device, rounds) * size.slots
+        if peer.image()[..., :3].std() < 1.0:
+            raise ValueError(f"{newton_peer.PEER} rendered an empty picture")
     return rates
 
 

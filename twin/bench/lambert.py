@@ -31,13 +31,13 @@ class Way:
     """``native``, or ``scalar``: the GPU's code on every device, or ``warp``: ``wp.Mesh``."""
     tile: tuple[int, int] = (8, 4)
     """Pixels of a tile; one warp is 32 pixels."""
-    block: int = 256
+    block: int = 128
     """Threads of a block."""
     leaf: int = 2
     """Faces of a leaf, for ``warp``."""
     fast_math: bool = False
-    registers: int = 0
-    """Blocks that shall fit a multiprocessor at least; 0: whatever the compiler likes."""
+    registers: int = 8
+    """Blocks that shall fit a multiprocessor at least; 0: as the compiler likes."""
 
 
 class LambertCamera:

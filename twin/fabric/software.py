@@ -13,7 +13,10 @@ from twin.fabric.errors import UsageError
 from twin.fabric.nvml import gpu_handle
 
 _PACKAGES = ("schemas", "twin", "devkit")
-_LIBRARIES = ("numpy", "warp-lang", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
+_LIBRARIES = (
+    *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
+    *("onnxruntime", "onnxruntime-gpu"),
+)
 _SUFFIXES = {".py", ".yaml"}
 
 

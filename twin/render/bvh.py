@@ -31,6 +31,8 @@ CUDA = Shape(4, 2, packed=False)
 NOBODY = np.int32(-(2**31))
 """No child."""
 _BINS = 16
+_PAD_M, _PAD = 2e-5, 1e-6
+"""Child boxes are larger by this, absolute and relative to the farthest coordinate."""
 _SAH_LEVELS = 24
 """Deeper nodes are halved, so that no tree is deeper than the traversals' stacks."""
 
@@ -154,8 +156,12 @@ def _split(
         number = np.bincount(key, minlength=len(start) * _BINS).reshape(shape)
         box_low = np.full((len(start) * _BINS, 3), np.inf)
         box_high = np.full((len(start) * _BINS, 3), -np.inf)
-        np.minimum.at(box_low, key, low[faces])
-        np.maximum.at(box_high, key, high[faces])
+        # Much faster than ufunc.at: faces sorted by bin, then one reduction per bin.
+        sorted_ = np.argsort(key, kind="stable")
+        used = np.flatnonzero(number.ravel())
+        begin = (np.cumsum(number.ravel()) - number.ravel())[used]
+        box_low[used] = np.minimum.reduceat(low[faces[sorted_]], begin)
+        box_high[used] = np.maximum.reduceat(high[faces[sorted_]], begin)
         box_low, box_high = box_low.reshape(*shape, 3), box_high.reshape(*shape, 3)
         size_left = np.maximum.accumulate(box_high, 1) - np.minimum.accumulate(box_low, 1)
         back_low = np.minimum.accumulate(box_low[:, ::-1], 1)[:, ::-1]
@@ -182,6 +188,8 @@ def _split(
 def _widen(tree: _Tree, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with children -1 - i for leaf i, and the tree's nodes that became leaves."""
     area = _area(tree.high - tree.low)
+    # A traversal's arithmetic moves a plane by the rounding of its place and of the ray's.
+    pad = _PAD_M + _PAD * max(np.abs(tree.low[0]).max(), np.abs(tree.high[0]).max())
     rows: list[np.ndarray] = []
     leaves: list[int] = []
     queue = [0]
@@ -200,7 +208,7 @@ def _widen(tree: _Tree, width: int) -> tuple[np.ndarray, np.ndarray]:
         links = row[6].view(np.int32)
         links[:] = NOBODY
         for i, child in enumerate(inner + closed):
-            row[:3, i], row[3:6, i] = tree.low[child], tree.high[child]
+            row[:3, i], row[3:6, i] = tree.low[child] - pad, tree.high[child] + pad
             if tree.left[child] < 0:
                 links[i] = -1 - len(leaves)
                 leaves.append(child)

@@ -1,17 +1,27 @@
-"""The ray-traced camera of a rig: allocates once, then renders all active slots in one launch."""
+"""The ray-traced camera of a rig: allocates once, then renders all active slots."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
-from twin.render import trace
+from schemas.lens import CameraMount
+from twin.render import lamps, raster, rays, visibility
+from twin.render.boxes import BOX_FIELDS
+from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
-from twin.render.lamps import StreetLamps
+from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
+from twin.render.lens import ray_table, vehicle_from_camera
 from twin.render.light import SlotLight
+from twin.render.mirror import STRIDE, mirror_kernel
+from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
+from twin.render.picture import picture_kernel
+from twin.render.post import PostEffects, needs_depth, needs_flow
+from twin.render.raster import raster_of
+from twin.render.rays import Optics, SlotPose
 from twin.render.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
@@ -19,12 +29,14 @@ from twin.world.scene import Furniture
 from twin.world.street import World
 
 _FAR = np.iinfo(np.int32).max
+_POSE_COLUMNS = 3
 
 
 class RayCamera:
-    """Pinhole camera in front of one static world.
+    """One camera of all slots, with its lens, outputs and effects.
 
-    ``lights`` (host mirror of :class:`~twin.render.light.SlotLight` [S]) is written by the engine.
+    ``lights`` (host mirror of :class:`~twin.render.light.SlotLight` [S]) and ``sky_table`` are
+    written by the engine.
     """
 
     def __init__(
@@ -33,98 +45,286 @@ class RayCamera:
         world: World,
         furniture: Furniture,
         camera: Camera,
-        mount_m: tuple[float, float, float],
+        mount: CameraMount | Sequence[float],
         lamps_m: tuple[float, float, float],
         image_out: np.ndarray | None = None,
+        outputs_out: Mapping[str, np.ndarray] | None = None,
+        tuning: Tuning | None = None,
     ) -> None:
-        """``image_out``: uint8 [S, H, W, 3] host buffer that receives the images."""
+        """Allocate and compile.
+
+        Args:
+            geometry: what the rays meet, shared by all sensors of the rig.
+            mount: place and lens on the vehicle; a bare position stands for an ideal lens.
+            lamps_m: middle of the ego's headlamps, in the vehicle.
+            image_out: uint8 [S, H, W, 3] host buffer that receives the images.
+            outputs_out: host buffers of further outputs by name; missing ones are allocated.
+            tuning: of the kernels, by default the usual one of the device.
+
+        Raises:
+            ValueError: a buffer or the lens does not fit.
+        """
+        if not isinstance(mount, CameraMount):
+            mount = CameraMount(position_m=list(mount))
         slots, device = geometry.slots, geometry.device
         self.shape = (slots, camera.height, camera.width, 3)
         self._geometry = geometry
-        self._instances = geometry.instances
+        self._device = device
+        self._period_s = 1.0 / camera.hz
         self._lamps = _street_lamps(world, furniture)
-        optics = trace.Optics()
-        optics.width, optics.height = camera.width, camera.height
-        optics.tangent = math.tan(math.radians(camera.hfov_deg) / 2.0)
-        optics.mount = wp.vec3(*mount_m)
-        optics.lamps = wp.vec3(*lamps_m)
-        self._optics = optics
+        self._optics = _optics(camera, mount, lamps_m)
+        table = ray_table(mount.lens, camera.width, camera.height, camera.hfov_deg)
+        self._optics.pixel = _pixel_angle(table)
+        self._rays = wp.array(table, dtype=wp.vec3, device=device)
         self._table = wp.array(tone_table(), dtype=wp.uint8, device=device)
         self.lights = Mirror((slots,), SlotLight, device)
         self.sky_table = Mirror((slots, SKY_ROWS, SKY_COLUMNS), wp.vec3, device)
-        self._poses = wp.zeros(slots, dtype=trace.SlotPose, device=device)
-        empty = np.full((slots, max(1, self._instances), trace.BOX_FIELDS), 0, np.int32)
+        self.sky_stale = True
+        """``sky_table`` was written on the host since the last picture."""
+        self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
+        self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
+        self._new = np.ones(slots, np.bool_)
+        self._beams = wp.zeros((slots, BEAMS_MAX), dtype=Beams, device=device)
+        self._chunk = min(slots, max(1, visibility.CHUNK_PIXELS // (camera.width * camera.height)))
+        self._wanted = wanted_of(camera)
+        self._seen = visibility.allocate_seen(
+            self._chunk, camera.height, camera.width, device, self._wanted.second
+        )
+        effects = camera.active_effects()
+        self._effects: PostEffects | None = None
+        if effects:
+            self._effects = PostEffects(
+                effects,
+                mount.lens,
+                slots,
+                camera.height,
+                camera.width,
+                device,
+                hfov_deg=camera.hfov_deg,
+                hz=camera.hz,
+            )
+        self._tuning = tuning or tuning_for(device)
+        self._kernels = (
+            self._first_kernel(mount, table, camera.hfov_deg),
+            mirror_kernel(self._tuning.mirror) if self._wanted.second else None,
+            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
+        )
+        self._allocate(camera, image_out, outputs_out or {})
+        for module in (rays, lamps):
+            wp.load_module(module, device=device)
+        for kernel, build in self._launches():
+            if kernel is not None:
+                kernel.module.load(device, build.block)
+
+    def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
+        """Rays to what is seen; where drawing is faster, only those to the sun are left."""
+        build = self._tuning.visibility
+        self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
+        if self._raster is None:
+            return visibility.visibility_kernel(build, self._wanted.second)
+        wp.load_module(raster, device=self._device)
+        return visibility.sun_kernel(build, self._wanted.second)
+
+    def _launches(self) -> tuple[tuple[wp.Kernel | None, Build], ...]:
+        """What goes over all pixels, in order: visibility, second rays if asked for, shading."""
+        tuning = self._tuning
+        builds = (tuning.visibility, tuning.mirror, tuning.picture)
+        return tuple(zip(self._kernels, builds, strict=True))
+
+    def _allocate(
+        self, camera: Camera, image_out: np.ndarray | None, outputs_out: Mapping[str, np.ndarray]
+    ) -> None:
+        device, size = self._device, self.shape[:3]
+        out = Buffers()
+        empty = np.full((size[0], max(1, self._geometry.instances), BOX_FIELDS), 0, np.int32)
         empty[:, :, [0, 1, 5]] = _FAR
         empty[:, :, [2, 3]] = -1
         self._empty = wp.array(empty, dtype=wp.int32, device=device)
-        self.boxes = wp.zeros_like(self._empty)
-        self._device = device
-        self._allocate_image(image_out)
-        wp.load_module(trace, device=device)
+        self.boxes = out.boxes = wp.zeros_like(self._empty)
+        self._image = _host_backed("image_out", image_out, self.shape, wp.uint8, device)
+        self.image = self._image.host
+        out.image = self._image.device
+        if self._wanted.hdr:
+            out.hdr = wp.zeros(self.shape, dtype=wp.float16, device=device)
+        self._truth: dict[str, Mirror] = {}
+        for name, (dtype, values) in OUTPUTS.items():
+            if not getattr(self._wanted, name):
+                continue
+            shape = size if values == 1 else (*size, values)
+            if name in camera.outputs:
+                mirror = _host_backed(name, outputs_out.get(name), shape, dtype, device)
+                self._truth[name] = mirror
+                setattr(out, name, mirror.device)
+            else:
+                setattr(out, name, wp.zeros(shape, dtype=dtype, device=device))
+        self._out = out
 
-    def _allocate_image(self, image_out: np.ndarray | None) -> None:
-        if image_out is not None and (
-            image_out.shape != self.shape
-            or image_out.dtype != np.uint8
-            or not image_out.flags.c_contiguous
-        ):
-            raise ValueError(f"image_out must be a contiguous uint8 array of shape {self.shape}")
-        self.image = np.zeros(self.shape, np.uint8) if image_out is None else image_out
-        if self._device.is_cpu:
-            self._image = wp.array(
-                ptr=self.image.ctypes.data, shape=self.shape, dtype=wp.uint8, device=self._device
-            )
-        else:
-            self._image = wp.zeros(self.shape, dtype=wp.uint8, device=self._device)
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Host arrays of the outputs that the camera declares; valid after :meth:`render`."""
+        return {name: mirror.host for name, mirror in self._truth.items()}
 
     def clear(self, slot: int) -> None:
-        """Blank the image of a slot."""
-        self.image[slot] = 0
-        if not self._device.is_cpu:
-            self._image[slot].zero_()
+        """Blank the image and outputs of a slot."""
+        self._new[slot] = True
+        for mirror in (self._image, *self._truth.values()):
+            mirror.host[slot] = 0
+            if not self._device.is_cpu:
+                mirror.device[slot].zero_()
 
     def render(self, pose: wp.array) -> np.ndarray:
-        """Render all active slots from ego poses [S, 3]; returns the host image [S, H, W, 3]."""
+        """Render all active slots; returns the host image [S, H, W, 3].
+
+        ``pose``: vehicle states [S, T] with the columns of :mod:`twin.vehicle.state`, or x, y [m]
+        and yaw [rad] of level vehicles [S, 3].
+        """
         self.launch(pose)
-        if not self._device.is_cpu:
-            self.image[...] = self._image.numpy()
+        self._image.pull()
+        for mirror in self._truth.values():
+            mirror.pull()
         return self.image
 
-    def rays_per_frame(self) -> float:
-        """Primary rays of a picture."""
-        return float(self.shape[1] * self.shape[2])
-
     def launch(self, pose: wp.array) -> None:
-        """Render as :meth:`render` does, and leave the images on the device."""
+        """Render as :meth:`render` does, and leave everything on the device."""
         slots, height, width, _ = self.shape
         self.lights.push()
+        if self.sky_stale:
+            self.sky_table.push()
+            self.sky_stale = False
         wp.copy(self.boxes, self._empty)
-        wp.launch(
-            trace.place_kernel, slots, inputs=[pose], outputs=[self._poses], device=self._device
-        )
-        tiles = -(-width // trace.TILE_COLUMNS) * -(-height // trace.TILE_ROWS)
-        wp.launch(
-            trace.camera_kernel,
-            slots * tiles * trace.TILE_COLUMNS * trace.TILE_ROWS,
-            inputs=[
-                self._geometry.scene,
-                self._lamps,
-                self._optics,
+        self._place(pose)
+        scene, beams, seen = self._geometry.scene, self._beams, self._seen
+        lights, poses, optics = self.lights.device, self._poses, self._optics
+        sky = self.sky_table.device
+        stride = 1 if self._device.is_cpu else STRIDE
+        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
+        for first in range(0, slots, self._chunk):
+            own = [scene, self._lamps, optics, self._rays]
+            shade, before = [*own, self._table], self._poses_before
+            arguments = (
+                ([scene, optics, self._rays, lights, poses, first], [seen]),
+                ([*own, lights, sky, poses, beams, first, stride], [seen]),
+                (
+                    [*shade, lights, sky, poses, before, beams, seen, first, self._period_s],
+                    [self._out],
+                ),
+            )
+            chunk = min(self._chunk, slots - first)
+            count = visibility.threads(chunk, height, width)
+            if self._raster is not None:
+                wp.launch(
+                    raster.raster_kernel,
+                    chunk,
+                    inputs=[scene, optics, self._raster, lights, poses, first],
+                    outputs=[seen],
+                    device=self._device,
+                )
+            sizes = (count, stride, count)
+            seen.listed_count.zero_()
+            for (kernel, build), (inputs, outputs), size in zip(
+                self._launches(), arguments, sizes, strict=True
+            ):
+                if kernel is None:
+                    continue
+                wp.launch(
+                    kernel,
+                    size,
+                    inputs=inputs,
+                    outputs=outputs,
+                    device=self._device,
+                    block_dim=build.block,
+                )
+        if self._effects is not None:
+            out = self._out
+            self._effects.apply(
+                out.hdr,
+                out.depth if self._wanted.depth else None,
+                out.flow if self._wanted.flow else None,
+                lights,
                 self._table,
-                self.lights.device,
-                self.sky_table.device,
-                self._poses,
-            ],
-            outputs=[self._image, self.boxes],
-            device=self._device,
-        )
+                out.image,
+            )
+
+    def _place(self, pose: wp.array) -> None:
+        kernel = rays.flat_pose_kernel if pose.shape[1] == _POSE_COLUMNS else rays.pose_kernel
+        wp.copy(self._poses_before, self._poses)
+        wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
+        active = self.lights.host["active"] != 0
+        for slot in np.flatnonzero(self._new & active):
+            # The first picture of a case has none before it: nothing flows.
+            wp.copy(self._poses_before, self._poses, int(slot), int(slot), 1)
+            self._new[slot] = False
+
+    def rays_per_frame(self) -> float:
+        """Rays to what is seen and to the sun in the last picture, the mean of the last slots."""
+        slots, height, width, _ = self.shape
+        last = (slots - 1) % self._chunk + 1
+        count = visibility.threads(last, height, width)
+        return visibility.rays_traced(self._seen, count) / last
+
+
+def wanted_of(camera: Camera) -> Wanted:
+    """What the shading kernel of a camera writes."""
+    effects = camera.active_effects()
+    return Wanted.of(
+        camera.outputs,
+        hdr=bool(effects),
+        second=camera.reflections,
+        depth=needs_depth(effects),
+        flow=needs_flow(effects),
+    )
+
+
+def bytes_per_slot(camera: Camera, instances: int) -> int:
+    """Memory on the device that a camera takes for each slot, without its effects' [bytes].
+
+    To it come the rays (12 bytes per pixel) and at most
+    :data:`~twin.render.visibility.CHUNK_PIXELS` x 26 bytes, once.
+    """
+    pixels = camera.width * camera.height
+    small = 2 * max(1, instances) * BOX_FIELDS * 4
+    small += wp.types.type_size_in_bytes(SlotLight) + 2 * wp.types.type_size_in_bytes(SlotPose)
+    small += SKY_ROWS * SKY_COLUMNS * 12 + BEAMS_MAX * wp.types.type_size_in_bytes(Beams)
+    return pixels * bytes_per_pixel(wanted_of(camera)) + small
+
+
+def _host_backed(
+    name: str,
+    host: np.ndarray | None,
+    shape: tuple[int, ...],
+    dtype: type,
+    device: wp.Device,
+) -> Mirror:
+    """An array whose host side is ``host``, if there is one."""
+    numpy_type = np.dtype(wp.dtype_to_numpy(dtype))
+    if host is not None and (
+        host.shape != shape or host.dtype != numpy_type or not host.flags.c_contiguous
+    ):
+        raise ValueError(f"{name} must be a contiguous {numpy_type} array of shape {shape}")
+    return Mirror(shape, dtype, device, host)
+
+
+def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:
+    optics = Optics()
+    optics.width, optics.height = camera.width, camera.height
+    optics.near, optics.far = mount.lens.near_m, mount.lens.far_m
+    optics.spherical = int(mount.lens.model == "fisheye")
+    optics.lamps = wp.vec3(*lamps_m)
+    rays.mount(optics, mount.position_m, vehicle_from_camera(mount.rotation_deg))
+    return optics
+
+
+def _pixel_angle(table: np.ndarray) -> float:
+    """Angle between two rays in the middle of a table [rad]."""
+    row, column = table.shape[0] // 2, table.shape[1] // 2
+    return float(np.linalg.norm(table[row, column] - table[row, column - 1]))
 
 
 def _street_lamps(world: World, furniture: Furniture) -> StreetLamps:
-    lamps = StreetLamps()
-    lamps.spacing = furniture.lamp_spacing_m
-    lamps.height = furniture.lamp_height_m
-    lamps.intensity = furniture.lamp_intensity_cd
-    lamps.right = wp.vec2(*world.lamps_right)
-    lamps.left = wp.vec2(*world.lamps_left)
-    return lamps
+    found = StreetLamps()
+    found.spacing = furniture.lamp_spacing_m
+    found.height = furniture.lamp_height_m
+    found.intensity = furniture.lamp_intensity_cd
+    found.right = wp.vec2(*world.lamps_right)
+    found.left = wp.vec2(*world.lamps_left)
+    return found

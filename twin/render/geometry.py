@@ -2,8 +2,8 @@
 
 Cameras and lidars of a rig share one :class:`Geometry`, so there is one hierarchy of the street
 however many sensors look at it. A movable object is an instance of a kind: a small mesh of its
-own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere the ray
-enters.
+own, moved by a pose. Rays meet the static mesh first; of the objects only those whose sphere they
+enter.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import numpy as np
 import warp as wp
 
 from twin.render import bvh, traverse
+from twin.render.texture import Textures, pack_textures
+from twin.world.kept import kept
 from twin.world.mesh import Mesh
 from twin.world.mirror import Mirror
 from twin.world.motion import Placement
@@ -21,6 +23,8 @@ from twin.world.street import World
 
 wp.set_module_options({"enable_backward": False})
 
+LEAF_SIZE_CPU, LEAF_SIZE_CUDA = 8, 2
+"""Faces in a leaf of a ``wp.Mesh``; both measured."""
 _BLOCK = 8  # spheres that are met together
 _NOWHERE_M = 1e9
 
@@ -38,12 +42,16 @@ class Face:
     color: wp.vec3
     normal: wp.vec3
     """Unit, in the mesh's own axes."""
+    uv_per_m: wp.float32
+    """Texture coordinates per metre, the square root of the ratio of areas [1/m]."""
 
 
 @wp.struct
 class ObjectPose:
     """Where a movable object of a slot is."""
 
+    mesh: wp.uint64
+    """Mesh of its kind; 0: it is not there."""
     root: wp.int32
     """Of its kind's hierarchy; 0: it is not there."""
     first_face: wp.int32
@@ -74,6 +82,8 @@ class ObjectPose:
 class Scene:
     """Handle that kernels get."""
 
+    mesh: wp.uint64
+    """The static mesh, for queries that :func:`trace` does not answer."""
     nodes: wp.array(dtype=wp.float32)
     """Hierarchies of the static mesh, then of each kind; see :mod:`twin.render.bvh`."""
     leaves: wp.array(dtype=wp.float32)
@@ -83,6 +93,7 @@ class Scene:
     """Texture coordinates of each face's three corners [3 F]."""
     ambient: wp.array(dtype=wp.float32)
     """Share of the sky that each face's three corners see [3 F]."""
+    textures: Textures
     objects: wp.array2d(dtype=ObjectPose)
     """[S, M]"""
     spheres: wp.array3d(dtype=wp.float32)
@@ -206,8 +217,11 @@ class Geometry:
         halves = [(0.0, 0.0), *((k.half_length_m, k.half_width_m) for k in world.kinds)]
         self._halves = np.array(halves)
         scene = Scene()
+        self._meshes = [self._build(mesh) for mesh in meshes]
+        scene.mesh = self._meshes[0].id
+        self._ids = np.array([0, *(mesh.id for mesh in self._meshes[1:])], np.uint64)
         shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
-        nodes, leaves, self._roots = _hierarchies(meshes, shape)
+        nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
         rows = np.concatenate([_face_rows(mesh) for mesh in meshes])
@@ -217,6 +231,7 @@ class Geometry:
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
+        scene.textures = pack_textures(world.textures, device)
         count = world.motion.count
         self.poses = Mirror((slots, count), ObjectPose, device)
         scene.objects = self.poses.device
@@ -227,6 +242,12 @@ class Geometry:
         scene.spheres = self._around.device
         self.scene = scene
 
+    def _build(self, mesh: Mesh) -> wp.Mesh:
+        points = wp.array(mesh.points_m, dtype=wp.vec3, device=self.device)
+        indices = wp.array(mesh.faces.ravel(), dtype=wp.int32, device=self.device)
+        leaf = LEAF_SIZE_CPU if self.device.is_cpu else LEAF_SIZE_CUDA
+        return wp.Mesh(points, indices, bvh_constructor="sah", bvh_leaf_size=leaf)
+
     def place(self, placement: Placement) -> None:
         """Put every slot's objects where ``placement`` says."""
         world, count = self.world, self.world.motion.count
@@ -236,6 +257,7 @@ class Geometry:
         kind = placement.kind + 1  # 0: not there
         cosine, sine = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
         sphere = self._spheres[kind]
+        rows["mesh"] = self._ids[kind]
         rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
         rows["instance"] = world.first_mover + np.arange(count)
@@ -262,6 +284,24 @@ class Geometry:
         self._around.push()
 
 
+_Hierarchies = tuple[np.ndarray, np.ndarray, np.ndarray]
+_last: list[tuple[World, bvh.Shape, _Hierarchies]] = []
+"""The world that was prepared last: a process builds several rigs of one world."""
+
+
+def _hierarchies_of(world: World, shape: bvh.Shape) -> _Hierarchies:
+    if not (_last and _last[0][0] is world and _last[0][1] == shape):
+        meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
+
+        def build() -> _Hierarchies:
+            return _hierarchies(meshes, shape)
+
+        key = world.key + repr(shape).encode()
+        built = kept("hierarchies", key, build) if world.key else build()
+        _last[:] = [(world, shape, built)]
+    return _last[0][2]
+
+
 def _hierarchies(meshes: list[Mesh], shape: bvh.Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All meshes' hierarchies as flat words, and the node each begins with."""
     nodes, leaves, roots = [], [], []
@@ -286,6 +326,10 @@ def _face_rows(mesh: Mesh) -> np.ndarray:
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     rows["normal"] = normal / np.maximum(length, 1e-30)
+    p, q, r = mesh.uv[mesh.faces].astype(float).transpose(1, 0, 2)
+    d, e = q - p, r - p
+    area = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
+    rows["uv_per_m"] = np.sqrt(area / np.maximum(length[:, 0], 1e-30))
     return rows
 
 

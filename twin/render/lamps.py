@@ -1,10 +1,14 @@
-"""Lamps: the ego's headlamps, their glow in fog, and street lamps."""
+"""Lamps: the ego's headlamps, those of other vehicles, street lamps, and their glow in fog."""
 
 from __future__ import annotations
 
 import warp as wp
 
+from twin.render.geometry import Scene
 from twin.render.light import SlotLight
+from twin.render.rays import SlotPose
+
+wp.set_module_options({"enable_backward": False})
 
 # Both headlamps together, seen as one source in the middle of the front.
 # Order of magnitude of UN R149 lamps: low beam about 20 kcd below its cut-off, high beam 50 kcd.
@@ -120,3 +124,179 @@ def street_lamp_lux(point: wp.vec3, normal: wp.vec3, lamps: StreetLamps) -> wp.f
     """Illuminance by the nearest lamps of both rows [lx]."""
     rows = _row_lux(point, normal, lamps.right, lamps) + _row_lux(point, normal, lamps.left, lamps)
     return rows * lamps.intensity
+
+
+# ---- lamps of the objects ------------------------------------------------------------------------
+
+BEAMS_MAX = 6
+"""Vehicles around a camera whose lamps light the scene, the nearest ones."""
+_BEAMS_MAX = wp.constant(BEAMS_MAX)
+_BEAM_RANGE_M = wp.constant(90.0)
+_LAMP_HEIGHT_M = wp.constant(0.68)
+# Both lamps together: UN R7 tail lamps have 4 to 17 cd each, brake lamps 60 to 260 cd.
+_TAIL_CD = wp.constant(16.0)
+_BRAKE_CD = wp.constant(170.0)
+_RED = wp.constant(wp.vec3(1.0, 0.04, 0.03))
+_FOGGY_PER_M = wp.constant(1.0e-3)
+
+
+@wp.struct
+class Beams:
+    """Lamps of one vehicle: both headlamps as one, both rear lamps as one."""
+
+    there: wp.int32
+    front: wp.vec3
+    """World [m]."""
+    rear: wp.vec3
+    forward: wp.vec3
+    head: wp.float32
+    """1: on."""
+    red: wp.float32
+    """Intensity to the rear [cd]."""
+
+
+@wp.kernel
+def beams_kernel(
+    # model
+    scene: Scene,
+    # state in
+    lights: wp.array(dtype=SlotLight),
+    poses: wp.array(dtype=SlotPose),
+    # out
+    beams_out: wp.array2d(dtype=Beams),
+):
+    """The nearest vehicles whose lamps are on [S, BEAMS_MAX], nearest first."""
+    slot = wp.tid()
+    dark = lights[slot].lamps_on > 0.0
+    last = wp.float32(-1.0)
+    for b in range(_BEAMS_MAX):
+        best = wp.int32(-1)
+        nearest = _BEAM_RANGE_M
+        if dark and lights[slot].active != 0:
+            for m in range(scene.objects.shape[1]):
+                pose = scene.objects[slot, m]
+                if pose.mesh != wp.uint64(0) and pose.lamps + pose.brake > 0.0:
+                    away = wp.length(pose.position - poses[slot].eye)
+                    if away > last and away < nearest:
+                        nearest = away
+                        best = m
+        beams = Beams()
+        if best >= 0:
+            pose = scene.objects[slot, best]
+            last = nearest
+            beams.there = 1
+            beams.forward = wp.vec3(pose.cosine, pose.sine, 0.0)
+            up = wp.vec3(0.0, 0.0, _LAMP_HEIGHT_M)
+            beams.front = pose.position + beams.forward * pose.half[0] + up
+            beams.rear = pose.position - beams.forward * pose.half[0] + up
+            beams.head = pose.lamps
+            beams.red = _TAIL_CD * pose.lamps + _BRAKE_CD * pose.brake
+        beams_out[slot, b] = beams
+
+
+@wp.func
+def _low_beam_cd(local: wp.vec3) -> wp.float32:
+    if local[0] < 0.2:
+        return 0.0
+    h = local[1] / local[0]
+    v = local[2] / local[0]
+    cut = wp.clamp((-0.004 - v) / 0.012, 0.0, 1.0)
+    return LOW_CD * _lobe(h, 0.42) * _lobe(v + 0.03, 0.09) * (cut + 0.02)
+
+
+@wp.func
+def _along(v: wp.vec3, forward: wp.vec3) -> wp.vec3:
+    """``v`` in axes whose x is the level direction ``forward``."""
+    return wp.vec3(wp.dot(v, forward), forward[0] * v[1] - forward[1] * v[0], v[2])
+
+
+@wp.func
+def vehicles_lux(p: wp.vec3, n: wp.vec3, slot: wp.int32, beams: wp.array2d(dtype=Beams)) -> wp.vec3:
+    """Illuminance by the lamps of vehicles [lx]."""
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for b in range(_BEAMS_MAX):
+        if beams[slot, b].there == 0:
+            break
+        beam = beams[slot, b]
+        if beam.head > 0.0:
+            ray = p - beam.front
+            square = wp.max(wp.dot(ray, ray), 0.25)
+            facing = -wp.dot(ray, n) / wp.sqrt(square)
+            if facing > 0.0:
+                total += WARM_WHITE * (_low_beam_cd(_along(ray, beam.forward)) * facing / square)
+        if beam.red > 0.0:
+            ray = p - beam.rear
+            square = wp.max(wp.dot(ray, ray), 0.25)
+            behind = -wp.dot(ray, beam.forward) / wp.sqrt(square)
+            facing = -wp.dot(ray, n) / wp.sqrt(square)
+            if facing > 0.0 and behind > 0.0:
+                total += _RED * (beam.red * behind * facing / square)
+    return total
+
+
+@wp.func
+def _angle(y: wp.float32, x: wp.float32) -> wp.float32:
+    """Angle of (x, y), y > 0, to 2e-3 rad: atan(a) = a (pi / 4 + 0.273 (1 - a)) (Rajan 2006)."""
+    size = wp.abs(x)
+    a = wp.min(size, y) / wp.max(size, y)
+    angle = a * (0.785398 + 0.273 * (1.0 - a))
+    if y > size:
+        angle = 1.570796 - angle
+    if x < 0.0:
+        angle = 3.141593 - angle
+    return angle
+
+
+@wp.func
+def _halo(
+    to: wp.vec3, direction: wp.vec3, distance: wp.float32, extinction: wp.float32
+) -> wp.float32:
+    """Light of a lamp of 1 cd scattered by the air along a ray: single, isotropic [cd/m^2].
+
+    The integral of b / (4 pi) e^(-b (s + r)) / r^2 along the ray, with the exponential taken at the
+    ray's point nearest to the lamp: the rest is the angle under which the lamp sees the ray.
+    """
+    along = wp.dot(to, direction)
+    off = wp.sqrt(wp.max(wp.dot(to, to) - along * along, 0.01))
+    arc = _angle(off * distance, off * off - along * (distance - along))
+    fade = wp.exp(-extinction * (wp.clamp(along, 0.0, distance) + off))
+    return extinction * fade * arc / (off * 4.0 * wp.pi)
+
+
+@wp.func
+def lamps_glow(
+    eye: wp.vec3,
+    direction: wp.vec3,
+    distance: wp.float32,
+    slot: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    light: SlotLight,
+) -> wp.vec3:
+    """Glow of street lamps and of vehicles' lamps in fog, rain and snow [cd/m^2]."""
+    total = wp.vec3(0.0, 0.0, 0.0)
+    if light.lamps_on <= 0.0 or light.extinction < _FOGGY_PER_M:
+        return total
+    for side in range(2):
+        row = lamps.right
+        if side == 1:
+            row = lamps.left
+        cell = wp.floor((eye[0] - row[0]) / lamps.spacing)
+        for i in range(3):
+            step = wp.where(direction[0] > 0.0, wp.float32(i), 1.0 - wp.float32(i))
+            x = row[0] + (cell + step) * lamps.spacing
+            to = wp.vec3(x - eye[0], row[1] - eye[1], lamps.height - eye[2])
+            total += SODIUM * (lamps.intensity * _halo(to, direction, distance, light.extinction))
+    for b in range(_BEAMS_MAX):
+        if beams[slot, b].there == 0:
+            break
+        beam = beams[slot, b]
+        if beam.head > 0.0:
+            to = beam.front - eye
+            toward = _low_beam_cd(_along(-to, beam.forward))
+            total += WARM_WHITE * (toward * _halo(to, direction, distance, light.extinction))
+        if beam.red > 0.0:
+            to = beam.rear - eye
+            if wp.dot(to, beam.forward) > 0.0:
+                total += _RED * (beam.red * _halo(to, direction, distance, light.extinction))
+    return total

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from schemas.messages import Lights
+from twin.world.steady import steady
 from twin.world.sun import Daylight
 from twin.world.weather import WeatherParameters
 
@@ -92,7 +93,7 @@ def fill_light(
         "rain": weather.rain,
         "snow": weather.snow,
         "fall_mps": fall_mps,
-        "slant": math.tanh(-0.4 * y * weather.wind_mps / fall_mps),
+        "slant": float(steady(math.tanh(-0.4 * y * weather.wind_mps / fall_mps))),
         "shutter_s": light.shutter_s,
         "lamps_on": float(light.lamps_on),
         "shadows": int(light.shadows),

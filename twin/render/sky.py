@@ -22,7 +22,10 @@ _DISC_GAIN = wp.constant(4000.0)
 
 @wp.func
 def smooth_sky(
-    direction: wp.vec3, slot: wp.int32, light: SlotLight, table: wp.array3d(dtype=wp.vec3)
+    direction: wp.vec3,
+    slot: wp.int32,
+    light: SlotLight,  # noqa: ARG001 - called like sky
+    table: wp.array3d(dtype=wp.vec3),
 ) -> wp.vec3:
     """Luminance without clouds' shapes and discs, for mirrors [cd/m^2]; bilinear.
 
@@ -97,7 +100,7 @@ def sky(
         color += light.moon_rgb * (wp.clamp(lit * 6.0, 0.0, 1.0) * clear)
     # Thin edges are bright, thick bellies dark; a closed cover keeps the table's brightness.
     belly = wp.clamp((field - 0.70 + 0.55 * cover) * 1.6, 0.0, 1.0)
-    shade = 1.12 - (0.45 - 0.1 * cover) * belly * (1.35 - field)
+    shade = 1.12 + 0.14 * cover - (0.30 + 0.35 * cover) * belly
     closed = wp.clamp((cover - 0.3) * 2.0, 0.0, 0.85)
     cloud = (light.cloud_rgb * (1.0 - closed) + color * closed) * shade
     return color * (1.0 - 0.9 * density) + cloud * (0.9 * density)

@@ -21,6 +21,24 @@ _GLASS = wp.constant(materials.GLASS)
 _STREET_LAMP = wp.constant(materials.STREET_LAMP)
 _HAZARD = wp.constant(materials.HAZARD)
 _REFLECTOR = wp.constant(materials.REFLECTOR)
+_WINDOW = wp.constant(materials.WINDOW)
+_BRICK = wp.constant(materials.BRICK)
+_PLASTER = wp.constant(materials.PLASTER)
+_SIGN = wp.constant(materials.SIGN)
+_SIGNAL = wp.constant(materials.SIGNAL)
+_GRASS = wp.constant(materials.GRASS)
+_TAIL_LAMP = wp.constant(materials.TAIL_LAMP)
+_HEAD_LAMP = wp.constant(materials.HEAD_LAMP)
+
+_MIRRORS = wp.constant(
+    (1 << materials.CAR_PAINT)
+    | (1 << materials.GLASS)
+    | (1 << materials.WINDOW)
+    | (1 << materials.FACADE)
+    | (1 << materials.SHOPFRONT)
+    | (1 << materials.HEAD_LAMP)
+)
+"""Bits of the materials that can be mirrors, at least in places; wet ground is one as well."""
 
 _PANE = wp.constant(wp.vec3(0.025, 0.03, 0.035))
 _SNOW = wp.constant(wp.vec3(0.80, 0.83, 0.88))
@@ -38,6 +56,8 @@ class Surface:
     """Own luminance [cd/m^2]."""
     mirror: wp.float32
     """Reflectance of the mirror part at normal incidence [-]; 0: none."""
+    clear: wp.float32
+    """Share of the light that passes at normal incidence [-]; 0: opaque."""
     ruffle: wp.vec3
     """Added to the normal of leaves [-]."""
     retro: wp.float32
@@ -137,36 +157,54 @@ def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, li
 
 
 @wp.func
-def surface_at(
-    face: Face, p: wp.vec3, normal: wp.vec3, distance: wp.float32, light: SlotLight
-) -> Surface:
-    """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m]."""
-    s = Surface()
-    s.albedo = face.color
-    s.retro = 1.0
-    m = face.material
-    if m <= _LAST_GROUND and m != _PLAIN:
-        return _ground(s, m, p, distance, light)
-    wall = m == _FACADE
-    wall = wall or m == _SHOPFRONT
-    if wall:
-        u = p[0]
-        if wp.abs(normal[0]) > 0.7:
-            u = p[1] + 0.7
-        if m == _FACADE:
-            s = _facade(s, face.tag, u, p[2], light)
-        else:
-            s = _shopfront(s, face.tag, u, p[2], light)
-    elif m == _FOLIAGE:
-        i = wp.int32(wp.floor(p[0] * 7.0 + p[2] * 3.0))
-        j = wp.int32(wp.floor(p[1] * 7.0 - p[2] * 5.0))
-        leaf = lattice(i, j, 3)
-        s.albedo = s.albedo * (0.5 + 1.1 * leaf)
-        s.ruffle = wp.vec3(leaf - 0.5, lattice(i, j, 4) - 0.5, lattice(i, j, 5) - 0.4) * 1.5
-    elif m == _CAR_PAINT:
-        s.mirror = 0.05
+def is_ground(material: wp.int32) -> wp.bool:
+    """Whether a surface gets wet as the road does."""
+    return material <= _LAST_GROUND and material != _PLAIN
+
+
+@wp.func
+def may_mirror(material: wp.int32) -> wp.bool:
+    """Whether a dry surface can be a mirror or let light through."""
+    return ((1 << material) & _MIRRORS) != 0
+
+
+@wp.func
+def _pane(s: Surface, tag: wp.int32, light: SlotLight):
+    """One pane of a building, with a curtain or a lit room behind it."""
+    dice = lattice(tag, 5, 7)
+    curtain = wp.where(dice > 0.6, 0.18 * lattice(tag, 6, 9), 0.0)
+    s.albedo = s.albedo + wp.vec3(curtain, curtain, 0.9 * curtain)
+    s.mirror = 0.08
+    if light.lamps_on > 0.0 and dice < 0.25:
+        s.emission = _ROOM * (4.0 + 12.0 * lattice(tag, 7, 8))
+    return s
+
+
+@wp.func
+def _masonry(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, distance: wp.float32):
+    """Courses of bricks of 25 cm by 7.7 cm; joints average out far away."""
+    course = wp.floor(z / 0.077)
+    along = u / 0.25 + 0.5 * (course - 2.0 * wp.floor(course * 0.5))
+    brick = wp.floor(along)
+    shade = 0.82 + 0.36 * lattice(wp.int32(brick), wp.int32(course), tag)
+    keep = 1.0 / (1.0 + 0.0015 * distance * distance)
+    joint = z / 0.077 - course < 0.13 or along - brick < 0.04
+    mortar = wp.vec3(0.36, 0.34, 0.31)
+    face = s.albedo * (1.0 + (shade - 1.0) * keep)
+    if joint:
+        face = face * (1.0 - 0.6 * keep) + mortar * (0.6 * keep)
+    s.albedo = face
+    return s
+
+
+@wp.func
+def _plain_surface(s: Surface, m: wp.int32, on: wp.vec2, light: SlotLight):
+    """Materials without a pattern."""
+    if m == _CAR_PAINT:
+        s.mirror = 0.04
     elif m == _GLASS:
-        s.mirror = 0.06
+        s.mirror = 0.08
+        s.clear = 0.70
     elif m == _STREET_LAMP:
         s.emission = _LAMP * (light.lamps_on * 350.0)
     elif m == _HAZARD:
@@ -174,6 +212,70 @@ def surface_at(
         s.emission = wp.vec3(260.0, 110.0, 9.0) * light.hazard
     elif m == _REFLECTOR:
         s.retro = 4.0
+    elif m == _SIGN:
+        s.retro = 25.0
+    elif m == _SIGNAL:
+        # Dimmed at night, as LED signals are; squared, so that the colour outlives the exposure.
+        bright = wp.where(light.lamps_on > 0.0, 120.0, 4000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * bright
+    elif m == _TAIL_LAMP:
+        s.retro = 4.0
+        dark = wp.where(light.lamps_on > 0.0, on[0], 0.0)
+        s.emission = wp.vec3(1.0, 0.03, 0.02) * (250.0 * dark + 2500.0 * on[1])
+    elif m == _HEAD_LAMP:
+        s.mirror = 0.04
+        s.emission = wp.vec3(1.0, 0.95, 0.85) * wp.where(light.lamps_on > 0.0, 9000.0 * on[0], 0.0)
+    return s
+
+
+@wp.func
+def surface_at(
+    face: Face,
+    albedo: wp.vec3,
+    on: wp.vec2,
+    p: wp.vec3,
+    normal: wp.vec3,
+    distance: wp.float32,
+    light: SlotLight,
+) -> Surface:
+    """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m].
+
+    ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
+    brake lamps are on.
+    """
+    s = Surface()
+    s.albedo = albedo
+    s.retro = 1.0
+    m = face.material
+    if m <= _LAST_GROUND and m != _PLAIN:
+        return _ground(s, m, p, distance, light)
+    u = p[0]
+    if wp.abs(normal[0]) > 0.7:
+        u = p[1] + 0.7
+    if m == _FACADE:
+        s = _facade(s, face.tag, u, p[2], light)
+    elif m == _SHOPFRONT:
+        s = _shopfront(s, face.tag, u, p[2], light)
+    elif m == _WINDOW:
+        s = _pane(s, face.tag, light)
+    elif m == _BRICK:
+        s = _masonry(s, face.tag, u, p[2], distance)
+    elif m == _PLASTER:
+        stain = value_noise(u * 0.35, p[2] * 0.12, face.tag)
+        s.albedo = s.albedo * (0.86 + 0.22 * stain)
+    elif m == _FOLIAGE:
+        i = wp.int32(wp.floor(p[0] * 7.0 + p[2] * 3.0))
+        j = wp.int32(wp.floor(p[1] * 7.0 - p[2] * 5.0))
+        leaf = lattice(i, j, 3)
+        s.albedo = s.albedo * (0.5 + 1.1 * leaf)
+        s.ruffle = wp.vec3(leaf - 0.5, lattice(i, j, 4) - 0.5, lattice(i, j, 5) - 0.4) * 1.5
+    elif m == _GRASS:
+        blade = lattice(wp.int32(wp.floor(p[0] * 11.0)), wp.int32(wp.floor(p[1] * 11.0)), 12)
+        keep = 1.0 / (1.0 + 0.004 * distance * distance)
+        s.albedo = s.albedo * (0.75 + 0.5 * value_noise(p[0] * 0.4, p[1] * 0.4, 13))
+        s.albedo = s.albedo * (1.0 + (blade - 0.5) * 0.6 * keep)
+    else:
+        s = _plain_surface(s, m, on, light)
     if light.snow_cover > 0.0 and normal[2] > 0.5 and m != _GLASS:
         share = light.snow_cover * wp.min(1.0, (normal[2] - 0.5) * 4.0)
         s.albedo = s.albedo * (1.0 - share) + _SNOW * share

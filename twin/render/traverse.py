@@ -10,13 +10,22 @@ from __future__ import annotations
 
 import warp as wp
 
+# A GPU's exact division is a subroutine that costs a third of the registers; the quick one is off
+# by two units in the last place.
 _RAY = """
+    #if defined(__CUDA_ARCH__)
+    #define TWIN_DIV(a, b) __fdividef(a, b)
+    #else
+    #define TWIN_DIV(a, b) ((a) / (b))
+    #endif
     const float ox = origin[0], oy = origin[1], oz = origin[2];
     const float dx = direction[0], dy = direction[1], dz = direction[2];
     const float tiny = 1.0e-20f;
-    const float rx = 1.0f / (dx == 0.0f ? tiny : dx);
-    const float ry = 1.0f / (dy == 0.0f ? tiny : dy);
-    const float rz = 1.0f / (dz == 0.0f ? tiny : dz);
+    const float rx = TWIN_DIV(1.0f, (dx == 0.0f ? tiny : dx));
+    const float ry = TWIN_DIV(1.0f, (dy == 0.0f ? tiny : dy));
+    const float rz = TWIN_DIV(1.0f, (dz == 0.0f ? tiny : dz));
+    // Planes are met at b / d - o / d, one operation each; hierarchies are padded for its rounding.
+    const float mx0 = -ox * rx, my0 = -oy * ry, mz0 = -oz * rz;
     int node = root;
     int top = 0;
 """
@@ -30,22 +39,25 @@ _VECTORS = """
     const int nx = rx < 0.0f ? 3 : 0, ny = ry < 0.0f ? 4 : 1, nz = rz < 0.0f ? 5 : 2;
     const int fx = 3 - nx, fy = 5 - ny, fz = 7 - nz;
     typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));  // arrays may begin anywhere
+    const f8 RX = rx, RY = ry, RZ = rz, MX = mx0, MY = my0, MZ = mz0;
     int stack[320];
 """
 
-# A little longer than exact: rounding must not lose a face (Ize 2013).
 _CHILDREN8 = """
             const float* base = nodes.data + (size_t)node * 56;
             const u8* box = (const u8*)base;
-            const f8 ax = (box[nx] - ox) * rx, bx = (box[fx] - ox) * rx;
-            const f8 ay = (box[ny] - oy) * ry, by = (box[fy] - oy) * ry;
-            const f8 az = (box[nz] - oz) * rz, bz = (box[fz] - oz) * rz;
+            const f8 ax = __builtin_elementwise_fma((f8)box[nx], RX, MX);
+            const f8 bx = __builtin_elementwise_fma((f8)box[fx], RX, MX);
+            const f8 ay = __builtin_elementwise_fma((f8)box[ny], RY, MY);
+            const f8 by = __builtin_elementwise_fma((f8)box[fy], RY, MY);
+            const f8 az = __builtin_elementwise_fma((f8)box[nz], RZ, MZ);
+            const f8 bz = __builtin_elementwise_fma((f8)box[fz], RZ, MZ);
             const f8 zero = 0.0f;
             const f8 limit = far;
             const f8 near8 = __builtin_elementwise_max(
                 __builtin_elementwise_max(ax, ay), __builtin_elementwise_max(az, zero));
             const f8 far8 = __builtin_elementwise_min(__builtin_elementwise_min(
-                __builtin_elementwise_min(bx, by), bz) * 1.0000004f, limit);
+                __builtin_elementwise_min(bx, by), bz), limit);
             const b8 into = __builtin_convertvector(near8 <= far8, b8);
             unsigned mask = __builtin_bit_cast(unsigned char, into);
             const int* child = (const int*)(base + 48);
@@ -161,6 +173,7 @@ _SCALARS = """
     #if defined(__CUDA_ARCH__)
     #define TWIN_MIN(a, b) fminf(a, b)
     #define TWIN_MAX(a, b) fmaxf(a, b)
+    #define TWIN_FMA(a, b, c) fmaf(a, b, c)
     #define TWIN_LOAD(p) __ldg((const float4*)(p))
     typedef float4 v4;
     #define TWIN_BITS(f) __float_as_int(f)
@@ -169,21 +182,24 @@ _SCALARS = """
     struct f4 { float x, y, z, w; };
     #define TWIN_MIN(a, b) ((a) < (b) ? (a) : (b))
     #define TWIN_MAX(a, b) ((a) > (b) ? (a) : (b))
+    #define TWIN_FMA(a, b, c) __builtin_fmaf(a, b, c)
     #define TWIN_LOAD(p) (*(const f4*)(p))
     typedef f4 v4;
     #define TWIN_BITS(f) __builtin_bit_cast(int, f)
     #define TWIN_FLOAT(i) __builtin_bit_cast(float, i)
     #endif
+    #define TWIN_LINK(key) ((unsigned)TWIN_BITS((key) & 2u ? ((key) & 1u ? child.w : child.z) \\
+        : ((key) & 1u ? child.y : child.x)))
     const bool mirror_x = rx < 0.0f, mirror_y = ry < 0.0f, mirror_z = rz < 0.0f;
     unsigned long long stack[128];
 """
 
 _CHILD4 = """
             {{
-                const float near4 = TWIN_MAX(TWIN_MAX((lx.{k} - ox) * rx, (ly.{k} - oy) * ry),
-                    TWIN_MAX((lz.{k} - oz) * rz, 0.0f));
-                const float far4 = TWIN_MIN(TWIN_MIN(TWIN_MIN((hx.{k} - ox) * rx,
-                    (hy.{k} - oy) * ry), (hz.{k} - oz) * rz) * 1.0000004f, far);
+                const float near4 = TWIN_MAX(TWIN_MAX(TWIN_FMA(lx.{k}, rx, mx0),
+                    TWIN_FMA(ly.{k}, ry, my0)), TWIN_MAX(TWIN_FMA(lz.{k}, rz, mz0), 0.0f));
+                const float far4 = TWIN_MIN(TWIN_MIN(TWIN_FMA(hx.{k}, rx, mx0),
+                    TWIN_FMA(hy.{k}, ry, my0)), TWIN_MIN(TWIN_FMA(hz.{k}, rz, mz0), far));
                 {use}
             }}
 """
@@ -224,21 +240,23 @@ _FACE4 = """
                     const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz;
                     const float mz = ex * gy - ey * gx;
                     const float slope = mx * dx + my * dy + mz * dz;
-                    const float t = (px * mx + py * my + pz * mz) / slope;
+                    const float t = TWIN_DIV(px * mx + py * my + pz * mz, slope);
                     if (slope != 0.0f && t >= 0.0f && t < far) {
 """
 
-_KEY = "((unsigned long long)(unsigned)TWIN_BITS({t}) << 32) | (unsigned)TWIN_BITS({link})"
-_KEEP4 = "const unsigned long long k{k} = near4 <= far4 ? " + _KEY + " : ~0ull;"
-
 
 def _keys() -> str:
-    """Code that makes one sortable key per child: entry distance, then link; all ones: missed."""
-    text = "unsigned long long k0 = ~0ull, k1 = ~0ull, k2 = ~0ull, k3 = ~0ull;"
+    """Code that makes one sortable word per child: entry distance with the child's number in its
+    lowest bits; all ones: missed."""
+    text = "unsigned k0 = ~0u, k1 = ~0u, k2 = ~0u, k3 = ~0u;"
     for i, k in enumerate("xyzw"):
-        key = _KEY.format(t="near4", link=f"child.{k}")
-        text += _CHILD4.format(k=k, use=f"if (near4 <= far4) k{i} = {key};")
+        use = f"if (near4 <= far4) k{i} = ((unsigned)TWIN_BITS(near4) & ~3u) | {i}u;"
+        text += _CHILD4.format(k=k, use=use)
     return text
+
+
+def _push(key: str) -> str:
+    return f"if ({key} != ~0u) stack[top++] = ((unsigned long long){key} << 32) | TWIN_LINK({key});"
 
 
 def _pushes() -> str:
@@ -251,10 +269,10 @@ def _pushes() -> str:
 
 
 def _order(a: str, b: str) -> str:
-    return f"if ({a} > {b}) {{ const unsigned long long s = {a}; {a} = {b}; {b} = s; }}\n"
+    return f"{{ const unsigned s = {a} < {b} ? {a} : {b}; {b} = {a} < {b} ? {b} : {a}; {a} = s; }}"
 
 
-_SORT4 = "".join(_order(f"k{a}", f"k{b}") for a, b in ((0, 1), (2, 3), (0, 2), (1, 3), (1, 2)))
+_SORT4 = "\n".join(_order(f"k{a}", f"k{b}") for a, b in ((0, 1), (2, 3), (0, 2), (1, 3), (1, 2)))
 
 _CLOSEST4 = f"""
     {_SCALARS}
@@ -265,11 +283,11 @@ _CLOSEST4 = f"""
             {_BOXES4}
             {_keys()}
             {_SORT4}
-            if (k0 != ~0ull) {{
-                if (k3 != ~0ull) stack[top++] = k3;
-                if (k2 != ~0ull) stack[top++] = k2;
-                if (k1 != ~0ull) stack[top++] = k1;
-                node = (int)(unsigned)k0;
+            if (k0 != ~0u) {{
+                {_push("k3")}
+                {_push("k2")}
+                {_push("k1")}
+                node = (int)TWIN_LINK(k0);
                 continue;
             }}
         }} else {{
@@ -279,8 +297,8 @@ _CLOSEST4 = f"""
                 {_FACE4}
                         far = t;
                         const float sum = U + V + W;
-                        best_u = W / sum;
-                        best_v = U / sum;
+                        best_u = TWIN_DIV(W, sum);
+                        best_v = TWIN_DIV(U, sum);
                         best = TWIN_BITS(P.w);
                     }}
                 }}

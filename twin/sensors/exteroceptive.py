@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -16,7 +17,8 @@ from schemas.messages import CameraSite, LidarSite, Lights
 from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import fill_light, switch_lamps
+from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.memory import LidarLoad, check_free, plan
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
 from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
@@ -164,8 +166,10 @@ class ExteroceptiveSuite:
         """``buffers``: host arrays by channel name; missing ones are allocated.
 
         Raises:
-            ValueError: the vehicle has no such camera or lidar; one line.
+            ValueError: the vehicle has no such camera or lidar, or the GPU has too little memory;
+                one line.
         """
+        _check_memory(case, vehicle, world, slots, device)
         self._geometry = Geometry(world, slots, device)
         self._eyes = []
         for camera, suffix in _cameras(case):
@@ -174,9 +178,10 @@ class ExteroceptiveSuite:
                 world,
                 scene.furniture,
                 camera,
-                tuple(vehicle.camera(camera.name).position_m),
+                vehicle.camera(camera.name),
                 tuple(vehicle.headlamps_m),
                 buffers.get(f"camera{suffix}"),
+                {o: buffers[o + suffix] for o in camera.outputs if o + suffix in buffers},
             )
             boxes = BoxSensor(self._geometry.classes, slots, device)
             every = case.control_hz // camera.hz
@@ -205,10 +210,18 @@ class ExteroceptiveSuite:
             key = stream_key(case.seed, case.id, f"lidar/{scanner.site.name}")
             scanner.sensor.reset(slot, key)
 
-    def light(self, slot: int, light: Daylight, weather: WeatherParameters) -> None:
-        """Light and air of a slot from now on."""
+    def light(
+        self,
+        slot: int,
+        light: Daylight,
+        weather: WeatherParameters,
+        wind_towards: tuple[float, float],
+    ) -> None:
+        """Light and air of a slot from now on; ``wind_towards``: unit vector along the wind."""
         for eye in self._eyes:
-            fill_light(eye.camera.lights.host[slot], light, weather)
+            fill_light(eye.camera.lights.host[slot], light, weather, wind_towards)
+            fill_sky(eye.camera.sky_table.host[slot], light)
+            eye.camera.sky_stale = True
         if self._scanners:
             air = LidarWeather(
                 extinction_per_m=weather.extinction_per_m,
@@ -258,6 +271,8 @@ class ExteroceptiveSuite:
         for eye in due:
             _switch(eye.camera.lights.host, now, lights)
             readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
+            for output, values in eye.camera.outputs.items():
+                readings[f"{output}{eye.suffix}"] = SensorData(values)
             boxes, count = eye.boxes.read(eye.camera.boxes)
             readings[f"boxes{eye.suffix}"] = SensorData(boxes, count)
         for scanner in sweeping:
@@ -269,9 +284,33 @@ class ExteroceptiveSuite:
         return readings
 
 
+def _check_memory(
+    case: Case, vehicle: Vehicle, world: World, slots: int, device: wp.Device
+) -> None:
+    """Say what is about to be taken on a GPU; refuse what does not fit."""
+    found = plan(
+        [camera for camera, _ in _cameras(case)],
+        [LidarLoad(s.message, s.channels * s.columns) for s in lidar_sites(case, vehicle)],
+        slots,
+        triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),
+        texture_bytes=sum(image.size for image in world.textures),
+        instances=len(world.classes),
+        objects=world.motion.count,
+    )
+    if device.is_cuda:
+        print(
+            f"cameras and lidars of {slots} slots take {found.bytes_total / 1e9:.2f} GB of GPU "
+            f"memory, {device.free_memory / 1e9:.2f} GB are free",
+            file=sys.stderr,
+            flush=True,
+        )
+    check_free(found, device)
+
+
 def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:
-    """Write what changes from frame to frame: tick, lamps, blinking."""
+    """Write what changes from frame to frame: tick, clouds and drops, lamps, blinking."""
     rows["tick"] = now.tick
+    advance_light(rows, now.sim_time_ns / 1e9)
     rows["hazard"] = 2 * (now.sim_time_ns % HAZARD_PERIOD_NS) < HAZARD_PERIOD_NS
     for slot, lamps in enumerate(lights):
         if lamps is not None:

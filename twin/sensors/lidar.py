@@ -21,7 +21,7 @@ from schemas.lidar import (
 from twin.render.geometry import Geometry
 from twin.sensors import lidar_cast, lidar_packet, lidar_return, lidar_scatter, lidar_sweep
 from twin.sensors.lidar_air import LidarAir, fog_extinction
-from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_returns, is_long_wave
+from twin.sensors.lidar_surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
 from twin.world.mirror import Mirror
 from twin.world.scene import load_named
@@ -85,8 +85,11 @@ class LidarSensor:
         geometry: Geometry,
         lidar: Lidar | None = None,
         points_out: np.ndarray | None = None,
+        tile: tuple[int, int] = lidar_sweep.TILE,
+        block: int = lidar_cast.BLOCK,
     ) -> None:
-        """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points.
+        """``points_out``: float32 [S, channels x columns, K] host buffer that receives the points;
+        ``tile``: columns and channels that are cast together; ``block``: threads of a GPU's block.
 
         Raises:
             ValueError: ``points_out`` has another shape or type.
@@ -98,12 +101,14 @@ class LidarSensor:
         rays = profile.channels * profile.columns
         self.shape = (slots, rays, len(lidar_columns(self.lidar)))
         self.air = Mirror((slots,), LidarAir, device)
-        self._beams = lidar_sweep.make_beams(profile, self.hz, device)
+        self._beams = lidar_sweep.make_beams(profile, self.hz, device, tile)
         self._mount = wp.vec3d(*mount.position_m)
         self._mount_turn = lidar_sweep.mount_rotation(mount)
         self._detector = _detector(profile, self.lidar)
         rows = geometry.scene.faces.numpy()
-        self._surfaces = wp.array(face_returns(rows, profile), dtype=wp.vec4, device=device)
+        uv = geometry.scene.uv.numpy().reshape(-1, 3, 2)
+        surfaces = face_returns(rows, face_colors(rows, uv, geometry.world.textures), profile)
+        self._surfaces = wp.array(surfaces, dtype=wp.vec4, device=device)
         tables = lidar_scatter.scatter(profile)
         self._fog_peak = tables.fog[:, :, 1].max(axis=1)
         self._drops_expected = tables.drops_expected
@@ -112,8 +117,11 @@ class LidarSensor:
         self._poses = wp.zeros((slots, profile.columns), dtype=lidar_sweep.SweepPose, device=device)
         self._before = wp.zeros((slots, _POSE_COLUMNS), dtype=wp.float64, device=device)
         objects = geometry.scene.objects.shape[1]
-        self._tiles_x = -(-profile.columns // lidar_sweep.TILE_COLUMNS)
-        self._tiles_y = -(-profile.channels // lidar_sweep.TILE_ROWS)
+        self._tile, self._block = tile, block
+        self._tiles_x, self._tiles_y = (
+            -(-profile.columns // tile[0]),
+            -(-profile.channels // tile[1]),
+        )
         words = -(-objects // lidar_sweep.MASK_BITS)
         self._mask = wp.zeros((slots, self._tiles_x, words), dtype=wp.uint32, device=device)
         self._hits = wp.zeros(
@@ -133,16 +141,11 @@ class LidarSensor:
         ):
             raise ValueError(f"points_out must be a contiguous float32 array of shape {self.shape}")
         self._host = np.zeros(self.shape, np.float32) if points_out is None else points_out
-        if self._device.is_cpu:
-            self.points = wp.array(
-                ptr=self._host.ctypes.data,
-                shape=self.shape,
-                dtype=wp.float32,
-                device=self._device,
-                copy=False,
-            )
-        else:
-            self.points = wp.zeros(self.shape, dtype=wp.float32, device=self._device)
+        self._view = wp.array(
+            ptr=self._host.ctypes.data, shape=self.shape, dtype=wp.float32, device="cpu", copy=False
+        )
+        on_cpu = self._device.is_cpu
+        self.points = self._view if on_cpu else wp.zeros_like(self._view, device=self._device)
 
     def reset(self, slot: int, key: int, weather: LidarWeather | None = None) -> None:
         """A case begins in ``slot``: its random stream is ``key``; no sweep came before."""
@@ -211,9 +214,10 @@ class LidarSensor:
             )
         self._cast()
         self.count.zero_()
+        rows = device.is_cpu
         wp.launch(
-            lidar_return.return_kernel,
-            self.shape[:2],
+            lidar_return.row_kernel if rows else lidar_return.return_kernel,
+            (slots, self.profile.channels if rows else self.shape[1]),
             inputs=[
                 *(scene, self._beams, self._detector, self._surfaces, self._fog, self._drops),
                 *(air, self._poses, self._hits),
@@ -234,8 +238,7 @@ class LidarSensor:
     def _cast(self) -> None:
         """Fill the table of hits: packets on the CPU, a thread per ray on a GPU."""
         cpu = self._device.is_cpu
-        tile = lidar_sweep.TILE_COLUMNS * lidar_sweep.TILE_ROWS
-        threads = lidar_packet.PACKETS_PER_TILE if cpu else tile
+        threads = math.prod(self._tile) // (math.prod(lidar_packet.PACKET) if cpu else 1)
         tiles = self._tiles_x * self._tiles_y * self.profile.sub_rays
         wp.launch(
             lidar_packet.packet_kernel if cpu else lidar_cast.cast_kernel,
@@ -245,12 +248,14 @@ class LidarSensor:
             ],
             outputs=[self._hits],
             device=self._device,
+            block_dim=self._block,
         )
 
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: points float32 [S, channels x columns, K] and count int32 [S]."""
         if not self._device.is_cpu:
-            self._host[...] = self.points.numpy()
+            wp.copy(self._view, self.points)
+            wp.synchronize_device(self._device)
         return self._host, self.count.numpy()
 
     @property
@@ -293,6 +298,7 @@ def _detector(profile: LidarProfile, lidar: Lidar) -> lidar_return.Detector:
     detector = lidar_return.Detector()
     detector.threshold = lidar_scatter.threshold(profile)
     detector.sigma = detector.threshold / profile.threshold_to_noise
+    detector.focus = profile.focus_m
     detector.noise, detector.step = profile.noise_m, profile.step_m
     detector.pulse, detector.dropout = profile.pulse_m, profile.dropout
     detector.by_signal = float(profile.returns == "strongest")

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.geometry import Scene
+from twin.render.geometry import Scene, turned
+from twin.render.traverse import closest
 from twin.sensors.lidar_air import LidarAir
 from twin.sensors.lidar_sweep import (
     MASK_BITS,
-    TILE_COLUMNS,
-    TILE_ROWS,
     Beams,
     Hit,
     SweepPose,
@@ -21,16 +20,19 @@ from twin.sensors.lidar_sweep import (
 
 wp.set_module_options({"enable_backward": False})
 
-_TILE_COLUMNS = wp.constant(TILE_COLUMNS)
-_TILE_ROWS = wp.constant(TILE_ROWS)
-_TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
 _MASK_BITS = wp.constant(MASK_BITS)
 _UP = wp.constant(0.5)
 
 
-@wp.func
-def _spun(v: wp.vec3, c: wp.float32, s: wp.float32) -> wp.vec3:
-    return wp.vec3(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+@wp.struct
+class _Best:
+    """The nearest face so far."""
+
+    t: wp.float32
+    face: wp.int32
+    object: wp.int32
+    direction: wp.vec3
+    """Of the ray, in the axes of what it meets."""
 
 
 @wp.func
@@ -41,9 +43,9 @@ def _against_object(
     origin: wp.vec3,
     direction: wp.vec3,
     time: wp.float32,
-    best: Hit,
-) -> Hit:
-    """``best``, or the hit of the object ``m`` where it was ``time`` [s] from the tick."""
+    best: _Best,
+) -> _Best:
+    """``best``, or what is hit of the object ``m`` where it was ``time`` [s] from the tick."""
     radius = scene.objects[slot, m].radius
     velocity = scene.objects[slot, m].velocity
     to = scene.objects[slot, m].centre + velocity * time - origin
@@ -60,18 +62,23 @@ def _against_object(
     s = wp.sin(angle)
     cosine = pose.cosine * c - pose.sine * s
     sine = pose.sine * c + pose.cosine * s
-    local = _spun(origin - (pose.position + velocity * time), cosine, -sine)
-    ahead = _spun(direction, cosine, -sine)
-    own = wp.mesh_query_ray(pose.mesh, local, ahead, best.t)
-    if own.result:
-        best.t = own.t
-        best.face = pose.first_face + own.face
-        best.cosine = wp.abs(wp.dot(own.normal, ahead))
-        best.owner = 2 * (m + 1) + wp.where(wp.abs(own.normal[2]) > _UP, 1, 0)
+    local = turned(origin - (pose.position + velocity * time), cosine, -sine)
+    ahead = turned(direction, cosine, -sine)
+    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, best.t)
+    face = wp.cast(own[3], wp.int32)
+    if face >= 0:
+        best.t = own[0]
+        best.face = pose.first_face + face
+        best.direction = ahead
+        best.object = m
     return best
 
 
-@wp.kernel
+BLOCK = 128
+"""Threads of a block at most; eight blocks fit a multiprocessor of 64 k registers."""
+
+
+@wp.kernel(grid_stride=False, launch_bounds=(BLOCK, 8))
 def cast_kernel(
     # model
     scene: Scene,
@@ -85,37 +92,42 @@ def cast_kernel(
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, ray)."""
     thread = wp.tid()
-    inside = thread % _TILE
-    tile = thread / _TILE
-    tiles_y = (beams.channels + _TILE_ROWS - 1) / _TILE_ROWS
-    tiles_x = (beams.columns + _TILE_COLUMNS - 1) / _TILE_COLUMNS
+    rays = beams.tile_columns * beams.tile_rows
+    tile = thread / rays
+    inside = thread - tile * rays
+    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
     group = tile / (tiles_x * tiles_y)
     tile = tile - group * tiles_x * tiles_y
     slot = group / beams.sub_rays
     sub = group - slot * beams.sub_rays
     tile_x = tile / tiles_y
-    channel = (tile - tile_x * tiles_y) * _TILE_ROWS + inside / _TILE_COLUMNS
-    column = tile_x * _TILE_COLUMNS + inside % _TILE_COLUMNS
+    row = inside / beams.tile_columns
+    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row
+    column = tile_x * beams.tile_columns + inside - row * beams.tile_columns
     if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
         return
     pose = poses[slot, column]
     direction = pose.rotation * direction_of(beams, channel, column, sub)
-    hit = Hit()
-    hit.t = beams.range_max
-    hit.face = wp.int32(-1)
-    static = wp.mesh_query_ray(scene.mesh, pose.origin, direction, beams.range_max)
-    if static.result:
-        hit.t = static.t
-        hit.face = static.face
-        hit.cosine = wp.abs(wp.dot(static.normal, direction))
-        hit.owner = wp.where(wp.abs(static.normal[2]) > _UP, 1, 0)
+    best = _Best()
+    best.object = wp.int32(-1)
+    best.direction = direction
+    static = closest(scene.nodes, scene.leaves, 0, pose.origin, direction, beams.range_max)
+    best.t = static[0]
+    best.face = wp.cast(static[3], wp.int32)
     for word in range(mask.shape[2]):
         bits = mask[slot, tile_x, word]
         m = word * _MASK_BITS
         while bits != wp.uint32(0):
             if (bits & wp.uint32(1)) != wp.uint32(0):
-                hit = _against_object(scene, slot, m, pose.origin, direction, pose.time, hit)
+                best = _against_object(scene, slot, m, pose.origin, direction, pose.time, best)
             bits = bits >> wp.uint32(1)
             m += 1
-    row = (channel * beams.columns + column) * beams.sub_rays + sub
-    hits_out[slot, row] = hit
+    hit = Hit()
+    hit.t = best.t
+    hit.face = best.face
+    if best.face >= 0:
+        normal = scene.faces[best.face].normal
+        hit.cosine = wp.abs(wp.dot(normal, best.direction))
+        hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
+    hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit

@@ -1,12 +1,13 @@
 """Which face each ray of a LiDAR meets first: packets of 16 neighbouring rays, for the CPU.
 
-A core tests 16 rays at once with its vector unit; Warp's own ray query takes one ray at a time
-(measured on one core of a Zen 5: 14.8 against 2.1 million rays/s). The packet walks the BVH that
-Warp has built for the mesh, reading Warp's native structures, so it belongs to the pinned series of
-Warp; results agree with :mod:`twin.sensors.lidar_cast` to rounding, and where two faces are equally
-far either may be named.
+A core tests 16 rays at once with its vector unit; neighbours of a sweep walk nearly the same way
+through the hierarchy of :mod:`twin.render.bvh`, and most nodes are met or passed by bounds of the
+whole packet, for all eight children at once (interval slabs, after Boulos, Wald, Shirley 2006).
+Measured on one core of a Zen 5, 36,014 triangles: 20 million rays/s, and 6.7 million one by one.
+Results agree with :mod:`twin.sensors.lidar_cast` to rounding, and where two faces are equally far
+either may be named.
 
-Edges are tested by the sign of the volume that ray and edge span (Plücker coordinates), whose value
+Edges are tested by the sign of the volume that ray and edge span (Pluecker coordinates); its value
 for one edge is the negative of its neighbour's: rays do not slip between two faces.
 """
 
@@ -16,21 +17,20 @@ import warp as wp
 
 from twin.render.geometry import Scene
 from twin.sensors.lidar_air import LidarAir
-from twin.sensors.lidar_sweep import TILE_COLUMNS, TILE_ROWS, Beams, Hit, SweepPose
+from twin.sensors.lidar_sweep import Beams, Hit, SweepPose
 
 wp.set_module_options({"enable_backward": False})
 
-PACKET = 16
-"""Rays of a packet: two channels by eight columns."""
-PACKETS_PER_TILE = TILE_COLUMNS * TILE_ROWS // PACKET
-_PACKETS = wp.constant(PACKETS_PER_TILE)
-_ROWS = wp.constant(TILE_ROWS)
-_PACKET_ROWS = wp.constant(PACKET // TILE_COLUMNS)
-_COLUMNS = wp.constant(TILE_COLUMNS)
+PACKET = (8, 2)
+"""Columns and channels of a packet."""
+_COLUMNS, _ROWS = (wp.constant(n) for n in PACKET)
 
 _WALK = """
 typedef float F __attribute__((ext_vector_type(16)));
 typedef int I __attribute__((ext_vector_type(16)));
+typedef float f8 __attribute__((ext_vector_type(8)));
+typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));  // arrays may begin anywhere
+typedef bool b8 __attribute__((ext_vector_type(8)));
 struct Ray { F ox, oy, oz, dx, dy, dz; };
 const F zero = 0.0f;
 const float c_up = 0.5f;
@@ -38,11 +38,8 @@ const float c_up = 0.5f;
 F best, cosine = zero;
 I face = -1, owner = 0;
 
-// The nearest face of `id` along the rays, if it is nearer than `best`.
-auto walk = [&](uint64_t id, const Ray& ray, int first_face, int who) {
-    const wp::Mesh mesh = wp::mesh_get(id);
-    const wp::BVHPackedNodeHalf* lowers = mesh.bvh.node_lowers;
-    const wp::BVHPackedNodeHalf* uppers = mesh.bvh.node_uppers;
+// The nearest face below node `root` along the rays, if it is nearer than `best`.
+auto walk = [&](int root, const Ray& ray, int first_face, int who) {
     const F tiny = 1.0e-20f;
     const F rx = 1.0f / (__builtin_elementwise_abs(ray.dx) < tiny ? tiny : ray.dx);
     const F ry = 1.0f / (__builtin_elementwise_abs(ray.dy) < tiny ? tiny : ray.dy);
@@ -53,73 +50,132 @@ auto walk = [&](uint64_t id, const Ray& ray, int first_face, int who) {
     const F gx = 2.0f * (ray.dy * qz - ray.dz * qy);
     const F gy = 2.0f * (ray.dz * qx - ray.dx * qz);
     const F gz = 2.0f * (ray.dx * qy - ray.dy * qx);
-    const float mx = ray.dx[0] + ray.dx[15], my = ray.dy[0] + ray.dy[15];
-    const float mz = ray.dz[0] + ray.dz[15];
-    int stack[BVH_QUERY_STACK_SIZE];
-    int size = 0;
-    int node = *mesh.bvh.root;
+    // Where all rays of the packet go the same way on every axis, bounds for all of them.
+    const float rx0 = __builtin_reduce_min(rx), rx1 = __builtin_reduce_max(rx);
+    const float ry0 = __builtin_reduce_min(ry), ry1 = __builtin_reduce_max(ry);
+    const float rz0 = __builtin_reduce_min(rz), rz1 = __builtin_reduce_max(rz);
+    const bool steady = rx0 * rx1 > 0.0f && ry0 * ry1 > 0.0f && rz0 * rz1 > 0.0f;
+    const int near_x = rx0 < 0.0f ? 24 : 0, near_y = ry0 < 0.0f ? 32 : 8;
+    const int near_z = rz0 < 0.0f ? 40 : 16;
+    const int far_x = 24 - near_x, far_y = 40 - near_y, far_z = 56 - near_z;
+    // The origin from which the near side is nearest, and that from which the far side is farthest.
+    const float x0 = __builtin_reduce_min(ray.ox), x1 = __builtin_reduce_max(ray.ox);
+    const float y0 = __builtin_reduce_min(ray.oy), y1 = __builtin_reduce_max(ray.oy);
+    const float z0 = __builtin_reduce_min(ray.oz), z1 = __builtin_reduce_max(ray.oz);
+    const float ox = rx0 < 0.0f ? x0 : x1, px = rx0 < 0.0f ? x1 : x0;
+    const float oy = ry0 < 0.0f ? y0 : y1, py = ry0 < 0.0f ? y1 : y0;
+    const float oz = rz0 < 0.0f ? z0 : z1, pz = rz0 < 0.0f ? z1 : z0;
+    const bool apart = x0 != x1 || y0 != y1 || z0 != z1;
+    int stack[320];
+    float entry[320];
+    int top = 0;
+    int node = root;
+    float reach = __builtin_reduce_max(best);
     while (true) {
-        const wp::BVHPackedNodeHalf lo = lowers[node], up = uppers[node];
-        F a = (lo.x - ray.ox) * rx, b = (up.x - ray.ox) * rx;
-        F from = __builtin_elementwise_max(zero, __builtin_elementwise_min(a, b));
-        F to = __builtin_elementwise_min(best, __builtin_elementwise_max(a, b));
-        a = (lo.y - ray.oy) * ry; b = (up.y - ray.oy) * ry;
-        from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
-        to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
-        a = (lo.z - ray.oz) * rz; b = (up.z - ray.oz) * rz;
-        from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
-        to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
-        if (__builtin_reduce_or((I)(from <= to * 1.0000004f))) {
-            if (!lo.b) {
-                const int l = lo.i, r = up.i;
-                const wp::BVHPackedNodeHalf la = lowers[l], lb = uppers[l];
-                const wp::BVHPackedNodeHalf ra = lowers[r], rb = uppers[r];
-                const float along = (ra.x + rb.x - la.x - lb.x) * mx
-                    + (ra.y + rb.y - la.y - lb.y) * my + (ra.z + rb.z - la.z - lb.z) * mz;
-                if (size >= BVH_QUERY_STACK_SIZE) return;
-                stack[size++] = along > 0.0f ? r : l;
-                node = along > 0.0f ? l : r;
-                continue;
+        if (node >= 0) {
+            const float* box = scene.nodes.data + (size_t)node * 56;
+            const int* child = (const int*)(box + 48);
+            unsigned mask = 255;
+            f8 entries = 0.0f;
+            if (steady) {
+                // Bounds that hold for every ray of the packet, against all children at once.
+                const f8 a = *(const u8*)(box + near_x) - ox, b = *(const u8*)(box + far_x) - px;
+                const f8 c = *(const u8*)(box + near_y) - oy, d = *(const u8*)(box + far_y) - py;
+                const f8 e = *(const u8*)(box + near_z) - oz, f = *(const u8*)(box + far_z) - pz;
+                entries = __builtin_elementwise_max(__builtin_elementwise_max(
+                    __builtin_elementwise_min(a * rx0, a * rx1),
+                    __builtin_elementwise_min(c * ry0, c * ry1)), __builtin_elementwise_max(
+                    __builtin_elementwise_min(e * rz0, e * rz1), (f8)0.0f));
+                const f8 exits = __builtin_elementwise_min(__builtin_elementwise_min(
+                    __builtin_elementwise_max(b * rx0, b * rx1),
+                    __builtin_elementwise_max(d * ry0, d * ry1)),
+                    __builtin_elementwise_max(f * rz0, f * rz1)) * 1.0000004f;
+                const f8 limit = reach;
+                mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(
+                    entries <= __builtin_elementwise_min(exits, limit), b8));
             }
-            for (int p = lo.i; p < (int)up.i; ++p) {
-                const int tri = mesh.bvh.primitive_indices[p];
-                const wp::vec3 A = mesh.points[mesh.indices[3 * tri]];
-                const wp::vec3 B = mesh.points[mesh.indices[3 * tri + 1]];
-                const wp::vec3 C = mesh.points[mesh.indices[3 * tri + 2]];
-                const float ax = A[0] - cx, ay = A[1] - cy, az = A[2] - cz;
-                const float bx = B[0] - cx, by = B[1] - cy, bz = B[2] - cz;
-                const float kx = C[0] - cx, ky = C[1] - cy, kz = C[2] - cz;
-                const float ux = kx - ax, uy = ky - ay, uz = kz - az;
-                const float vx = ax - bx, vy = ay - by, vz = az - bz;
-                const float wx = bx - kx, wy = by - ky, wz = bz - kz;
-                const float sx = kx + ax, sy = ky + ay, sz = kz + az;
-                const float tx = ax + bx, ty = ay + by, tz = az + bz;
-                const float hx = bx + kx, hy = by + ky, hz = bz + kz;
-                const F U = ray.dx * (sy * uz - sz * uy) + ray.dy * (sz * ux - sx * uz)
-                    + ray.dz * (sx * uy - sy * ux) - (ux * gx + uy * gy + uz * gz);
-                const F V = ray.dx * (ty * vz - tz * vy) + ray.dy * (tz * vx - tx * vz)
-                    + ray.dz * (tx * vy - ty * vx) - (vx * gx + vy * gy + vz * gz);
-                const F W = ray.dx * (hy * wz - hz * wy) + ray.dy * (hz * wx - hx * wz)
-                    + ray.dz * (hx * wy - hy * wx) - (wx * gx + wy * gy + wz * gz);
+            const int bottom = top;
+            while (mask) {
+                const int k = __builtin_ctz(mask);
+                mask &= mask - 1;
+                if (child[k] == (int)0x80000000) break;
+                float t = entries[k];
+                if (!steady || child[k] < 0) {
+                    // Ray by ray.
+                    F a = (box[k] - ray.ox) * rx, b = (box[24 + k] - ray.ox) * rx;
+                    F from = __builtin_elementwise_max(zero, __builtin_elementwise_min(a, b));
+                    F to = __builtin_elementwise_max(a, b);
+                    a = (box[8 + k] - ray.oy) * ry; b = (box[32 + k] - ray.oy) * ry;
+                    from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
+                    to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
+                    a = (box[16 + k] - ray.oz) * rz; b = (box[40 + k] - ray.oz) * rz;
+                    from = __builtin_elementwise_max(from, __builtin_elementwise_min(a, b));
+                    to = __builtin_elementwise_min(to, __builtin_elementwise_max(a, b));
+                    // A little longer than exact: rounding must not lose a face (Ize 2013).
+                    const I in = (I)(from <= __builtin_elementwise_min(to * 1.0000004f, best));
+                    if (!__builtin_reduce_or(in)) continue;
+                    t = __builtin_reduce_min(in ? from : (F)3.0e38f);
+                }
+                int at = top++;
+                while (at > bottom && entry[at - 1] < t) {
+                    entry[at] = entry[at - 1];
+                    stack[at] = stack[at - 1];
+                    --at;
+                }
+                entry[at] = t;
+                stack[at] = child[k];
+            }
+        } else {
+            // What the eight faces have in common for all rays, eight at once.
+            const u8* c = (const u8*)(scene.leaves.data + (size_t)(-1 - node) * 80);
+            const int* tris = (const int*)(c + 9);
+            const f8 ax = c[0] - cx, ay = c[1] - cy, az = c[2] - cz;
+            const f8 bx = c[3] - cx, by = c[4] - cy, bz = c[5] - cz;
+            const f8 kx = c[6] - cx, ky = c[7] - cy, kz = c[8] - cz;
+            const f8 ux = kx - ax, uy = ky - ay, uz = kz - az;
+            const f8 vx = ax - bx, vy = ay - by, vz = az - bz;
+            const f8 wx = bx - kx, wy = by - ky, wz = bz - kz;
+            const f8 sx = kx + ax, sy = ky + ay, sz = kz + az;
+            const f8 tx = ax + bx, ty = ay + by, tz = az + bz;
+            const f8 hx = bx + kx, hy = by + ky, hz = bz + kz;
+            const f8 Ux = sy * uz - sz * uy, Uy = sz * ux - sx * uz, Uz = sx * uy - sy * ux;
+            const f8 Vx = ty * vz - tz * vy, Vy = tz * vx - tx * vz, Vz = tx * vy - ty * vx;
+            const f8 Wx = hy * wz - hz * wy, Wy = hz * wx - hx * wz, Wz = hx * wy - hy * wx;
+            const f8 nx8 = uy * vz - uz * vy, ny8 = uz * vx - ux * vz, nz8 = ux * vy - uy * vx;
+            const f8 height = ax * nx8 + ay * ny8 + az * nz8;
+            for (int k = 0; k < 8; ++k) {
+                if (tris[k] < 0) break;
+                F U = ray.dx * Ux[k] + ray.dy * Uy[k] + ray.dz * Uz[k];
+                F V = ray.dx * Vx[k] + ray.dy * Vy[k] + ray.dz * Vz[k];
+                F W = ray.dx * Wx[k] + ray.dy * Wy[k] + ray.dz * Wz[k];
+                if (apart) {
+                    U -= ux[k] * gx + uy[k] * gy + uz[k] * gz;
+                    V -= vx[k] * gx + vy[k] * gy + vz[k] * gz;
+                    W -= wx[k] * gx + wy[k] * gy + wz[k] * gz;
+                }
                 const F least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
                 const F most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
                 I in = (I)(least >= 0.0f) | (I)(most <= 0.0f);
                 if (!__builtin_reduce_or(in)) continue;
-                const float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+                const float nx = nx8[k], ny = ny8[k], nz = nz8[k];
                 const F slant = ray.dx * nx + ray.dy * ny + ray.dz * nz;
-                const F t = ((ax * nx + ay * ny + az * nz) - (qx * nx + qy * ny + qz * nz)) / slant;
+                const F t = (height[k] - (qx * nx + qy * ny + qz * nz)) / slant;
                 in = in & (I)(t >= 0.0f) & (I)(t < best);
                 if (!__builtin_reduce_or(in)) continue;
                 const float length = __builtin_sqrtf(nx * nx + ny * ny + nz * nz);
                 const int mark = 2 * (who + 1) + (__builtin_fabsf(nz) > c_up * length ? 1 : 0);
                 best = in ? t : best;
                 cosine = in ? __builtin_elementwise_abs(slant) / length : cosine;
-                face = in ? (I)(first_face + tri) : face;
+                face = in ? (I)(first_face + tris[k]) : face;
                 owner = in ? (I)mark : owner;
             }
+            reach = __builtin_reduce_max(best);
         }
-        if (size == 0) return;
-        node = stack[--size];
+        do {
+            if (top == 0) return;
+            --top;
+        } while (entry[top] > reach);
+        node = stack[top];
     }
 };
 """
@@ -151,7 +207,7 @@ for (int k = 0; k < 16; ++k) {
     ray.ox[k] = pose->origin[0]; ray.oy[k] = pose->origin[1]; ray.oz[k] = pose->origin[2];
     time[k] = pose->time;
 }
-walk(scene.mesh, ray, 0, -1);
+walk(0, ray, 0, -1);
 for (int word = 0; word < mask.shape[2]; ++word) {
     unsigned int bits = *wp::address(mask, slot, tile_x, word);
     for (int m = 32 * word; bits != 0; bits >>= 1, ++m) {
@@ -178,7 +234,7 @@ for (int word = 0; word < mask.shape[2]; ++word) {
         own.oz = ray.oz - (p[2] + v[2] * time);
         own.dx = cosy * ray.dx + siny * ray.dy; own.dy = cosy * ray.dy - siny * ray.dx;
         own.dz = ray.dz;
-        walk(thing->mesh, own, thing->first_face, m);
+        walk(thing->root, own, thing->first_face, m);
     }
 }
 for (int k = 0; k < 16; ++k) {
@@ -219,16 +275,20 @@ def packet_kernel(
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, packet)."""
     thread = wp.tid()
-    inside = thread % _PACKETS
-    tile = thread / _PACKETS
-    tiles_y = (beams.channels + _ROWS - 1) / _ROWS
-    tiles_x = (beams.columns + _COLUMNS - 1) / _COLUMNS
+    across = beams.tile_columns / _COLUMNS
+    packets = across * (beams.tile_rows / _ROWS)
+    tile = thread / packets
+    inside = thread - tile * packets
+    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
     group = tile / (tiles_x * tiles_y)
     tile = tile - group * tiles_x * tiles_y
     slot = group / beams.sub_rays
     sub = group - slot * beams.sub_rays
     tile_x = tile / tiles_y
-    channel = (tile - tile_x * tiles_y) * _ROWS + inside * _PACKET_ROWS
-    if channel >= beams.channels or air[slot].active == 0:
+    row = inside / across
+    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row * _ROWS
+    column = tile_x * beams.tile_columns + (inside - row * across) * _COLUMNS
+    if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
         return
-    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, tile_x * _COLUMNS)
+    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, column)

@@ -1,7 +1,7 @@
 """From hits to points: signal, weather, noise, detection. One thread per beam.
 
 Signals are in units of a white matt surface that fills the beam and faces the sensor at 1 m (see
-:mod:`twin.sensors.lidar_scatter`), so signal x R^2 is reflectivity.
+:mod:`twin.sensors.lidar_scatter`), so signal x max(R, focus)^2 is reflectivity.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ class Detector:
     """Signal detected in half of the pulses."""
     sigma: wp.float32
     """Standard deviation of the signal's noise."""
+    focus: wp.float32
+    """Nearer than this, signals fall no more with range [m]."""
     noise: wp.float32
     """Standard deviation of a strong return's range [m]."""
     step: wp.float32
@@ -86,7 +88,7 @@ def _offer(
     sub: wp.int32,
 ) -> Echo:
     """``best``, or this return if it is detected and preferred."""
-    if signal + noise > detector.threshold:
+    if signal > 0.0 and signal + noise > detector.threshold:
         score = detector.by_signal * signal + detector.by_range * distance
         if best.kind == _NONE or score > best.score:
             best.score = score
@@ -162,12 +164,14 @@ def _best_echo(
             nearest = wp.min(nearest, hits[slot, first + sub].t)
             target = _melted(beams, detector, surfaces, air, hits, slot, first, sub)
             if target[0] >= beams.range_min:
-                signal = target[1] / (target[0] * target[0])
-                passes = wp.exp(-2.0 * air.extinction * target[0])
-                if detector.weakens != 0:
-                    signal = signal * passes
-                elif lucky >= passes:
-                    signal = 0.0
+                caught = wp.max(target[0], detector.focus)
+                signal = target[1] / (caught * caught)
+                if air.extinction > 0.0:
+                    passes = wp.exp(-2.0 * air.extinction * target[0])
+                    if detector.weakens != 0:
+                        signal = signal * passes
+                    elif lucky >= passes:
+                        signal = 0.0
                 best = _offer(best, detector, signal, noise, target[0], _SURFACE, sub)
     if air.fog_row >= 0 or air.drop_row >= 0:
         bits = draw(air.key, air.tick, _DRAWS * beam + 2)
@@ -194,28 +198,22 @@ def _intensity(detector: Detector, reflectivity: wp.float32) -> wp.float32:
     return wp.clamp(wp.floor(value + 0.5), 1.0, 255.0)
 
 
-@wp.kernel
-def return_kernel(
-    # model
+@wp.func
+def _write_point(
     scene: Scene,
     beams: Beams,
     detector: Detector,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
-    # state in
-    air: wp.array(dtype=LidarAir),
+    own: LidarAir,
     poses: wp.array2d(dtype=SweepPose),
     hits: wp.array2d(dtype=Hit),
-    # out
+    slot: wp.int32,
+    beam: wp.int32,
     points_out: wp.array3d(dtype=wp.float32),
-    count_out: wp.array(dtype=wp.int32),
-):
-    """Points [S, channels x columns, K] and number of returns [S]."""
-    slot, beam = wp.tid()
-    own = air[slot]
-    if own.active == 0:
-        return
+) -> wp.int32:
+    """Write one point; returns 1 if there is a return."""
     column = beam % beams.columns
     lucky = wp.float32(0.0)
     jitter = wp.float32(0.0)
@@ -239,18 +237,18 @@ def return_kernel(
     intensity = wp.float32(0.0)
     if echo.kind != _NONE:
         # Timing errors grow as the signal nears the noise.
-        weak = detector.threshold / echo.signal
+        weak = detector.threshold / wp.max(echo.signal, 0.2 * detector.threshold)
         distance = echo.range + jitter * detector.noise * wp.sqrt(1.0 + weak * weak)
         if detector.step > 0.0:
             distance = detector.step * wp.floor(distance / detector.step + 0.5)
-        measured = wp.max(echo.signal + noise, 0.0) * echo.range * echo.range
+        caught = wp.max(echo.range, detector.focus)
+        measured = wp.max(echo.signal + noise, 0.0) * caught * caught
         intensity = _intensity(detector, measured)
         point = direction_of(beams, beam / beams.columns, column, 0) * distance
         if detector.deskew != 0:
             then = poses[slot, column]
             now = poses[slot, beams.columns - 1]
             point = (then.origin - now.origin + then.rotation * point) @ now.rotation
-        wp.atomic_add(count_out, slot, 1)
     for axis in range(3):
         points_out[slot, beam, axis] = point[axis]
     points_out[slot, beam, 3] = distance
@@ -269,3 +267,64 @@ def return_kernel(
                 instance = scene.objects[slot, thing].instance
         points_out[slot, beam, 7] = wp.float32(instance)
         points_out[slot, beam, 8] = wp.float32(semantic)
+    return wp.where(echo.kind != _NONE, 1, 0)
+
+
+@wp.kernel(grid_stride=False)
+def return_kernel(
+    # model
+    scene: Scene,
+    beams: Beams,
+    detector: Detector,
+    surfaces: wp.array(dtype=wp.vec4),
+    fog: wp.array2d(dtype=wp.vec2),
+    drops: wp.array2d(dtype=wp.vec2),
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    hits: wp.array2d(dtype=Hit),
+    # out
+    points_out: wp.array3d(dtype=wp.float32),
+    count_out: wp.array(dtype=wp.int32),
+):
+    """Points [S, channels x columns, K] and number of returns [S]; a thread per point."""
+    slot, beam = wp.tid()
+    own = air[slot]
+    if own.active == 0:
+        return
+    found = _write_point(
+        scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
+    )
+    if found > 0:
+        wp.atomic_add(count_out, slot, found)
+
+
+@wp.kernel
+def row_kernel(
+    # model
+    scene: Scene,
+    beams: Beams,
+    detector: Detector,
+    surfaces: wp.array(dtype=wp.vec4),
+    fog: wp.array2d(dtype=wp.vec2),
+    drops: wp.array2d(dtype=wp.vec2),
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    hits: wp.array2d(dtype=Hit),
+    # out
+    points_out: wp.array3d(dtype=wp.float32),
+    count_out: wp.array(dtype=wp.int32),
+):
+    """As :func:`return_kernel`, a thread per row of the range image: on the CPU a thread's start
+    costs as much as a point."""
+    slot, channel = wp.tid()
+    own = air[slot]
+    if own.active == 0:
+        return
+    found = wp.int32(0)
+    for beam in range(channel * beams.columns, (channel + 1) * beams.columns):
+        found += _write_point(
+            scene, beams, detector, surfaces, fog, drops, own, poses, hits, slot, beam, points_out
+        )
+    wp.atomic_add(count_out, slot, found)

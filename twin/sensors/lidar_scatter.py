@@ -1,9 +1,10 @@
 """Returns from the air: where fog, rain and snow send a pulse back, as tables made on the host.
 
-Signals are in units of a white matt surface that fills the beam and faces the sensor at 1 m: a
-surface of reflectance rho at R gives rho cos(i) / R^2, and a scatterer of backscatter coefficient
-beta [1/(m sr)] filling the length dr gives pi beta dr / R^2. A table row has quantiles of the range
-at which the return comes, with the signal it has; kernels draw a quantile.
+Signals are in units of a white matt surface that fills the beam and faces the sensor at 1 m, in
+focus: a surface of reflectance rho at R gives rho cos(i) / R^2, and a scatterer of backscatter
+coefficient beta [1/(m sr)] filling the length dr gives pi beta dr / R^2. Out of focus, nearer than
+``focus_m``, only (R / focus)^2 of that is caught, which cancels 1 / R^2. A table row has quantiles
+of the range at which the return comes, with the signal it has; kernels draw a quantile.
 """
 
 from __future__ import annotations
@@ -78,14 +79,15 @@ def soft_signal(profile: LidarProfile, alpha: float, range_m: np.ndarray) -> np.
     ``fog_gain``.
 
     The lidar equation with the impulse response of a homogeneous medium, overlap(r) e^(-2 a r) /
-    r^2, convolved with a pulse of the shape sin^2 whose half-power length is ``pulse_m``.
+    max(r, focus)^2, convolved with a sin^2 pulse whose half-power length is ``pulse_m``.
     """
     x, dx = np.linspace(0.0, 2.0 * profile.pulse_m, 201, retstep=True)
     pulse = np.sin(np.pi * x / (2.0 * profile.pulse_m)) ** 2
-    at = np.maximum(range_m[:, None] - x, 1e-3)
+    at = range_m[:, None] - x
+    weight = np.maximum(at, max(profile.focus_m, 1e-3)) ** -2
     low, high = _OVERLAP_M
     overlap = np.clip((at - low) / (high - low), 0.0, 1.0)
-    return (pulse * overlap * np.exp(-2.0 * alpha * at) / at**2).sum(axis=1) * dx
+    return (pulse * overlap * np.exp(-2.0 * alpha * at) * weight).sum(axis=1) * dx
 
 
 def _fog_row(profile: LidarProfile, alpha: float) -> np.ndarray:
@@ -124,8 +126,10 @@ def _drop_row(profile: LidarProfile, rate: float, snow: bool) -> tuple[np.ndarra
     r = 0.5 * (edges[1:] + edges[:-1])
     wide, high = (_APERTURE_M + 1e-3 * d * r for d in profile.divergence_mrad)
     area = 0.25 * np.pi * wide * high
-    # A drop gives reflectance (D^2 / (wide high)) / r^2; D in mm, melted.
-    one_mm = reflectance * (1e-3 * growth) ** 2 / (wide * high) / r**2
+    # A drop gives reflectance (D^2 / (wide high)) / r^2, out of focus / focus^2; D in mm, melted.
+    one_mm = (
+        reflectance * (1e-3 * growth) ** 2 / (wide * high) / np.maximum(r, profile.focus_m) ** 2
+    )
     smallest = np.minimum(np.sqrt(threshold(profile) / one_mm), _DROP_MAX_MM)
     tail, end = np.exp(-slope * smallest), np.exp(-slope * _DROP_MAX_MM)
     share = area * n0 / slope * np.maximum(tail - end, 0.0) * np.diff(edges)

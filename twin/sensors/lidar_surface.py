@@ -70,11 +70,12 @@ def is_long_wave(profile: LidarProfile) -> bool:
     return profile.wavelength_nm > LONG_WAVE_NM
 
 
-def face_returns(faces: np.ndarray, profile: LidarProfile) -> np.ndarray:
+def face_returns(faces: np.ndarray, colors: np.ndarray, profile: LidarProfile) -> np.ndarray:
     """Per face float32 [F, 4]: dry reflectance, retro part, factor when wet, snow settles (0..1).
 
     Args:
         faces: rows of :class:`twin.render.geometry.Face`.
+        colors: visible colours, linear RGB [F, 3].
         profile: chooses the wavelength.
     """
     kinds = [Infrared(0.15, 0.70)] * (max(_numbers().values()) + 1)  # materials without a row
@@ -85,10 +86,33 @@ def face_returns(faces: np.ndarray, profile: LidarProfile) -> np.ndarray:
         [(k.base, k.gain, k.long_wave if long_wave else 1.0, k.retro, k.wet, k.snow) for k in kinds]
     )
     own = table[np.clip(faces["material"], 0, len(table) - 1)]
-    luminance = faces["color"] @ _LUMINANCE
+    luminance = colors @ _LUMINANCE
     reflectance = np.clip((own[:, 0] + own[:, 1] * luminance) * own[:, 2], 0.0, 0.98)
     wet = own[:, 4] * (0.4 if long_wave else 1.0)
     return np.stack([reflectance, own[:, 3], wet, own[:, 5]], axis=1).astype(np.float32)
+
+
+def face_colors(faces: np.ndarray, uv: np.ndarray, textures: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Colour of every face, times its image where its corners' middle lies; linear RGB [F, 3].
+
+    Args:
+        faces: rows of :class:`twin.render.geometry.Face`.
+        uv: texture coordinates of each face's corners [F, 3, 2]; 0, 0 is lower left.
+        textures: images uint8 [h, w, 3], sRGB, the first row on top.
+    """
+    colors = faces["color"].astype(float)
+    middle = uv.mean(axis=1)
+    middle = middle - np.floor(middle)
+    for number, image in enumerate(textures):
+        own = faces["texture"] == number
+        height, width = image.shape[:2]
+        column = np.minimum((middle[own, 0] * width).astype(int), width - 1)
+        row = np.minimum(((1.0 - middle[own, 1]) * height).astype(int), height - 1)
+        texel = image[row, column] / 255.0
+        # IEC 61966-2-1.
+        linear = np.where(texel <= 0.04045, texel / 12.92, ((texel + 0.055) / 1.055) ** 2.4)
+        colors[own] *= linear
+    return colors
 
 
 def _numbers() -> dict[str, int]:

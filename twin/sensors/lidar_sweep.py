@@ -1,7 +1,7 @@
 """The sweep: where the sensor was when it fired each column, and which objects can be in its way.
 
-Rays of a LiDAR are grouped in tiles of 4 channels by 8 columns. On a GPU a tile is a warp; on the
-CPU half a tile is a packet (:mod:`twin.sensors.lidar_packet`).
+Rays of a LiDAR are grouped in tiles of neighbouring channels and columns. On a GPU a tile is a
+warp; the CPU meets a tile in packets (:mod:`twin.sensors.lidar_packet`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from twin.sensors.truth import POSITION, rotation_at, vector_at
 
 wp.set_module_options({"enable_backward": False})
 
-TILE_COLUMNS, TILE_ROWS = 8, 4
-_TILE_COLUMNS = wp.constant(TILE_COLUMNS)
+TILE = (8, 4)
+"""Columns and channels of a tile; 32 rays on a GPU, multiples of 8 and 2 on the CPU."""
 
 MASK_BITS = 32
 """Objects per word of a tile's mask."""
@@ -44,6 +44,9 @@ class Beams:
     channels: wp.int32
     columns: wp.int32
     sub_rays: wp.int32
+    tile_columns: wp.int32
+    tile_rows: wp.int32
+    """Channels of a tile."""
     range_max: wp.float32
     """[m]"""
     range_min: wp.float32
@@ -104,7 +107,9 @@ def direction_of(beams: Beams, channel: wp.int32, column: wp.int32, sub: wp.int3
     return wp.normalize(axis + left * offset[0] + up * offset[1])
 
 
-def make_beams(profile: LidarProfile, hz: int, device: wp.Device) -> Beams:
+def make_beams(
+    profile: LidarProfile, hz: int, device: wp.Device, tile: tuple[int, int] = TILE
+) -> Beams:
     """Tables of ``profile`` at ``hz`` sweeps per second; the last column is fired at the tick."""
     theta, phi = np.radians(profile.thetas_deg), np.radians(profile.phis_deg)
     columns = len(theta)
@@ -113,6 +118,7 @@ def make_beams(profile: LidarProfile, hz: int, device: wp.Device) -> Beams:
     half = 0.5e-3 * np.array(profile.divergence_mrad)
     beams = Beams()
     beams.channels, beams.columns, beams.sub_rays = len(phi), columns, profile.sub_rays
+    beams.tile_columns, beams.tile_rows = tile
     beams.range_max, beams.range_min = profile.range_max_m, profile.range_min_m
 
     def table(values: np.ndarray, dtype: type) -> wp.array:
@@ -245,14 +251,14 @@ def mask_kernel(
     slot, tile, word = wp.tid()
     if air[slot].active == 0:
         return
-    first = tile * _TILE_COLUMNS
-    last = wp.min(first + _TILE_COLUMNS, beams.columns) - 1
+    first = tile * beams.tile_columns
+    last = wp.min(first + beams.tile_columns, beams.columns) - 1
     pose = poses[slot, (first + last) / 2]
     bits = wp.uint32(0)
     for bit in range(_MASK_BITS):
         m = word * _MASK_BITS + bit
         if m < scene.objects.shape[1]:
             thing = scene.objects[slot, m]
-            if thing.mesh != wp.uint64(0) and _in_wedge(beams, pose, first, last, thing):
+            if thing.root != 0 and _in_wedge(beams, pose, first, last, thing):
                 bits = bits | (wp.uint32(1) << wp.uint32(bit))
     mask_out[slot, tile, word] = bits

@@ -122,20 +122,27 @@ def footing(
 
 
 @wp.func
-def holds(m: VehicleModel, s: VehicleState, brake: wp.float64, torque: wp.float64, mu: wp.float64):
+def holds(
+    m: VehicleModel,
+    s: VehicleState,
+    brake: wp.float64,
+    torque: wp.float64,
+    mu: wp.float64,
+    wind: wp.vec3d,
+):
     """Whether static friction keeps a vehicle at rest that (almost) stands.
 
     Almost: slower than a locked wheel slides before its tyre's extremum.
 
     Along the vehicle every wheel holds with its brakes and rolling resistance, as far as it grips;
-    sideways it holds with its grip.
+    sideways it holds with its grip. ``wind``: what the wind adds to the force on the body [N].
     """
     v = _axis(s, s.velocity)
     vx = wp.abs(v[0])
     vy = wp.abs(v[1])
     if vx > m.hold_speed or vy > m.hold_speed or wp.abs(s.rate[2]) > _HOLD_RADPS:
         return False
-    g = _axis(s, wp.vec3d(_ZERO, _ZERO, -_GRAVITY)) * m.mass
+    g = _axis(s, wp.vec3d(_ZERO, _ZERO, -_GRAVITY)) * m.mass + wind
     along = wp.float64(0.0)
     across = wp.float64(0.0)
     for i in range(m.wheels):
@@ -150,8 +157,8 @@ def holds(m: VehicleModel, s: VehicleState, brake: wp.float64, torque: wp.float6
 
 
 @wp.func
-def drag(m: VehicleModel, s: VehicleState, throttle: wp.float64, v: wp.vec3d) -> wp.vec3d:
-    """Air drag on the body, in its state of the four: limit, idle, reverse or run [N]."""
+def drag_area(m: VehicleModel, s: VehicleState, throttle: wp.float64, v: wp.vec3d) -> wp.float64:
+    """Drag area of the body in its state of the four: limit, idle, reverse or run [m^2]."""
     area = m.drag_run
     if throttle <= _ZERO:
         area = m.drag_idle
@@ -159,7 +166,28 @@ def drag(m: VehicleModel, s: VehicleState, throttle: wp.float64, v: wp.vec3d) ->
         area = m.drag_reverse
     if v[0] >= m.speed_max:
         area = m.drag_limit
+    return area
+
+
+@wp.func
+def drag(area: wp.float64, v: wp.vec3d) -> wp.vec3d:
+    """Air drag on the body at velocity ``v`` through the air [N]."""
     return v * (-_HALF * _AIR * area * wp.length(v))
+
+
+@wp.func
+def gust(m: VehicleModel, area: wp.float64, v: wp.vec3d, wind: wp.vec3d) -> wp.vec3d:
+    """What a wind (vehicle axes) adds: force along and across [N], and yaw moment [N m].
+
+    Drag follows the speed through the air. Side force and moment follow the wind's part across the
+    body alone: the car's own sideslip has only the drag, as in calm air.
+    """
+    if wind[0] == _ZERO and wind[1] == _ZERO:
+        return wp.vec3d(_ZERO, _ZERO, _ZERO)
+    through = v - wind
+    more = drag(area, through) - drag(area, v)
+    across = _HALF * _AIR * wp.length(through) * wind[1]
+    return wp.vec3d(more[0], more[1] + across * m.side, across * m.yawing)
 
 
 @wp.func
@@ -185,9 +213,14 @@ def suspension_force(m: VehicleModel, s: VehicleState, wheel: wp.int32) -> wp.fl
 
 @wp.func
 def advance(
-    m: VehicleModel, ground: Ground, before: VehicleState, c: Command, friction: wp.float64
+    m: VehicleModel,
+    ground: Ground,
+    before: VehicleState,
+    c: Command,
+    friction: wp.float64,
+    wind: wp.vec2d,
 ) -> VehicleState:
-    """One physics step without contacts of the hull."""
+    """One physics step without contacts of the hull; ``wind``: of the world, x and y [m/s]."""
     s = before
     s.throttle = before.throttle + (c.throttle - before.throttle) * m.throttle_gain
     s.brake = before.brake + (c.brake - before.brake) * m.brake_gain
@@ -199,15 +232,21 @@ def advance(
     s.shift_left = d.shift_left
     s.rpm = d.rpm
     s.traction = d.traction
-    held = holds(m, s, s.brake, d.torque, friction)
     v = _axis(before, before.velocity)
+    area = drag_area(m, s, s.throttle, v)
+    blown = gust(m, area, v, _axis(before, wp.vec3d(wind[0], wind[1], _ZERO)))
+    pushed = wp.vec3d(blown[0], blown[1], _ZERO)
+    held = holds(m, s, s.brake, d.torque, friction, pushed)
     w = before.rate
     g = _axis(before, wp.vec3d(_ZERO, _ZERO, -_GRAVITY))
     total_load = wp.max(
         before.load[0] + before.load[1] + before.load[2] + before.load[3], _LOAD_MIN
     )
-    force = drag(m, s, s.throttle, v)
+    force = drag(area, v)
     torque = wp.vec3d(_ZERO, _ZERO, _ZERO)
+    if not held:  # a vehicle at rest: its tyres take it
+        force += pushed
+        torque = wp.vec3d(_ZERO, _ZERO, blown[2])
     lift = wp.float64(0.0)
     up = wp.vec3d(_ZERO, _ZERO, _ZERO)
     wheel_z = wp.vec4d(_ZERO, _ZERO, _ZERO, _ZERO)

@@ -25,7 +25,8 @@ _NO_COLLIDERS = np.zeros((0, 5))
 class Fleet:
     """V vehicles and P props in each of S slots.
 
-    Host arrays, written before :meth:`advance`: ``friction`` [S], ``commands`` [S, V, 2, 5] with
+    Host arrays, written before :meth:`advance`: ``friction`` [S], ``wind`` [S, 2]
+    (world x and y [m/s], 0 after :meth:`place`), ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
     ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
     [S, V, T], ``props`` [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after
@@ -80,6 +81,7 @@ class Fleet:
         self._events = Mirror((slots, kernel.EVENTS_MAX, len(kernel.EVENT)), wp.float64, device)
         self._event_count = Mirror((slots,), wp.int32, device)
         self._friction = Mirror((slots,), wp.float64, device)
+        self._wind = Mirror((slots,), wp.vec2d, device)
         self._commands = Mirror((slots, count, 2, len(COMMANDS)), wp.float64, device)
         self._switch_step = Mirror((slots,), wp.int32, device)
         self._first_step = Mirror((slots,), wp.int32, device)
@@ -93,6 +95,7 @@ class Fleet:
         self.events = self._events.host
         self.event_count = self._event_count.host
         self.friction = self._friction.host
+        self.wind = self._wind.host
         self.commands = self._commands.host
         self.switch_step = self._switch_step.host
         self.first_step = self._first_step.host
@@ -132,6 +135,7 @@ class Fleet:
         row = self.state[slot, vehicle]
         row[:] = initial_state(model, x_m, y_m, z_m, yaw_rad, speed_mps)
         self.friction[slot] = friction
+        self.wind[slot] = 0.0
         self.commands[slot, vehicle] = 0.0
         self.commands[slot, vehicle, :, COMMANDS.index("selector")] = 1.0
         self.events[slot] = 0.0
@@ -171,6 +175,7 @@ class Fleet:
         """Host inputs -> device."""
         for mirror in (
             self._friction,
+            self._wind,
             self._commands,
             self._switch_step,
             self._first_step,
@@ -189,6 +194,7 @@ class Fleet:
                 self._scene,
                 steps,
                 self._friction.device,
+                self._wind.device,
                 self._commands.device,
                 self._switch_step.device,
                 self._first_step.device,

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from schemas.messages import SEMANTIC_CLASSES
 from twin.world import materials
+from twin.world.content import DRIVABLE
+from twin.world.mesh import DECAL
 from twin.world.street import World
 
 KERB_MAX_M = 0.5
@@ -105,11 +108,15 @@ class FlatGround:
 def drivable(world: World, device: wp.Device) -> GroundMesh:
     """The part of a world's mesh that wheels can stand on.
 
-    Static faces that end below :data:`KERB_MAX_M`: road, sidewalks and kerbs. Paint has no height
-    for a tyre, and objects and their contact shadows are no ground.
+    Static faces whose class is road, sidewalk or terrain, at any height, and unlabelled ones that
+    end below :data:`KERB_MAX_M` where nothing is labelled. Paint has no height for a tyre, and
+    objects and their contact shadows are no ground.
     """
     mesh = world.mesh
-    low = mesh.points_m[mesh.faces][:, :, 2].max(axis=1) < KERB_MAX_M
-    wanted = low & (mesh.instance < 0) & (mesh.material != materials.PAINT)
+    classes = [SEMANTIC_CLASSES.index(name) for name in DRIVABLE]
+    wanted = np.isin(mesh.semantic, classes)
+    if not mesh.semantic.any():
+        wanted = mesh.points_m[mesh.faces][:, :, 2].max(axis=1) < KERB_MAX_M
+    wanted &= (mesh.instance < 0) & (mesh.material != materials.PAINT) & (mesh.tag != DECAL)
     grip = np.array([_GRIP.get(int(m), 1.0) for m in mesh.material[wanted]])
     return GroundMesh(device, mesh.points_m, mesh.faces[wanted], grip)

@@ -328,6 +328,7 @@ def drive_kernel(
     # args
     steps: wp.int32,
     friction: wp.array(dtype=wp.float64),
+    wind: wp.array(dtype=wp.vec2d),
     commands: wp.array4d(dtype=wp.float64),
     switch_step: wp.array(dtype=wp.int32),
     first_step: wp.array(dtype=wp.int32),
@@ -361,7 +362,8 @@ def drive_kernel(
                 c.steering = commands[slot, v, row, 2]
                 c.handbrake = commands[slot, v, row, 3]
                 c.selector = commands[slot, v, row, 4]
-                n = observe(models[v], advance(models[v], scene.ground, s, c, friction[slot]))
+                moved = advance(models[v], scene.ground, s, c, friction[slot], wind[slot])
+                n = observe(models[v], moved)
                 fault = fault_of(n)
                 if fault != _ZERO:
                     s.fault = fault

@@ -125,6 +125,10 @@ class VehicleModel:
     drag_idle: wp.float64
     drag_reverse: wp.float64
     drag_limit: wp.float64
+    side: wp.float64
+    """Slope of the side force in a cross wind [m^2]."""
+    yawing: wp.float64
+    """Slope of its yaw moment [m^3]."""
     speed_max: wp.float64
     reverse_max: wp.float64
     # contact
@@ -295,4 +299,5 @@ def _controls(model: VehicleModel, vehicle: Vehicle) -> None:
     model.steering_gain, model.handbrake_gain = gain(lags.steering_s), gain(lags.handbrake_s)
     model.drag_run, model.drag_idle = aero.run_m2, aero.idle_m2
     model.drag_reverse, model.drag_limit = aero.reverse_m2, aero.limit_m2
+    model.side, model.yawing = aero.side_m2, aero.yaw_m3
     model.speed_max, model.reverse_max = aero.speed_max_mps, aero.reverse_max_mps

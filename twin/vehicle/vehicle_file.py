@@ -206,7 +206,13 @@ class Lags(_Spec):
 
 
 class Aero(_Spec):
-    """Drag areas, drag coefficient times frontal area, in the four states of the drive [m^2]."""
+    """Air on the body: drag areas in the four states of the drive, side force and yaw moment.
+
+    A drag area is drag coefficient times frontal area [m^2]. Side force and yaw moment are those of
+    a cross wind: Y = rho/2 V w side, N = rho/2 V w yaw, with the air's speed V past the body and
+    the wind's part w across it. Defaults: a saloon's slopes of 2.2 and 0.45 per radian (Hucho,
+    Aerodynamics of Road Vehicles) times 2.5 m^2 and, for the moment, 2.8 m of wheelbase.
+    """
 
     run_m2: NotNegative
     idle_m2: NotNegative
@@ -218,6 +224,11 @@ class Aero(_Spec):
     speed_max_mps: Positive
     """Largest practical speed [m/s]."""
     reverse_max_mps: Positive
+    side_m2: NotNegative = 5.5
+    """Slope of the side force [m^2]."""
+    yaw_m3: NotNegative = 3.15
+    """Slope of the yaw moment about the centre of mass; it turns the nose away from the wind
+    [m^3]."""
 
 
 class Contact(_Spec):

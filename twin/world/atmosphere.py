@@ -3,10 +3,13 @@
 After Hillaire, *A Scalable and Production Ready Sky and Atmosphere Rendering Technique* (2020):
 a table of transmittances, one of the light that is scattered more than once (isotropic, infinitely
 many orders by a geometric series), then a march along each direction of the sky. Constants of air,
-Bruneton 2017: Rayleigh scattering (5.802, 13.558, 33.1)e-6 /m falling over 8 km, ozone absorption
-(0.650, 1.881, 0.085)e-6 /m in a tent of 15 km around 25 km. Aerosol falls over 1.2 km, with the
-phase function of Cornette and Shanks (g = 0.8) and a scattering share of 0.9; its density follows
-the weather's visibility.
+Bruneton 2017: Rayleigh scattering (5.802, 13.558, 33.1)e-6 /m at 680, 550 and 440 nm falling over
+8 km; ozone absorbs 1.881e-6 /m at 550 nm in a tent of 15 km around 25 km. That spread of
+wavelengths stands for the negative lobes of sRGB's matching functions and gives the zenith its
+measured blue; but ozone absorbs where red's primary is, at 611 nm, and not at 680, else twilight
+turns purple (cross sections 4.9, 3.3, 0.17e-21 cm^2 at 611, 550 and 450 nm, Serdyuchenko et al.
+2014). Aerosol falls over 1.2 km, with the phase function of Cornette and Shanks (g = 0.8) and a
+scattering share of 0.9; its density follows the weather's visibility.
 
 Why not Hosek-Wilkie or Preetham: both are fits for a sun above the horizon. Dawn and dusk need a
 sky for a sun below it, the moon is a second sun, and all of it has to move continuously. Measured
@@ -35,11 +38,12 @@ ELEVATION_STEP_RAD = math.radians(0.1)
 _GROUND, _TOP = 6_360_000.0, 6_460_000.0
 _EYE_M = 200.0
 _RAYLEIGH = np.array([5.802e-6, 13.558e-6, 33.1e-6])
-_OZONE = np.array([0.650e-6, 1.881e-6, 0.085e-6])
+_OZONE = 1.881e-6 * np.array([4.9, 3.3, 0.17]) / 3.3
 _AEROSOL_ALBEDO = 0.9
 _G = 0.8
 _ALBEDO = 0.15  # of the ground
 _ROWS, _COLUMNS = 32, 25
+_PENUMBRA = 0.009
 _LOWEST_RAD = math.radians(-12.0)
 
 
@@ -78,7 +82,7 @@ def _sky_for(elevation_steps: int, level: int) -> np.ndarray:
     mu = np.repeat(sine, _COLUMNS)
     along = np.sqrt(1.0 - sine * sine)[:, None] * cos_azimuth[None, :]
     cosine = (along * math.cos(elevation) + sine[:, None] * math.sin(elevation)).ravel()
-    light = _march(mu, cosine, math.sin(elevation), level, transmittance, multiple, 24)
+    light = _march(mu, cosine, math.sin(elevation), level, transmittance, multiple, 40)
     table = light.reshape(_ROWS, _COLUMNS, 3)
     table.flags.writeable = False
     return table
@@ -97,7 +101,7 @@ def _march(
     of the angle to the sun."""
     r = _GROUND + _EYE_M
     far = -r * mu + np.sqrt((r * mu) ** 2 + _TOP**2 - r * r)
-    edges = (np.arange(steps + 1) / steps) ** 2
+    edges = (np.arange(steps + 1) / steps) ** 1.7
     middle = 0.5 * (edges[1:] + edges[:-1])[None, :] * far[:, None]
     length = np.diff(edges)[None, :] * far[:, None]
     height = np.sqrt(r * r + middle * middle + 2.0 * r * mu[:, None] * middle)
@@ -155,7 +159,8 @@ def _tables(level: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _multiple(transmittance: np.ndarray, level: int) -> np.ndarray:
-    """Light of all orders from the second on, for isotropic scattering, over the source's."""
+    """Logarithm of the light of all orders from the second on, for isotropic scattering, over the
+    source's: it falls exponentially once the sun is down, and is interpolated so."""
     up = np.linspace(0.0, 1.0, _M_HEIGHTS) ** 2 * 0.99 * (_TOP - _GROUND) + 10.0
     sun = np.linspace(-0.35, 1.0, _M_ANGLES)
     count, steps = 32, 16
@@ -191,13 +196,14 @@ def _multiple(transmittance: np.ndarray, level: int) -> np.ndarray:
     floor = _transmitted(transmittance, np.full(_M_ANGLES, _GROUND + 1.0), sun)
     lit = floor * np.maximum(sun, 0.0)[:, None] * (_ALBEDO / math.pi)
     light += np.einsum("hdc,ac->hac", passed * hits[..., None], lit) / count
-    return light / (1.0 - again)[:, None, :]
+    return np.log(np.maximum(light / (1.0 - again)[:, None, :], 1e-30))
 
 
 def _transmitted(table: np.ndarray, height: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """Share of light that passes from outside to ``height`` [...] at sine ``mu``: [..., 3].
 
-    Zero below the horizon, softened over the sun's own radius.
+    Zero below the horizon, softened over a little more than the sun and its refraction: steps
+    along a ray leave the shadow one by one.
     """
     r = np.clip(height, _GROUND, _TOP)
     rho = np.sqrt(r * r - _GROUND**2)
@@ -209,7 +215,7 @@ def _transmitted(table: np.ndarray, height: np.ndarray, mu: np.ndarray) -> np.nd
     u = np.clip((d - nearest) / (farthest - nearest), 0.0, 1.0) * (_T_ANGLES - 1)
     value = _bilinear(table, v, u)
     below = np.sqrt(np.maximum(ground, 0.0)) / r  # sine of the dip under the horizon
-    seen = np.where(mu >= 0.0, 1.0, np.clip(1.0 - below / 0.0047, 0.0, 1.0))
+    seen = np.where(mu >= 0.0, 1.0, np.clip(1.0 - below / _PENUMBRA, 0.0, 1.0))
     return value * np.where(ground < 0.0, 1.0, seen)[..., None]
 
 
@@ -217,7 +223,7 @@ def _scattered(table: np.ndarray, height: np.ndarray, mu: np.ndarray) -> np.ndar
     up = np.clip((height - _GROUND - 10.0) / (0.99 * (_TOP - _GROUND)), 0.0, 1.0)
     v = np.sqrt(up) * (_M_HEIGHTS - 1)
     u = np.clip((mu + 0.35) / 1.35, 0.0, 1.0) * (_M_ANGLES - 1)
-    return _bilinear(table, v, u)
+    return np.exp(_bilinear(table, v, u))
 
 
 def _bilinear(table: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:

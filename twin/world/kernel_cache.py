@@ -39,6 +39,14 @@ def prepare_kernels() -> None:
     )
 
 
+def kept_folder(name: str) -> Path:
+    """A folder beside the compiled kernels for what else is worked out once; it need not exist.
+
+    :func:`prepare_kernels` must have run.
+    """
+    return Path(wp.config.kernel_cache_dir) / name
+
+
 def _usual() -> Path:
     """The folder that Warp takes by itself, or the one below which it makes its own."""
     cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -26,3 +26,36 @@ HAZARD = 10
 """Amber lamp that blinks."""
 REFLECTOR = 11
 """Red lens or foil that returns the light of the ego's headlamps."""
+WINDOW = 12
+"""One pane of a building; the tag chooses its curtain and whether it is lit in the evening."""
+BRICK = 13
+"""Masonry with courses of bricks; the tag chooses their shades."""
+PLASTER = 14
+"""A plain rendered or panelled wall with stains; the tag chooses them."""
+SIGN = 15
+"""Retroreflective sheeting of a traffic sign, in the face's colour."""
+SIGNAL = 16
+"""Lens of a traffic light that is on, in the face's colour."""
+GRASS = 17
+"""Lawn and open ground."""
+TAIL_LAMP = 18
+"""Red lens at the rear of a vehicle in traffic: tail and brake lamp."""
+HEAD_LAMP = 19
+"""Clear lens at the front of a vehicle in traffic."""
+
+NAMES = {
+    "plain": PLAIN,
+    "asphalt": ASPHALT,
+    "paving": PAVING,
+    "paint": PAINT,
+    "facade": FACADE,
+    "shopfront": SHOPFRONT,
+    "foliage": FOLIAGE,
+    "car_paint": CAR_PAINT,
+    "glass": GLASS,
+    "brick": BRICK,
+    "plaster": PLASTER,
+    "sign": SIGN,
+    "grass": GRASS,
+}
+"""Materials that scene files may name."""

@@ -9,8 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from schemas.messages import SEMANTIC_CLASSES
+
 Color = tuple[float, float, float]
 """Linear RGB reflectance [-]."""
+
+
+DECAL = -1
+"""Tag of faces that darken or paint what lies under them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,47 +32,117 @@ class Mesh:
     color: np.ndarray
     """float32 [F, 3], linear RGB"""
     tag: np.ndarray
-    """int32 [F], the seed of procedural surfaces"""
+    """int32 [F], the seed of procedural surfaces; :data:`DECAL`: painted on, nothing to stand on"""
     instance: np.ndarray
     """int32 [F], object the face belongs to; -1 for none"""
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list; -1 for none"""
+    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none"""
     uv: np.ndarray
-    """float32 [V, 2], texture coordinates; 0 where there is no image"""
+    """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
+    0 where there is no image"""
     ambient: np.ndarray
-    """float32 [V], share of the sky that the vertex sees, 1 in the open"""
+    """float32 [V], share of the sky before the face that the vertex sees, 1 in the open; see
+    :mod:`twin.world.ambient`"""
+
+
+_GRID_PER_M = 65536.0
+
+
+def _settled(points_m: np.ndarray) -> np.ndarray:
+    """float32, on a grid of 15 um: sines that differ in the last bit between processors, as those
+    of NumPy may, give the same mesh."""
+    return (np.rint(points_m * _GRID_PER_M) / _GRID_PER_M).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """Faces that were added together; arrays hold one row per face, scalars go for all."""
+
+    count: int
+    material: int
+    color: Color | np.ndarray
+    tag: int | np.ndarray
+    instance: int
+    semantic: int
+    texture: int | np.ndarray
 
 
 class MeshBuilder:
-    """Collects faces; ``place`` moves everything that is added inside its block."""
+    """Collects faces; ``place`` and ``label`` act on what is added inside their block."""
 
     def __init__(self) -> None:
         self._points: list[np.ndarray] = []
         self._faces: list[np.ndarray] = []
-        self._rows: list[tuple[int, int, Color, int, int]] = []
+        self._uv: list[np.ndarray] = []
+        self._batches: list[_Batch] = []
         self._count = 0
         self._yaw = 0.0
         self._offset = np.zeros(3)
         self._instance = -1
+        self._semantic = 0
 
     @contextmanager
     def place(
-        self, x_m: float, y_m: float, yaw_rad: float = 0.0, instance: int = -1
+        self,
+        x_m: float,
+        y_m: float,
+        yaw_rad: float = 0.0,
+        instance: int | None = None,
+        z_m: float = 0.0,
     ) -> Iterator[None]:
-        """Move and turn what is added inside the block, and give it an instance."""
+        """Move and turn what is added inside the block, and give it an instance.
+
+        Blocks nest: the inner place is one in the axes of the outer one.
+        """
         before = (self._yaw, self._offset, self._instance)
-        self._yaw, self._offset, self._instance = yaw_rad, np.array([x_m, y_m, 0.0]), instance
+        cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
+        shift = (cosine * x_m - sine * y_m, sine * x_m + cosine * y_m, z_m)
+        self._offset = self._offset + np.array(shift)
+        self._yaw += yaw_rad
+        self._instance = self._instance if instance is None else instance
         try:
             yield
         finally:
             self._yaw, self._offset, self._instance = before
 
+    @contextmanager
+    def label(self, semantic: str, instance: int | None = None) -> Iterator[None]:
+        """Give what is added inside the block a class of
+        :data:`schemas.messages.SEMANTIC_CLASSES`, and an instance if one is given."""
+        before = (self._semantic, self._instance)
+        self._semantic = SEMANTIC_CLASSES.index(semantic)
+        self._instance = self._instance if instance is None else instance
+        try:
+            yield
+        finally:
+            self._semantic, self._instance = before
+
+    @property
+    def face_count(self) -> int:
+        """Faces so far."""
+        return sum(batch.count for batch in self._batches)
+
     def add(
-        self, points: np.ndarray, faces: np.ndarray, material: int, color: Color, tag: int = 0
+        self,
+        points: np.ndarray,
+        faces: np.ndarray,
+        material: int,
+        color: Color | np.ndarray,
+        tag: int | np.ndarray = 0,
+        *,
+        uv: np.ndarray | None = None,
+        texture: int | np.ndarray = -1,
     ) -> None:
-        """Add ``faces`` [f, 3] over ``points`` [v, 3] with one material and colour."""
+        """Add ``faces`` [f, 3] over ``points`` [v, 3] with one material.
+
+        Args:
+            color: of all faces, or [f, 3].
+            tag: of all faces, or [f].
+            uv: texture coordinates [v, 2].
+            texture: image of all faces, or of each [f].
+        """
         points = np.asarray(points, float)
         cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
         moved = points.copy()
@@ -75,8 +151,35 @@ class MeshBuilder:
         self._points.append(moved + self._offset)
         faces = np.asarray(faces, np.int32)
         self._faces.append(faces + self._count)
+        self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))
         self._count += len(points)
-        self._rows.append((len(faces), material, color, tag, self._instance))
+        self._batches.append(
+            _Batch(len(faces), material, color, tag, self._instance, self._semantic, texture)
+        )
+
+    def quads(
+        self,
+        corners: np.ndarray,
+        material: int,
+        color: Color | np.ndarray,
+        tag: int | np.ndarray = 0,
+    ) -> None:
+        """Flat quadrilaterals [n, 4, 3], each counterclockwise seen from its front.
+
+        ``color`` [n, 3] and ``tag`` [n] may differ between them.
+        """
+        corners = np.asarray(corners, float).reshape(-1, 4, 3)
+        if not len(corners):
+            return
+        first = 4 * np.arange(len(corners))[:, None]
+        faces = np.concatenate(
+            [first + np.array((0, 1, 2)), first + np.array((0, 2, 3))], axis=1
+        ).reshape(-1, 3)
+        if isinstance(color, np.ndarray) and color.ndim == 2:
+            color = np.repeat(color, 2, axis=0)
+        if isinstance(tag, np.ndarray):
+            tag = np.repeat(tag, 2)
+        self.add(corners.reshape(-1, 3), faces, material, color, tag)
 
     def quad(
         self, corners: Sequence[Sequence[float]], material: int, color: Color, tag: int = 0
@@ -147,6 +250,23 @@ class MeshBuilder:
         faces = [np.stack([i, j, j + sides], 1), np.stack([i, j + sides, i + sides], 1)]
         self.add(points, np.concatenate(faces), material, color)
 
+    def polygon(
+        self, outline: np.ndarray, x_m: float, material: int, color: Color, front: float = -1.0
+    ) -> None:
+        """An upright convex polygon that faces -x (``front`` -1) or +x (1).
+
+        ``outline`` [n, 2]: to the right and up as seen from its front [m], any turn.
+        """
+        outline = np.asarray(outline, float)
+        turned = np.roll(outline, -1, axis=0)
+        if (outline[:, 0] * turned[:, 1] - turned[:, 0] * outline[:, 1]).sum() < 0:
+            outline = outline[::-1]
+        points = np.stack(
+            [np.full(len(outline), x_m), front * outline[:, 0], outline[:, 1]], axis=1
+        )
+        fan = np.array([(0, i, i + 1) for i in range(1, len(outline) - 1)])
+        self.add(points, fan, material, color)
+
     def disc(
         self,
         centre: Sequence[float],
@@ -163,22 +283,25 @@ class MeshBuilder:
         self.add(np.asarray(centre, float) + ring, fan, material, color)
 
     def build(self) -> Mesh:
-        """The finished mesh."""
-        counts = [row[0] for row in self._rows]
+        """The finished mesh, in the open."""
+        batches = self._batches
 
-        def spread(column: int, dtype: type) -> np.ndarray:
-            return np.repeat(np.array([r[column] for r in self._rows], dtype), counts, axis=0)
+        def spread(name: str, dtype: type, width: tuple[int, ...] = ()) -> np.ndarray:
+            rows = [
+                np.broadcast_to(np.asarray(getattr(b, name), dtype), (b.count, *width))
+                for b in batches
+            ]
+            return np.concatenate(rows)
 
-        material = spread(1, np.int32)
         return Mesh(
-            points_m=np.concatenate(self._points).astype(np.float32),
+            points_m=_settled(np.concatenate(self._points)),
             faces=np.concatenate(self._faces).astype(np.int32),
-            material=material,
-            color=spread(2, np.float32),
-            tag=spread(3, np.int32),
-            instance=spread(4, np.int32),
-            semantic=np.zeros(len(material), np.int32),
-            texture=np.full(len(material), -1, np.int32),
-            uv=np.zeros((self._count, 2), np.float32),
+            material=spread("material", np.int32),
+            color=spread("color", np.float32, (3,)),
+            tag=spread("tag", np.int32),
+            instance=spread("instance", np.int32),
+            semantic=spread("semantic", np.int32),
+            texture=spread("texture", np.int32),
+            uv=np.concatenate(self._uv).astype(np.float32),
             ambient=np.ones(self._count, np.float32),
         )

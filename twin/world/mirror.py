@@ -14,17 +14,23 @@ class Mirror:
     On the CPU both are the same memory and moving data costs nothing.
     """
 
-    def __init__(self, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> None:
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        dtype: Any,
+        device: wp.Device,
+        host: np.ndarray | None = None,
+    ) -> None:
         """``dtype`` is a Warp scalar, vector or struct type; the array starts as zeros.
 
-        Vectors are further axes of the host array.
+        Vectors are further axes of the host array. ``host``: memory that becomes the host array.
         """
         inner = getattr(dtype, "_shape_", ())
         if hasattr(dtype, "numpy_dtype"):
             numpy_type = dtype.numpy_dtype()
         else:
             numpy_type = wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
-        self.host: np.ndarray = np.zeros((*shape, *inner), numpy_type)
+        self.host: np.ndarray = np.zeros((*shape, *inner), numpy_type) if host is None else host
         self._shared = device.is_cpu
         if self._shared:
             self.device = wp.array(

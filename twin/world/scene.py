@@ -1,30 +1,31 @@
-"""Scene files: what a street is made of, as people write it."""
+"""Scene files: what a world is made of, as people write it; docs/scene.md explains them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, field
+from msgspec.structs import replace
 
 from schemas.validation import convert_all
 from schemas.yaml_file import load_yaml
+from twin.world.content import (
+    DRIVABLE,
+    MESHES_MAX,
+    OBJECTS_MAX,
+    MeshFile,
+    SceneObject,
+    Terrain,
+)
+from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"
 
 T = TypeVar("T")
 
-Length = Annotated[float, Meta(gt=0, le=2000)]
-Share = Annotated[float, Meta(ge=0, le=1)]
-Position = Annotated[float, Meta(ge=-2000, le=2000)]
-Range = Annotated[list[Length], Meta(min_length=2, max_length=2)]
 
-
-class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of scene types: frozen, unknown keys are errors."""
-
-
-class Road(_Spec):
+class Road(Spec):
     """A straight street along +x; the ego's lane is centred on y = 0, oncoming traffic is left."""
 
     start_m: Position = -70.0
@@ -36,12 +37,12 @@ class Road(_Spec):
     """Strip for parked cars on either side [m]."""
     sidewalk_width_m: Length = 4.2
     kerb_height_m: Annotated[float, Meta(ge=0, le=0.5)] = 0.14
-    cross_streets_m: list[Position] = []
+    cross_streets_m: list[Position] = field(default_factory=list)
     """Centres of side streets, world x [m]; each has zebra crossings before and behind."""
     cross_street_width_m: Length = 11.0
 
 
-class Buildings(_Spec):
+class Buildings(Spec):
     """Rows of buildings behind the sidewalks."""
 
     width_m: Range = field(default_factory=lambda: [11.0, 24.0])
@@ -51,7 +52,7 @@ class Buildings(_Spec):
     depth_m: Length = 14.0
 
 
-class Furniture(_Spec):
+class Furniture(Spec):
     """What stands on the sidewalks and at the kerbs."""
 
     tree_spacing_m: Length = 17.0
@@ -63,7 +64,7 @@ class Furniture(_Spec):
     """Share of the parking places that are taken [-]."""
 
 
-class Obstacle(_Spec):
+class Obstacle(Spec):
     """The broken-down car in the ego's lane, standing along the street."""
 
     x_m: Position
@@ -78,7 +79,7 @@ class Obstacle(_Spec):
     """Its hazard lamps blink; false: its battery is dead."""
 
 
-class Origin(_Spec):
+class Origin(Spec):
     """Where the world's origin lies on the Earth (WGS-84), and where its x axis points."""
 
     latitude_deg: Annotated[float, Meta(ge=-89.9, le=89.9)] = 0.0
@@ -91,22 +92,42 @@ class Origin(_Spec):
     """Local time minus UTC [h]; null: the time zone of the longitude."""
 
 
-class Scene(_Spec, kw_only=True):
+class Scene(Spec, kw_only=True):
     """One scene file."""
 
     schema: Literal[1] = 1
     scene: str
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     """Seed of the generated street; has nothing to do with a case's seed."""
+    street: bool = True
+    """Generate the street of ``road``, ``buildings`` and ``furniture``; false: the world is made of
+    ``terrain`` and ``meshes`` alone."""
+    bake: bool = True
+    """Work out how much of the sky every place sees (ambient occlusion), once."""
     obstacle: Obstacle
     origin: Origin = Origin()
     road: Road = Road()
     buildings: Buildings = Buildings()
     furniture: Furniture = Furniture()
+    objects: Annotated[list[SceneObject], Meta(max_length=OBJECTS_MAX)] = field(
+        default_factory=list
+    )
+    """What moves by a script."""
+    meshes: Annotated[list[MeshFile], Meta(max_length=MESHES_MAX)] = field(default_factory=list)
+    """Own meshes."""
+    terrain: Terrain | None = None
+    """A heightfield."""
 
     def __post_init__(self) -> None:
         road = self.road
-        if not road.start_m + 200.0 <= self.obstacle.x_m <= road.end_m - 65.0:
+        if not self.street:
+            grounds = [mesh for mesh in self.meshes if mesh.semantic in DRIVABLE]
+            if self.terrain is None and not grounds:
+                raise ValueError(
+                    "street: false needs other ground: terrain, or a mesh with semantic "
+                    f"{', '.join(DRIVABLE)}"
+                )
+        elif not road.start_m + 200.0 <= self.obstacle.x_m <= road.end_m - 65.0:
             raise ValueError(
                 f"obstacle.x_m {self.obstacle.x_m:g} must leave 200 m of street before it and 65 m "
                 f"behind (road.start_m {road.start_m:g}, road.end_m {road.end_m:g})"
@@ -120,10 +141,36 @@ class Scene(_Spec, kw_only=True):
 def load_scene(name_or_path: str) -> Scene:
     """Load a shipped scene by name, or a scene file by path.
 
+    Files that the scene names are relative to the scene file; the result holds paths that can be
+    opened.
+
     Raises:
         ValueError: no such scene, or a mistake in its file; one line.
     """
-    return load_named(name_or_path, Scene, _SCENES, "scene")
+    scene = load_named(name_or_path, Scene, _SCENES, "scene")
+    folder = named_path(name_or_path, _SCENES, "scene").parent
+    meshes = [replace(mesh, file=str(folder / mesh.file)) for mesh in scene.meshes]
+    terrain = scene.terrain
+    if terrain is not None:
+        terrain = replace(terrain, heightmap=str(folder / terrain.heightmap))
+    return replace(scene, meshes=meshes, terrain=terrain)
+
+
+def named_path(name_or_path: str, folder: Path, noun: str) -> Path:
+    """The file that a name or a path stands for.
+
+    Raises:
+        ValueError: no such name is shipped.
+    """
+    if "/" in name_or_path or name_or_path.endswith((".yaml", ".yml")):
+        return Path(name_or_path)
+    path = folder / f"{name_or_path}.yaml"
+    if not path.is_file():
+        shipped = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
+        raise ValueError(
+            f"{noun} '{name_or_path}': not shipped; give one of {shipped}, or the path of a file"
+        )
+    return path
 
 
 def load_named(name_or_path: str, type_: type[T], folder: Path, noun: str) -> T:
@@ -132,14 +179,7 @@ def load_named(name_or_path: str, type_: type[T], folder: Path, noun: str) -> T:
     Raises:
         ValueError: not found, not YAML or a mistake in it; one line that names the place.
     """
-    path = folder / f"{name_or_path}.yaml"
-    if "/" in name_or_path or name_or_path.endswith((".yaml", ".yml")):
-        path = Path(name_or_path)
-    elif not path.is_file():
-        shipped = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
-        raise ValueError(
-            f"{noun} '{name_or_path}': not shipped; give one of {shipped}, or the path of a file"
-        )
+    path = named_path(name_or_path, folder, noun)
     value, mistakes = convert_all(load_yaml(path), type_)
     if value is None:
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""

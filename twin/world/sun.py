@@ -14,18 +14,26 @@ import numpy as np
 from twin.world import atmosphere, sky_table
 from twin.world.almanac import Heavens, Place, heavens
 from twin.world.atmosphere import LUMINANCE, SUN_RGB
+from twin.world.steady import steady
 from twin.world.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
-CITY_GLOW_LX = (0.05, 0.35)
-"""Illuminance of a city sky at night without street lamps: clear, and what thick cloud adds [lx]."""
+CITY_GLOW_LX = (0.02, 0.60)
+"""Illuminance of a city sky at night without its lamps: clear, and what closed cloud adds [lx]
+(amplification by cloud of one to two orders of magnitude: Jechow et al. 2017, 2019)."""
 STREET_LAMPS_BELOW_LX = 60.0
 """Street lamps and window lights are on below this illuminance [lx]."""
-EXPOSURE_FLOOR_LX = 45.0
+EXPOSURE_FLOOR_LX = 48.0
 """The camera exposes no longer than for this illuminance [lx]: night stays dark."""
-LAMP_AIR_RGB = np.array([1.1, 0.86, 0.56])
-"""Luminance of a long path of air between street lamps: about 25 lx from all sides over 4 pi."""
+LAMP_AIR_RGB = np.array([0.8, 0.62, 0.41])
+"""Luminance of a long path of air in a lit street: 20 lx from all sides over 4 pi, half the way."""
+WHITE_SIGNAL = 2.0
+"""Signal of open white level ground under automatic exposure: half of it is left between houses,
+and the tone curve holds highlights up to 6 [-]."""
 MOON_DISC_CDPM2 = 2500.0
 """Luminance of the lit part of the moon above the atmosphere [cd/m^2]."""
+_CLOSED_COVER = 0.9  # from here on nothing of the clear sky is left
+_SUNLIT_SHARE = 0.25  # of a street between houses
+_ROW_45 = round((sky_table.ROWS - 1) * math.sqrt(math.sqrt(0.5)))  # row of the sky at 45 deg
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,22 +112,23 @@ def daylight_under(
 
     Daylight after the availability model of the Illuminating Engineering Society: direct normal
     127.5 exp(-0.21 m) klx with air mass m (Kasten 1965), diffuse 0.8 + 15.5 sqrt(sin h) klx when
-    clear and 0.3 + 21 sin h klx when overcast; between them linear in the cloud cover. Twilight
-    after Janiczek and DeYoung, USNO Circular 171 (1987).
+    clear and 0.3 + 21 sin h klx when overcast; of a cloud cover c the sum of (1 - c / 0.9)^2 and c
+    of them. Twilight after Janiczek and DeYoung, USNO Circular 171 (1987).
     """
     elevation = bodies.sun_elevation_rad
     cover = weather.cloud_cover
     level = atmosphere.haze_level(min(weather.extinction_per_m, 2.0e-4) - 0.12 * AIR_PER_M)
     up = max(0.0, math.sin(elevation))
-    direct_lx = _direct_normal_lx(elevation) * (1.0 - cover) ** 1.5
-    shadows = direct_lx > 0.0 and cover < SHADOW_CLOUD_COVER_MAX
-    if not shadows:  # what is left of the beam arrives as skylight
-        direct_lx = 0.0
+    # The beam is gone where it casts no shadow, and gets there without a step.
+    gaps = max(0.0, 1.0 - cover / SHADOW_CLOUD_COVER_MAX)
+    direct_lx = _direct_normal_lx(elevation) * gaps * gaps * (3.0 - 2.0 * gaps)
+    shadows = direct_lx > 0.0
     clear_lx, overcast_lx = _diffuse_lx(elevation)
+    seen = max(0.0, 1.0 - cover / _CLOSED_COVER) ** 2
     sun_color = _sun_color(elevation, level)
     gray = _cloud_color(elevation)
     sky = sky_table.clear(bodies.sun, elevation, level) * SUN_RGB
-    sky = sky_table.scaled(sky, clear_lx * (1.0 - cover) * weather.sky_factor)
+    sky = sky_table.scaled(sky, clear_lx * seen * weather.sky_factor)
     sky = sky + sky_table.overcast(gray, overcast_lx * cover * weather.sky_factor)
     sky = sky + _night_sky(bodies, cover, level)
     sky_rgb_lx = sky_table.illuminance_rgb(sky)
@@ -127,20 +136,22 @@ def daylight_under(
     illuminance_lx = direct_lx * up + diffuse_lx
     lamps_on = illuminance_lx < STREET_LAMPS_BELOW_LX
     ground_rgb = sky_rgb_lx + direct_lx * up * sun_color
-    metered_lx = 0.45 * direct_lx * up + diffuse_lx
+    metered_lx = _SUNLIT_SHARE * direct_lx * up + diffuse_lx
     moon_left = atmosphere.sunlight_left(bodies.moon_elevation_rad, level) * (1.0 - cover)
+    exposure = _exposure(metered_lx, exposure_ev100)
+    shutter_s = (EXPOSURE_FLOOR_LX / max(metered_lx, EXPOSURE_FLOOR_LX)) ** 0.15 / 60.0
     return Daylight(
-        sun_direction=bodies.sun,
-        sun_rgb_lx=direct_lx * sun_color,
-        sky_rgb_lx=sky_rgb_lx,
-        sky=sky.astype(np.float32),
-        cloud_rgb=_cloud(sky, ground_rgb, cover),
-        air_rgb=_air(sky, ground_rgb, weather, lamps_on),
-        moon_direction=bodies.moon,
-        moon_rgb=MOON_DISC_CDPM2 * SUN_RGB * moon_left,
-        illuminance_lx=illuminance_lx,
-        exposure=_exposure(metered_lx, exposure_ev100),
-        shutter_s=(EXPOSURE_FLOOR_LX / max(metered_lx, EXPOSURE_FLOOR_LX)) ** 0.3 / 60.0,
+        sun_direction=steady(bodies.sun),
+        sun_rgb_lx=steady(direct_lx * sun_color),
+        sky_rgb_lx=steady(sky_rgb_lx),
+        sky=steady(sky).astype(np.float32),
+        cloud_rgb=steady(_cloud(sky, ground_rgb, cover)),
+        air_rgb=steady(_air(sky, ground_rgb, weather, lamps_on)),
+        moon_direction=steady(bodies.moon),
+        moon_rgb=steady(MOON_DISC_CDPM2 * SUN_RGB * moon_left),
+        illuminance_lx=float(steady(illuminance_lx)),
+        exposure=float(steady(exposure)),
+        shutter_s=float(steady(shutter_s)),
         shadows=shadows,
         lamps_on=lamps_on,
     )
@@ -175,9 +186,7 @@ _TWILIGHT = (
 def twilight_lx(elevation_deg: float) -> float:
     """Illuminance by a sun on or below the horizon under a clear sky [lx] (USNO Circular 171)."""
     x = max(elevation_deg, -18.0) / 90.0
-    for lowest, (a, b, c, d) in _TWILIGHT:
-        if 90.0 * x >= lowest:
-            break
+    a, b, c, d = next((p for low, p in _TWILIGHT if 90.0 * x >= low), _TWILIGHT[-1][1])
     return float(10.0 ** (a + x * (b + x * (c + x * d))))
 
 
@@ -197,7 +206,7 @@ def _cloud_color(elevation_rad: float) -> np.ndarray:
 def _night_sky(bodies: Heavens, cover: float, level: int) -> np.ndarray:
     """Moonlit sky and the glow of the city, luminance [rows, columns, 3]."""
     warm = np.array([1.28, 0.96, 0.62])
-    sky = sky_table.city(warm, CITY_GLOW_LX[0] + CITY_GLOW_LX[1] * cover)
+    sky = sky_table.city(warm, CITY_GLOW_LX[0] + CITY_GLOW_LX[1] * cover * cover)
     elevation = bodies.moon_elevation_rad
     if elevation > 0.0:
         moon = sky_table.clear(bodies.moon, elevation, level) * SUN_RGB * bodies.moon_lx
@@ -213,12 +222,8 @@ def _night_sky(bodies: Heavens, cover: float, level: int) -> np.ndarray:
 def _cloud(sky: np.ndarray, ground_rgb: np.ndarray, cover: float) -> np.ndarray:
     """Bright side of a cloud: white in what falls on it; of thick cover a little above the sky."""
     lone = ground_rgb * (0.62 / math.pi)
-    closed = sky[ROW_45].mean(axis=0) * 1.15
+    closed = sky[_ROW_45].mean(axis=0) * 1.15
     return _mix(lone, closed, min(1.0, max(0.0, (cover - 0.3) / 0.4)))
-
-
-ROW_45 = int(round((sky_table.ROWS - 1) * math.sqrt(math.sqrt(0.5))))
-"""Row of the table at 45 deg."""
 
 
 def _air(
@@ -234,14 +239,14 @@ def _air(
 
 
 def _exposure(illuminance_lx: float, ev100: float | None) -> float:
-    """White level ground becomes 0.85 of full scale while there is light enough.
+    """White level ground has the signal :data:`WHITE_SIGNAL` while there is light enough.
 
-    The meter sees about half of the scene in the sun: the caller halves the beam. A fixed exposure
-    value saturates at 1.2 2^EV100 cd/m^2 (ISO 12232, saturation-based speed).
+    The meter sees a part of a street in the sun; the caller weighs the beam. A fixed exposure value
+    saturates at 1.2 2^EV100 cd/m^2 (ISO 12232, saturation-based speed).
     """
     if ev100 is not None:
         return 1.0 / (1.2 * 2.0**ev100)
-    return math.pi * 0.85 / max(illuminance_lx, EXPOSURE_FLOOR_LX)
+    return math.pi * WHITE_SIGNAL / max(illuminance_lx, EXPOSURE_FLOOR_LX)
 
 
 def _mix(a: object, b: object, share: float) -> np.ndarray:

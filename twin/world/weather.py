@@ -31,6 +31,7 @@ import numpy as np
 
 from schemas.environment import Conditions
 from schemas.validation import suggest
+from twin.world.steady import steady
 
 MOR_PER_EXTINCTION = 2.996
 """Meteorological optical range times extinction: -ln 0.05 [-]."""
@@ -99,7 +100,7 @@ PRESETS: dict[str, Conditions] = {
     "light_fog": Conditions(cloud=0.6, fog=0.5, wind=0.1),
     "heavy_fog": Conditions(cloud=0.8, fog=1.0, wind=0.05),
     "light_rain": Conditions(cloud=0.9, rain=0.5, wind=0.3),
-    "heavy_rain": Conditions(cloud=1.0, rain=1.0, wind=0.6),
+    "heavy_rain": Conditions(cloud=1.0, rain=1.0, wind=0.5),
     "light_snow": Conditions(cloud=0.9, snow=0.5, wind=0.2),
     "heavy_snow": Conditions(cloud=1.0, snow=1.0, wind=0.5),
 }
@@ -128,17 +129,18 @@ def weather_of(
 def parameters(conditions: Conditions, family: str = "physical") -> WeatherParameters:
     """What ``conditions`` mean physically in a family."""
     c = conditions
-    rain_mm_per_h = _through(c.rain, *_RAIN_MM_PER_H)
+    rain_mm_per_h = _steady(_through(c.rain, *_RAIN_MM_PER_H))
     snow_per_m = _snow_per_m(c.snow)
+    extinction_per_m = AIR_PER_M + _fog_per_m(c.fog) + _rain_per_m(rain_mm_per_h) + snow_per_m
     water_mm = max(_table(c.rain, _FILM_MM[:3]), 0.02 * c.fog, 0.05 * c.snow)
-    wind_mps = 0.836 * (9.0 * c.wind) ** 1.5  # Beaufort's scale, up to 9
+    wind_mps = _steady(0.836 * (9.0 * c.wind) ** 1.5)  # Beaufort's scale, up to 9
     physical = WeatherParameters(
-        extinction_per_m=AIR_PER_M + _fog_per_m(c.fog) + _rain_per_m(rain_mm_per_h) + snow_per_m,
+        extinction_per_m=_steady(extinction_per_m),
         cloud_cover=c.cloud,
         sky_factor=(1.0 - 0.25 * c.fog)
         * (1.0 - _table(c.rain, (0.0, 0.2, 0.5)))
         * (1.0 - _table(c.snow, (0.0, 0.1, 0.3))),
-        rain=(rain_mm_per_h / _RAIN_MM_PER_H[1]) ** 0.42,
+        rain=_steady((rain_mm_per_h / _RAIN_MM_PER_H[1]) ** 0.42),
         snow=_table(c.snow, (0.0, 0.35, 1.0)),
         wetness=max(
             _table(c.rain, (0.0, 0.6, 1.0)),
@@ -148,7 +150,7 @@ def parameters(conditions: Conditions, family: str = "physical") -> WeatherParam
         snow_cover=_table(c.snow, (0.0, 0.55, 0.95)),
         friction=min(film_friction(_table(c.rain, _FILM_MM[:3])), _table(c.snow, _SNOW_FRICTION)),
         rain_mm_per_h=rain_mm_per_h,
-        snow_mm_per_h=(snow_per_m / _DB_PER_KM / 5.53) ** (1.0 / 1.38),
+        snow_mm_per_h=_steady((snow_per_m / _DB_PER_KM / 5.53) ** (1.0 / 1.38)),
         wind_mps=wind_mps,
         gust_mps=_GUST_SHARE * wind_mps,
         water_mm=water_mm,
@@ -185,6 +187,10 @@ def _autodrive(physical: WeatherParameters, c: Conditions) -> WeatherParameters:
     fog = 1.0 / (50.0 + (1.0 - c.fog) * 200.0) if c.fog > 0.0 else 0.0
     total = fog + 0.01 * c.rain + 0.01 * c.snow
     return replace(physical, extinction_per_m=total or AIR_PER_M, friction=_FILM_FRICTION[0])
+
+
+def _steady(value: float) -> float:
+    return float(steady(value, 24))
 
 
 def _through(intensity: float, light: float, heavy: float) -> float:

@@ -1,5 +1,6 @@
 """Scene and vehicle files given by path: a changed file is another case, and is noticed."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import pytest
 
 import twin
 from conductor.source import load
-from schemas.assets import asset_digest, asset_files
+from schemas.assets import asset_digest, asset_files, mesh_files
 from schemas.campaign import expand
 from schemas.identity import case_digest, rig_key
 from twin.engine import Engine
@@ -88,3 +89,14 @@ def test_broken_files_are_one_line(files):
     car.write_text("a: [")
     with pytest.raises(UsageError, match=r"car\.yaml"):
         load(str(campaign))
+
+
+def test_other_files_that_a_mesh_names(tmp_path):
+    tree = {"buffers": [{"uri": "a%20b.bin"}, {"uri": "data:x"}], "images": [{"uri": "c.png"}]}
+    path = tmp_path / "m.gltf"
+    path.write_text(json.dumps(tree))
+    assert [p.name for p in mesh_files(path)] == ["m.gltf", "a b.bin", "c.png"]
+    ply = tmp_path / "m.ply"
+    ply.write_text("ply\ncomment TextureFile scan.jpg\nend_header\n")
+    assert [p.name for p in mesh_files(ply)] == ["m.ply", "scan.jpg"]
+    assert mesh_files(tmp_path / "gone.obj") == [tmp_path / "gone.obj"]

@@ -13,7 +13,16 @@ from twin.engine import Engine
 from twin.vehicle.state import COLUMN
 
 
-def case(name="a", weather="clear", time="12:00", latency_ms=0, camera=None, hz=20, **scenario):
+def case(
+    name="a",
+    weather="clear",
+    time="12:00",
+    latency_ms=0,
+    camera=None,
+    hz=20,
+    environment=None,
+    **scenario,
+):
     camera = {"width": 32, "height": 18, "hz": 10, **(camera or {})}
     data = {
         "campaign": "test",
@@ -22,6 +31,7 @@ def case(name="a", weather="clear", time="12:00", latency_ms=0, camera=None, hz=
         "camera": camera,
         "scenario": {"ego_start_m": 60.0, "duration_s": 2.0, **scenario},
         "autonomy": {"latency_ms": latency_ms},
+        "environment": environment or {},
         "matrix": {"weather": [weather], "time_of_day": [time]},
     }
     campaign, mistakes = parse_campaign(data)
@@ -102,7 +112,9 @@ def test_noise_depends_on_seed_and_case_only():
     assert (first(base) == first(base, 3, 2)).all()
     assert (first(base) != first(case("b"))).any()
     assert (first(base) != first(msgspec.structs.replace(base, seed=5))).any()
-    quiet = case("a", camera={"noise": False})
+    # Without clouds, whose place is the case's own too.
+    bare = {"custom": {"bare": {}}}
+    quiet = case("a", "bare", camera={"noise": False}, environment=bare)
     assert (first(quiet) == first(msgspec.structs.replace(quiet, seed=5))).all()
 
 
@@ -315,3 +327,49 @@ def test_unknown_device_is_one_line():
     with pytest.raises(ValueError, match=r"device 'cuda:99': not here; allowed: ") as error:
         Engine(case(), 1, device="cuda:99")
     assert "\n" not in str(error.value)
+
+
+def test_weather_and_light_change_while_the_case_runs():
+    timeline = [
+        {"at_s": 0.5, "over_s": 0.4, "weather": "heavy_fog"},
+        {"at_s": 1.0, "time_of_day": "23:00"},
+        {"at_s": 1.2, "weather": "heavy_snow"},
+    ]
+    one = case(environment={"timeline": timeline}, ego_speed_mps=5.0)
+    engine = Engine(one, 2)
+    engine.reset(1, one)
+    seen = []
+    while engine.active.any():
+        lux, extinction = engine.sense()["environment"].values[1]
+        engine.step([None, ask(engine, 1)])
+        seen.append((lux, extinction, engine._vehicles.friction[1]))
+    lux, extinction, friction = (np.array(column) for column in zip(*seen, strict=True))
+    fog = extinction[16:19]
+    assert np.all(extinction[:11] == extinction[0])
+    assert np.all(np.diff(extinction[10:19]) > 0)
+    assert extinction[18] > 50 * extinction[0]
+    assert np.all(lux[:10] > 1e4)
+    assert np.all(lux[20:] < 10)
+    assert friction[23] == pytest.approx(0.80)
+    assert np.all(friction[24:-1] == pytest.approx(0.20))
+    assert np.all(fog > 0)
+
+
+def test_gusts_push_the_car_and_belong_to_the_case():
+    def aside(one, slots=1, slot=0):
+        engine = Engine(one, slots)
+        engine.reset(slot, one)
+        for _ in range(30):
+            engine.sense()
+            commands = [None] * slots
+            commands[slot] = ask(engine, slot)
+            engine.step(commands)
+        return float(engine.state[slot, COLUMN["y_m"]])
+
+    gale = {"custom": {"gale": {"wind": 0.6}, "calm": {}}, "wind_from_deg": 0.0}
+    speed = {"ego_speed_mps": 20.0}
+    blown = case(weather="gale", environment=gale, **speed)
+    assert aside(case(weather="calm", environment=gale, **speed)) == 0.0
+    assert abs(aside(blown)) > 0.01
+    assert aside(blown) == aside(blown, 3, 2)
+    assert aside(blown) != aside(msgspec.structs.replace(blown, seed=77))

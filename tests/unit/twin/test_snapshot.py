@@ -4,7 +4,7 @@ import cv2
 import pytest
 
 from schemas.campaign import Camera
-from twin.snapshot import contact_sheet, usual_lights
+from twin.snapshot import SheetRequest, contact_sheet, usual_lights, write_sheet
 
 
 def test_sheet(tmp_path):
@@ -12,6 +12,14 @@ def test_sheet(tmp_path):
     camera = Camera(width=48, height=27)
     contact_sheet(path, ["clear", "heavy_fog"], ["05:00", "12:00", "19:00"], camera=camera)
     assert cv2.imread(str(path)).shape == (3 * (27 + 22), 2 * 48, 3)
+
+
+def test_the_ending_chooses_the_format(tmp_path):
+    camera = Camera(width=48, height=27)
+    contact_sheet(tmp_path / "a.jpg", ["clear"], ["12:00"], camera=camera)
+    assert (tmp_path / "a.jpg").read_bytes()[:3] == b"\xff\xd8\xff"
+    with pytest.raises(ValueError, match=r"ends in .png or .jpg"):
+        contact_sheet(tmp_path / "a.bmp", ["clear"], ["12:00"], camera=camera)
 
 
 def test_unknown_weather(tmp_path):
@@ -25,3 +33,40 @@ def test_usual_lights():
     assert not night.low
     assert usual_lights("heavy_fog", 1.0).fog
     assert not usual_lights("light_rain", 20_000.0).high
+
+
+def test_requests_choose_weathers_family_and_day(tmp_path):
+    path = tmp_path / "sheet.png"
+    request = SheetRequest(
+        weathers=("clear", "sleet"),
+        times=("12:00",),
+        custom=("sleet:rain=0.4,snow=0.3",),
+        environment={"family": "autodrive", "date": "2025-06-21", "exposure_ev100": 13.0},
+        width_px=48,
+    )
+    write_sheet(path, request)
+    assert cv2.imread(str(path)).shape == (27 + 22, 2 * 48, 3)
+    darker = SheetRequest(**{f: getattr(request, f) for f in ("weathers", "times", "custom")})
+    write_sheet(tmp_path / "other.png", darker)
+    assert path.read_bytes() != (tmp_path / "other.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"custom": ("sleet:rain=2",)}, "custom.sleet.rain: given 2.0"),
+        ({"custom": ("sleet:rain",)}, "allowed: KEY=NUMBER"),
+        ({"custom": ("sleet:hail=0.1",)}, "unknown key"),
+        ({"custom": ("clear:rain=0.1",)}, "choose another"),
+        ({"times": ("25:00",)}, "given '25:00'"),
+        ({"width_px": 3}, "width: given 3"),
+        ({"environment": {"date": "2025-13-01"}}, "YYYY-MM-DD"),
+        ({"weathers": ("hevy_fog",)}, "did you mean 'heavy_fog'"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, changes, words):
+    with pytest.raises(ValueError) as error:
+        write_sheet(tmp_path / "a.png", SheetRequest(**changes))
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "a.png").exists()

@@ -81,5 +81,6 @@ def test_the_street_is_what_the_scene_says():
     # Nothing but the obstacle stands in the ego's lane.
     lane = 1.0
     in_lane = abs(world.colliders[:, 1]) - world.colliders[:, 4] < lane
-    before_end = world.colliders[:, 0] < scene.road.end_m
+    x = world.colliders[:, 0]
+    before_end = (x > scene.road.start_m) & (x < scene.road.end_m)
     assert (in_lane & before_end).sum() == 1

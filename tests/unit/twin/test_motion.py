@@ -1,0 +1,165 @@
+"""Scripts of movable objects against closed forms; the same whatever else is asked for."""
+
+import math
+
+import numpy as np
+import pytest
+
+from twin.world.actors import build_cast
+from twin.world.content import SceneObject
+from twin.world.path import build_path, law_of_times
+from twin.world.scene import load_scene
+from twin.world.street import build_world
+
+
+def cast(**given):
+    return build_cast([SceneObject(**given)])
+
+
+def at(script, times):
+    return script.motion.at(np.atleast_1d(np.asarray(times, float)))
+
+
+def test_even_speed_on_a_straight_way():
+    one = cast(kind="car", waypoints=[[10, 2], [110, 2]], speed_mps=8.0, start_s=3.0)
+    found = at(one, [0.0, 3.0, 5.5, 15.5, 99.0])
+    np.testing.assert_allclose(found.position_m[:, 0, 0], [10, 10, 30, 110, 110], atol=1e-6)
+    np.testing.assert_allclose(found.position_m[:, 0, 1], 2.0)
+    np.testing.assert_allclose(found.velocity_mps[:, 0, 0], [0, 8, 8, 0, 0])
+    assert (found.kind == 0).all()
+
+
+def test_speed_changes_evenly_and_brakes_light_up():
+    """From 10 m/s to 0 over 50 m takes 10 s, v = 10 - t, s = 10 t - t^2 / 2."""
+    way = [[0, 0], [50, 0], [80, 0]]
+    one = cast(kind="truck", waypoints=way, speeds_mps=[10, 0, 6], waits_s=[0, 2, 0])
+    t = np.array([0.5, 3.0, 9.0, 11.0, 13.0])
+    found = at(one, t)
+    np.testing.assert_allclose(found.position_m[:3, 0, 0], 10 * t[:3] - t[:3] ** 2 / 2)
+    np.testing.assert_allclose(found.velocity_mps[:3, 0, 0], 10 - t[:3])
+    np.testing.assert_allclose(found.position_m[3, 0], [50, 0, 0])
+    # Then 30 m at up to 6 m/s in 10 s: 0.6 m/s^2 from t = 12 s on.
+    np.testing.assert_allclose(found.position_m[4, 0, 0], 50.3)
+    assert found.brake[:, 0].tolist() == [1, 1, 1, 1, 0]
+    assert found.lamps[0, 0] == 1.0
+
+
+def test_turns_are_arcs_and_heading_follows_velocity():
+    one = cast(kind="car", waypoints=[[0, 0], [40, 0], [40, 40]], speed_mps=5.0, corner_m=8.0)
+    length = 32 + 8 * math.pi / 2 + 32
+    t = np.linspace(0.0, length / 5.0 - 1e-6, 400)
+    found = at(one, t)
+    p, v = found.position_m[:, 0], found.velocity_mps[:, 0]
+    np.testing.assert_allclose(p[-1, :2], [40, 40], atol=1e-4)
+    turning = np.abs(found.yaw_rate_radps[:, 0]) > 0
+    np.testing.assert_allclose(np.hypot(p[turning, 0] - 32, p[turning, 1] - 8), 8.0, atol=1e-6)
+    np.testing.assert_allclose(found.yaw_rate_radps[turning, 0], 5.0 / 8.0)
+    np.testing.assert_allclose(np.arctan2(v[:, 1], v[:, 0]), found.yaw_rad[:, 0], atol=1e-6)
+    moved = np.diff(p, axis=0) / np.diff(t)[:, None]
+    middle = (v[1:] + v[:-1]) / 2
+    assert np.abs(moved - middle).max() < 0.06
+
+
+def test_times_are_met_and_it_never_goes_back():
+    times = [0.0, 4.0, 5.0, 12.0]
+    one = cast(kind="cyclist", waypoints=[[0, 0], [10, 0], [18, 0], [20, 0]], times_s=times)
+    np.testing.assert_allclose(at(one, times).position_m[:, 0, 0], [0, 10, 18, 20], atol=1e-6)
+    x = at(one, np.linspace(0, 12, 500)).position_m[:, 0, 0]
+    assert (np.diff(x) >= 0).all()
+    law = law_of_times(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]), loop=True)
+    np.testing.assert_allclose(law.speed_mps, 1.0)
+
+
+def test_a_loop_closes_and_a_repeat_begins_anew():
+    square = [[0, 0], [20, 0], [20, 20], [0, 20]]
+    path = build_path(np.array([[*p, 0.0] for p in square], float), 4.0, loop=True)
+    assert path.length_m == pytest.approx(4 * 12 + 2 * math.pi * 4)
+    one = cast(kind="bus", waypoints=square, speed_mps=6.0, corner_m=4.0, loop=True)
+    lap = path.length_m / 6.0
+    first, later = at(one, 5.0), at(one, 5.0 + 7 * lap)
+    np.testing.assert_allclose(later.position_m, first.position_m, atol=1e-6)
+    dense = at(one, np.linspace(0, 3 * lap, 4000)).position_m[:, 0]
+    assert np.linalg.norm(np.diff(dense, axis=0), axis=1).max() < 6.0 * 3 * lap / 3999 * 1.01
+    again = cast(
+        kind="car", waypoints=[[0, 0], [30, 0]], speed_mps=10.0, repeat_s=8.0, present="moving"
+    )
+    found = at(again, [-1.0, 1.0, 5.0, 9.0])
+    assert found.kind[:, 0].tolist() == [-1, 0, -1, 0]
+    np.testing.assert_allclose(found.position_m[[1, 3], 0, 0], 10.0)
+
+
+def test_people_walk_in_phases_and_stand_still():
+    one = cast(kind="pedestrian", waypoints=[[0, 0, 0.14], [3, 0, 0.0]], speed_mps=1.5, start_s=2.0)
+    found = at(one, np.linspace(0.0, 1.9, 20))
+    assert set(found.kind[:, 0]) == {0}
+    walking = at(one, np.linspace(2.0, 3.99, 200)).kind[:, 0]
+    assert set(walking) == set(range(1, len(one.kinds)))
+    assert at(one, 9.0).kind[0, 0] == 0
+    np.testing.assert_allclose(at(one, 3.0).position_m[0, 0], [1.5, 0, 0.07], atol=1e-6)
+    assert not found.brake.any()
+    assert not found.lamps.any()
+    for kind in one.kinds:
+        assert 300 <= len(kind.mesh.faces) <= 800
+        assert kind.mesh.points_m[:, 2].min() > -0.06
+        assert 1.5 < kind.mesh.points_m[:, 2].max() < 1.95
+        assert np.abs(kind.mesh.points_m[:, :2]).max() < 0.9
+
+
+@pytest.mark.parametrize("scene", ["downtown", "crossing"])
+def test_values_depend_on_the_time_alone(scene):
+    world = build_world(load_scene(scene))
+    times = np.random.default_rng(3).uniform(0.0, 80.0, 37)
+    together = world.motion.at(times)
+    order = np.random.default_rng(4).permutation(37)
+    mixed = world.motion.at(times[order])
+    for name in together.__slots__:
+        whole = getattr(together, name)
+        assert whole[order].tobytes() == getattr(mixed, name).tobytes(), name
+        for slot in (0, 17, 36):
+            alone = getattr(world.motion.at(times[slot : slot + 1]), name)
+            assert alone[0].tobytes() == whole[slot].tobytes(), name
+
+
+def test_shipped_downtown_keeps_the_lane_free():
+    scene = load_scene("downtown")
+    world = build_world(scene)
+    found = world.motion.at(np.arange(0.0, 400.0, 0.05))
+    half_length = np.array([k.half_length_m for k in world.kinds])[found.kind]
+    half_width = np.array([k.half_width_m for k in world.kinds])[found.kind]
+    reach = half_length * np.abs(np.sin(found.yaw_rad)) + half_width * np.abs(np.cos(found.yaw_rad))
+    x, y = found.position_m[..., 0], found.position_m[..., 1]
+    before = (x - half_length < scene.obstacle.x_m + 6.0) & (found.kind >= 0)
+    lane = scene.road.lane_width_m / 2
+    assert before.sum() > 1000
+    assert ((y - reach > lane) | (y + reach < -lane))[before].all()
+
+
+def test_the_crossing_is_crossed_before_the_ego():
+    world = build_world(load_scene("crossing"))
+    y = world.motion.at(np.array([4.5, 6.0, 7.5])).position_m[:, 0, 1]
+    assert y[0] < -1.75 < y[1] < 1.75 < y[2]
+
+
+LEG = [[0, 0], [5, 0]]
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"waypoints": LEG}, "give one of speed_mps, speeds_mps, times_s; given: none"),
+        ({"waypoints": LEG, "speeds_mps": [1]}, "1 values for 2 waypoints, needed 2"),
+        ({"waypoints": LEG, "times_s": [0, 0]}, "begin with 0 and grow"),
+        ({"waypoints": LEG, "speeds_mps": [0, 0]}, "never arrive"),
+        ({"waypoints": LEG[:1], "speed_mps": 1}, "one waypoint"),
+        ({"waypoints": LEG, "speeds_mps": [1, 1], "waits_s": [1, 0]}, "only wait"),
+        ({"waypoints": LEG, "speed_mps": 1, "loop": True, "repeat_s": 9}, "one of them"),
+        ({"waypoints": [*LEG, [5, 0]], "speed_mps": 1}, "waypoints 2 and 3 are at the same"),
+        ({"waypoints": [*LEG, [1, 0]], "speed_mps": 1}, "turns back on the spot"),
+        ({"waypoints": [[0, 0], [50, 0]], "speed_mps": 1, "repeat_s": 9}, "shorter than the way"),
+    ],
+)
+def test_mistakes_in_scripts(given, expected):
+    with pytest.raises(ValueError) as error:
+        cast(kind="car", **given)
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)

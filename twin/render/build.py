@@ -1,0 +1,57 @@
+"""How the large render kernels are compiled: what matters on a GPU, found by measuring."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """Of one kernel."""
+
+    fast_math: bool = False
+    """Quick division, roots and exponentials."""
+    block: int = 128
+    """Threads of a block; 1 on a CPU."""
+    blocks: int = 0
+    """Blocks that fit a multiprocessor at least, which bounds the registers; 0: no bound."""
+
+    def arguments(self) -> dict[str, Any]:
+        """For ``wp.kernel``: a module of its own."""
+        arguments: dict[str, Any] = {
+            "module": "unique",
+            "enable_backward": False,
+            "module_options": {"fast_math": self.fast_math},
+        }
+        if self.blocks:
+            arguments["launch_bounds"] = (self.block, self.blocks)
+        return arguments
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Of a camera's kernels."""
+
+    visibility: Build
+    mirror: Build
+    picture: Build
+    without: frozenset[str] = frozenset()
+    """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
+
+
+CPU = Tuning(Build(block=1), Build(block=1), Build(block=1))
+"""Exact functions: a vector unit has no quick ones."""
+CUDA = Tuning(
+    visibility=Build(blocks=8),
+    mirror=Build(fast_math=True, blocks=4),
+    picture=Build(fast_math=True, blocks=4),
+)
+"""A GPU's exact functions are slow and large; the quick ones stay far below one level."""
+
+
+def tuning_for(device: wp.Device) -> Tuning:
+    """The usual one."""
+    return CPU if device.is_cpu else CUDA

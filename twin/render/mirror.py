@@ -1,0 +1,164 @@
+"""Second rays: what smooth surfaces mirror, and what is seen through glass.
+
+A kernel of its own between visibility and shading, over a list of the few pixels that need it: the
+threads of a warp are all busy, and the other pixels are not held up.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import warp as wp
+
+from twin.render.air import through_air
+from twin.render.build import Build
+from twin.render.geometry import Scene, occluded, trace
+from twin.render.lamps import Beams, StreetLamps
+from twin.render.light import SlotLight
+from twin.render.noise import value_noise
+from twin.render.rays import Optics, SlotPose
+from twin.render.shading import PI_INVERSE, Place, fresnel_of, matt_light, place_of, surface_of
+from twin.render.sky import smooth_sky
+from twin.render.visibility import MIRRORED, Seen, pixel_of
+
+wp.set_module_options({"enable_backward": False})
+
+RANGE_M = wp.constant(100.0)
+"""How far second rays go [m]."""
+_CABIN = wp.constant(wp.vec3(0.012, 0.013, 0.014))
+# A pane that lies on a closed body shows a dark cabin, not the paint behind it.
+_SHELL_M = wp.constant(0.10)
+_RIPPLE = wp.constant(0.025)
+_HALF_MAX = wp.constant(60000.0)
+
+STRIDE = 1 << 17
+"""Threads of a launch on a GPU at most: about two to every place for one."""
+
+
+@wp.func
+def far_light(
+    scene: Scene,
+    slot: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    optics: Optics,
+    pose: SlotPose,
+    start: wp.vec3,
+    direction: wp.vec3,
+    before: wp.float32,
+    glass: wp.bool,
+    light: SlotLight,
+    table: wp.array3d(dtype=wp.vec3),
+) -> wp.vec3:
+    """What comes along a ray that is mirrored, or passes ``glass`` [cd/m^2].
+
+    ``before``: length of the way to its start [m].
+    """
+    hit = trace(scene, slot, start, direction, RANGE_M)
+    if not hit.found:
+        return smooth_sky(direction, slot, light, table)
+    if glass and hit.t < _SHELL_M:
+        return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
+    at = Place()
+    at.p = start + direction * hit.t
+    at.n = hit.normal
+    at.face = hit.face
+    at.object = hit.object
+    at.u = hit.u
+    at.v = hit.v
+    at.distance = before + hit.t
+    if light.shadows != 0 and wp.dot(at.n, light.sun_direction) > 0.0:
+        dark = occluded(scene, slot, at.p + at.n * 0.02, light.sun_direction, RANGE_M)
+        at.lit = wp.where(dark, 0.0, 1.0)
+    s = surface_of(scene, slot, optics, at, direction, light)
+    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+    return through_air(color, light.air_rgb, light.extinction, hit.t)
+
+
+@wp.func
+def _second_light(
+    scene: Scene,
+    slot: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    optics: Optics,
+    pose: SlotPose,
+    at: Place,
+    direction: wp.vec3,
+    light: SlotLight,
+    table: wp.array3d(dtype=wp.vec3),
+) -> wp.vec3:
+    """What a place mirrors and lets through [cd/m^2]; Fresnel after Schlick (1994)."""
+    color = wp.vec3(0.0, 0.0, 0.0)
+    s = surface_of(scene, slot, optics, at, direction, light)
+    if s.mirror <= 0.0:
+        return color
+    n = at.n
+    if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
+        x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
+        y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
+        n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
+    cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+    fresnel = fresnel_of(s.mirror, cosine)
+    # One loop over both rays, so that the code of a ray stands there once.
+    rays = wp.int32(1)
+    if s.clear > 0.0:
+        rays = 2
+    ahead = direction + n * (2.0 * cosine)
+    start = at.p + at.n * 0.02
+    weight = fresnel
+    glass = wp.bool(False)
+    for i in range(rays):
+        if i == 1:
+            ahead = direction
+            start = at.p - at.n * 0.004
+            weight = s.clear * (1.0 - fresnel)
+            glass = True
+        color += weight * far_light(
+            scene, slot, lamps, beams, optics, pose, start, ahead, at.distance, glass, light, table
+        )
+    return color
+
+
+@cache
+def mirror_kernel(build: Build) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says."""
+
+    @wp.kernel(**build.arguments())
+    def second_kernel(
+        # model
+        scene: Scene,
+        lamps: StreetLamps,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        sky_table: wp.array3d(dtype=wp.vec3),
+        poses: wp.array(dtype=SlotPose),
+        beams: wp.array2d(dtype=Beams),
+        # args
+        first_slot: wp.int32,
+        stride: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Follow second rays of the pixels on the list; the launch may be shorter than it."""
+        at_list = wp.tid()
+        while at_list < seen.listed_count[0]:
+            thread = seen.listed[at_list]
+            at_list += stride
+            pixel = pixel_of(thread, first_slot, optics)
+            slot = pixel.slot
+            light = lights[slot]
+            pose = poses[slot]
+            ray = rays[pixel.row, pixel.column]
+            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            at = place_of(scene, slot, seen, thread, pose.eye, direction)
+            color = _second_light(
+                scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
+            )
+            for k in range(3):
+                seen.second[thread, k] = wp.float16(wp.min(color[k], _HALF_MAX))
+            seen.flags[thread] = seen.flags[thread] | MIRRORED
+
+    return second_kernel

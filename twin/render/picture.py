@@ -1,0 +1,291 @@
+"""The shading kernel: from what the pixels see to a picture and whatever else is asked for."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import warp as wp
+
+from twin.render.air import sky_path, through_air
+from twin.render.boxes import gather_box
+from twin.render.build import Build
+from twin.render.geometry import Scene, turned
+from twin.render.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
+from twin.render.light import SlotLight
+from twin.render.outputs import Buffers, Wanted
+from twin.render.precipitation import cover
+from twin.render.rays import Optics, SlotPose
+from twin.render.sensor_noise import sensor_noise
+from twin.render.shading import Place, fresnel_of, matt_light, place_of, surface_of
+from twin.render.sky import sky, smooth_sky, sun_through_clouds
+from twin.render.surface import Surface
+from twin.render.tone import tone
+from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
+
+wp.set_module_options({"enable_backward": False})
+
+PARTS = ("surface", "sky", "air", "tone")
+"""Parts of the kernel that can be left out."""
+_HALF_MAX = wp.constant(60000.0)
+
+
+@wp.func
+def air_light(
+    color: wp.vec3,
+    slot: wp.int32,
+    row: wp.int32,
+    column: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    optics: Optics,
+    pose: SlotPose,
+    direction: wp.vec3,
+    distance: wp.float32,
+    light: SlotLight,
+) -> wp.vec3:
+    """What lamps light up in the air before the surface, and drops and flakes."""
+    from_lamps = optics.mount - optics.lamps
+    ahead = wp.vec3(
+        wp.dot(direction, pose.forward), wp.dot(direction, pose.left), wp.dot(direction, pose.up)
+    )
+    glow = headlamp_glow(from_lamps, ahead, distance, light)
+    total = color + WARM_WHITE * glow
+    total += lamps_glow(pose.eye, direction, distance, slot, lamps, beams, light)
+    if light.rain + light.snow > 0.0:
+        height = wp.float32(optics.height)
+        hidden = cover(wp.float32(column) / height, wp.float32(row) / height, light)
+        # Drops and flakes are as bright as the air, and at night as what the lamps light up.
+        flake = wp.max(light.air_rgb * 1.25 + WARM_WHITE * (glow * 3.0), total)
+        total = total * (1.0 - hidden) + flake * hidden
+    return total
+
+
+@wp.func
+def sky_share(bounce: wp.vec3) -> wp.float32:
+    """How much of the sky is seen along a mirrored ray whose surroundings are not traced [-].
+
+    A street hides the sky near the horizon: nothing is left below it, all from 50 deg on.
+    """
+    return wp.clamp(bounce[2] * 1.3 + 0.05, 0.0, 1.0)
+
+
+@wp.func
+def _instance_of(scene: Scene, slot: wp.int32, at: Place) -> wp.int32:
+    instance = wp.int32(-1)
+    if at.object >= 0:
+        instance = scene.objects[slot, at.object].instance
+    elif at.face >= 0:
+        instance = scene.faces[at.face].instance
+    return instance
+
+
+@wp.func
+def _camera_axes(v: wp.vec3, pose: SlotPose) -> wp.vec3:
+    return wp.vec3(wp.dot(v, pose.right), wp.dot(v, pose.down), wp.dot(v, pose.ahead))
+
+
+@wp.func
+def flow_at(
+    scene: Scene,
+    slot: wp.int32,
+    at: Place,
+    rays: wp.array2d(dtype=wp.vec3),
+    row: wp.int32,
+    column: wp.int32,
+    direction: wp.vec3,
+    before: SlotPose,
+    period_s: wp.float32,
+) -> wp.vec2:
+    """Where a place was in the picture before, minus where it is [px]; the sky is infinitely far.
+
+    The pixel whose ray points there is found with the table of rays, by Newton's method from here
+    on: any lens will do. Way that is longer than the picture is cut.
+    """
+    target = direction
+    if at.face >= 0:
+        p = at.p
+        if at.object >= 0:
+            pose = scene.objects[slot, at.object]
+            angle = -pose.yaw_rate * period_s
+            p = pose.position + turned(p - pose.position, wp.cos(angle), wp.sin(angle))
+            p = p - pose.velocity * period_s
+        target = p - before.eye
+    target = wp.normalize(_camera_axes(target, before))
+    height = rays.shape[0]
+    width = rays.shape[1]
+    x = wp.float32(0.0)
+    y = wp.float32(0.0)
+    step = wp.float32(1.0)
+    count = wp.int32(0)
+    while step > 2.0e-3 and count < 5:
+        count += 1
+        u = wp.clamp(wp.float32(column) + x, 0.0, wp.float32(width - 1))
+        v = wp.clamp(wp.float32(row) + y, 0.0, wp.float32(height - 1))
+        i = wp.int32(v + 0.5)
+        j = wp.int32(u + 0.5)
+        k = wp.min(i, height - 2)
+        m = wp.min(j, width - 2)
+        corner = rays[i, j]
+        across = rays[i, m + 1] - rays[i, m]
+        along = rays[k + 1, j] - rays[k, j]
+        # Linear from the nearest pixel on; beyond the picture's edge as well.
+        start = corner + across * (wp.float32(column) + x - wp.float32(j))
+        start += along * (wp.float32(row) + y - wp.float32(i))
+        off = target / wp.max(wp.dot(target, corner), 0.05)
+        off = off * wp.dot(start, corner) - start
+        a = wp.dot(across, across)
+        b = wp.dot(across, along)
+        c = wp.dot(along, along)
+        f = wp.dot(off, across)
+        g = wp.dot(off, along)
+        det = a * c - b * b
+        step = wp.float32(0.0)
+        if det > 1.0e-20:
+            inverse = 1.0 / det
+            move_x = (c * f - b * g) * inverse
+            move_y = (a * g - b * f) * inverse
+            x += move_x
+            y += move_y
+            step = wp.abs(move_x) + wp.abs(move_y)
+        x = wp.clamp(x, -wp.float32(width), wp.float32(width))
+        y = wp.clamp(y, -wp.float32(height), wp.float32(height))
+    return wp.vec2(x, y)
+
+
+@cache
+def picture_kernel(
+    wanted: Wanted, build: Build, without: frozenset[str] = frozenset()
+) -> wp.Kernel:
+    """The kernel that writes what is ``wanted``; compiled once for every set.
+
+    ``without``: parts of :data:`PARTS` that are left out to see what they cost.
+    """
+    surfaces, skies = "surface" not in without, "sky" not in without
+    second = wanted.second
+    lamp_air, tones_on = "air" not in without, "tone" not in without
+    hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
+    semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
+
+    @wp.kernel(**build.arguments())
+    def camera_kernel(
+        # model
+        scene: Scene,
+        lamps: StreetLamps,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        tones: wp.array(dtype=wp.uint8),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        sky_table: wp.array3d(dtype=wp.vec3),
+        poses: wp.array(dtype=SlotPose),
+        poses_before: wp.array(dtype=SlotPose),
+        beams: wp.array2d(dtype=Beams),
+        seen: Seen,
+        # args
+        first_slot: wp.int32,
+        period_s: wp.float32,
+        # out
+        out: Buffers,
+    ):
+        """Shade the slots from ``first_slot`` on."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        row = pixel.row
+        column = pixel.column
+        light = lights[slot]
+        if light.active == 0:
+            return
+        pose = poses[slot]
+        ray = rays[row, column]
+        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        at = place_of(scene, slot, seen, thread, pose.eye, direction)
+        tag = _instance_of(scene, slot, at)
+        if tag >= 0:
+            gather_box(out.boxes, slot, tag, row, column, wp.int32(at.distance * 10000.0))
+        if wp.static(depth):
+            out.depth[slot, row, column] = wp.where(at.face >= 0, at.distance * ray[2], wp.inf)
+        if wp.static(instance):
+            out.instance[slot, row, column] = tag
+        if wp.static(semantic):
+            kind = wp.int32(0)
+            if at.face >= 0:
+                kind = scene.faces[at.face].semantic
+            out.semantic[slot, row, column] = wp.uint8(kind)
+        if wp.static(normal):
+            facing = wp.vec3(0.0, 0.0, 0.0)
+            if at.face >= 0:
+                facing = _camera_axes(at.n, pose)
+            for k in range(3):
+                out.normal[slot, row, column, k] = facing[k]
+        if wp.static(flow):
+            way = wp.vec2(0.0, 0.0)
+            if at.face != OUTSIDE:
+                way = flow_at(
+                    scene, slot, at, rays, row, column, direction, poses_before[slot], period_s
+                )
+            out.flow[slot, row, column, 0] = way[0]
+            out.flow[slot, row, column, 1] = way[1]
+
+        color = wp.vec3(0.0, 0.0, 0.0)
+        if at.face != OUTSIDE:
+            distance = optics.far
+            if at.face >= 0:
+                distance = at.distance
+                if at.lit > 0.0:
+                    at.lit = sun_through_clouds(at.p, light)
+                s = Surface()
+                if wp.static(surfaces):
+                    s = surface_of(scene, slot, optics, at, direction, light)
+                    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+                followed = wp.bool(False)
+                if wp.static(second):
+                    followed = (seen.flags[thread] & MIRRORED) != 0
+                if followed:
+                    color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
+                        wp.float32(seen.second[thread, 0]),
+                        wp.float32(seen.second[thread, 1]),
+                        wp.float32(seen.second[thread, 2]),
+                    )
+                if s.mirror > 0.0 and not followed:
+                    cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
+                    bounce = direction + at.n * (2.0 * cosine)
+                    back = smooth_sky(bounce, slot, light, sky_table)
+                    color += back * (fresnel_of(s.mirror, cosine) * sky_share(bounce))
+                color = through_air(color, light.air_rgb, light.extinction, distance)
+            else:
+                if wp.static(skies):
+                    color = sky(direction, slot, light, sky_table)
+                path = sky_path(light.extinction, direction[2])
+                color = through_air(color, light.air_rgb, light.extinction, path)
+            if wp.static(lamp_air):
+                color = air_light(
+                    color,
+                    slot,
+                    row,
+                    column,
+                    lamps,
+                    beams,
+                    optics,
+                    pose,
+                    direction,
+                    distance,
+                    light,
+                )
+        signal = color * light.exposure
+        for channel in range(3):
+            x = signal[channel]
+            if wp.static(hdr):
+                out.hdr[slot, row, column, channel] = wp.float16(wp.min(x, _HALF_MAX))
+            else:
+                if light.noise != 0:
+                    element = (row * optics.width + column) * 3 + channel
+                    x = sensor_noise(x, light.key, light.tick, element)
+                if wp.static(tones_on):
+                    out.image[slot, row, column, channel] = tone(x, tones)
+                else:
+                    out.image[slot, row, column, channel] = wp.uint8(x)
+
+    return camera_kernel

@@ -1,0 +1,207 @@
+"""From a point that a ray has met to the light that comes from it."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.render import traverse
+from twin.render.geometry import Face, Scene, turned
+from twin.render.lamps import (
+    SODIUM,
+    WARM_WHITE,
+    Beams,
+    StreetLamps,
+    headlamp_lux,
+    street_lamp_lux,
+    vehicles_lux,
+)
+from twin.render.light import SlotLight
+from twin.render.rays import Optics, SlotPose
+from twin.render.surface import Surface, surface_at
+from twin.render.texture import texture_at
+from twin.render.visibility import LIT, OBJECT_MASK, Seen
+from twin.world import materials
+
+_FOLIAGE = wp.constant(materials.FOLIAGE)
+PI_INVERSE = wp.constant(0.31830989)
+# An object's underside is this much over the road, at which height its shadow fades out [m].
+_CLEARANCE_M = wp.constant(0.55)
+
+
+@wp.struct
+class Place:
+    """A point of a surface in the world."""
+
+    p: wp.vec3
+    n: wp.vec3
+    """Unit, on the side of the viewer."""
+    face: wp.int32
+    object: wp.int32
+    u: wp.float32
+    v: wp.float32
+    distance: wp.float32
+    """From the camera along the way of the light [m]."""
+    lit: wp.float32
+    """Share of the sun that gets there [-]."""
+
+
+@wp.func
+def place_of(
+    scene: Scene,
+    slot: wp.int32,
+    seen: Seen,
+    thread: wp.int32,
+    eye: wp.vec3,
+    direction: wp.vec3,
+) -> Place:
+    """What the pixel of a thread sees; its face is below 0 if nothing."""
+    at = Place()
+    at.face = seen.face[thread]
+    at.object = -1
+    if at.face < 0:
+        return at
+    flags = seen.flags[thread]
+    at.object = (flags & OBJECT_MASK) - 1
+    if (flags & LIT) != 0:
+        at.lit = 1.0
+    at.distance = seen.t[thread]
+    at.p = eye + direction * at.distance
+    bary = seen.bary[thread]
+    at.u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
+    at.v = wp.float32(bary & 65535) * 1.5259022e-5
+    at.n = scene.faces[at.face].normal
+    if at.object >= 0:
+        at.n = turned(
+            at.n, scene.objects[slot, at.object].cosine, scene.objects[slot, at.object].sine
+        )
+    if wp.dot(at.n, direction) > 0.0:
+        at.n = -at.n
+    return at
+
+
+@wp.func
+def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
+    """Share that is mirrored at an angle, from that at ``normal`` incidence (Schlick 1994)."""
+    grazing = 1.0 - cosine
+    square = grazing * grazing
+    top = wp.min(1.0, normal * 25.0)
+    return normal + (top - normal) * square * square * grazing
+
+
+@wp.func
+def albedo_at(
+    scene: Scene, face: Face, row: wp.int32, u: wp.float32, v: wp.float32, footprint: wp.float32
+) -> wp.vec3:
+    """Colour of a face, times its image if it has one; ``footprint``: width of the pixel [m]."""
+    if face.texture < 0:
+        return face.color
+    at = scene.uv[3 * row] * u + scene.uv[3 * row + 1] * v + scene.uv[3 * row + 2] * (1.0 - u - v)
+    texel = texture_at(scene.textures, face.texture, at, footprint * face.uv_per_m)
+    return wp.cw_mul(face.color, texel)
+
+
+@wp.func
+def _ambient(scene: Scene, at: Place) -> wp.float32:
+    """Share of the sky that the point sees [-], baked."""
+    row = 3 * at.face
+    share = scene.ambient[row] * at.u + scene.ambient[row + 1] * at.v
+    return share + scene.ambient[row + 2] * (1.0 - at.u - at.v)
+
+
+@wp.func
+def _contact(scene: Scene, slot: wp.int32, at: Place) -> wp.float32:
+    """Share of the sky that objects standing on the ground leave to it [-].
+
+    The further below the hull the darker: full at its middle, gone a hand beyond its edge.
+    """
+    share = wp.float32(1.0)
+    if at.n[2] < 0.7 or at.object >= 0:
+        return share
+    up = wp.vec3(0.0, 0.0, 1.0)
+    for block in range(scene.spheres.shape[1]):
+        mask = traverse.spheres_entered(scene.spheres, slot, block, at.p, up, _CLEARANCE_M)
+        while mask != 0:
+            m = block * 8 + traverse.lowest_bit(mask)
+            mask = mask & (mask - 1)
+            pose = scene.objects[slot, m]
+            local = turned(at.p - pose.position, pose.cosine, -pose.sine)
+            beyond = wp.max(wp.abs(local[0]) - pose.half[0], wp.abs(local[1]) - pose.half[1])
+            cover = wp.clamp(0.45 - beyond / 0.7, 0.0, 0.9)
+            share = share * (1.0 - cover)
+    return share
+
+
+@wp.func
+def irradiance(
+    scene: Scene,
+    slot: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    optics: Optics,
+    pose: SlotPose,
+    at: Place,
+    n: wp.vec3,
+    retro: wp.float32,
+    light: SlotLight,
+) -> wp.vec3:
+    """Light falling on a point: sky, sun, lamps of streets, of the ego, of others [lx]."""
+    upward = 0.5 + 0.5 * n[2]
+    open_sky = _ambient(scene, at) * _contact(scene, slot, at)
+    total = light.sky_rgb * ((0.78 * upward * upward + 0.05) * open_sky)
+    total += light.sun_rgb * (0.06 * (1.0 - upward) * open_sky)  # sun bounced off the ground
+    if at.lit > 0.0:
+        facing = wp.dot(n, light.sun_direction)
+        if facing > 0.0:
+            total += light.sun_rgb * (facing * at.lit)
+    if light.lamps_on > 0.0:
+        total += SODIUM * street_lamp_lux(at.p, n, lamps)
+        total += vehicles_lux(at.p, n, slot, beams)
+    if light.low_beam + light.high_beam + light.fog_lamp > 0.0:
+        ray = at.p - pose.position
+        local = wp.vec3(wp.dot(ray, pose.forward), wp.dot(ray, pose.left), wp.dot(ray, pose.up))
+        local = local - optics.lamps
+        to_lamp = wp.normalize(
+            pose.forward * -local[0] + pose.left * -local[1] + pose.up * -local[2]
+        )
+        total += WARM_WHITE * (retro * headlamp_lux(local, wp.dot(to_lamp, n), light))
+    return total
+
+
+@wp.func
+def _object_lamps(scene: Scene, slot: wp.int32, m: wp.int32) -> wp.vec2:
+    on = wp.vec2(0.0, 0.0)
+    if m >= 0:
+        on = wp.vec2(scene.objects[slot, m].lamps, scene.objects[slot, m].brake)
+    return on
+
+
+@wp.func
+def surface_of(
+    scene: Scene, slot: wp.int32, optics: Optics, at: Place, direction: wp.vec3, light: SlotLight
+) -> Surface:
+    """Reflectance and own light at a place seen along ``direction``."""
+    face = scene.faces[at.face]
+    slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
+    albedo = albedo_at(scene, face, at.face, at.u, at.v, at.distance * optics.pixel / slope)
+    on = _object_lamps(scene, slot, at.object)
+    return surface_at(face, albedo, on, at.p, at.n, at.distance, light)
+
+
+@wp.func
+def matt_light(
+    scene: Scene,
+    slot: wp.int32,
+    lamps: StreetLamps,
+    beams: wp.array2d(dtype=Beams),
+    optics: Optics,
+    pose: SlotPose,
+    at: Place,
+    s: Surface,
+    light: SlotLight,
+) -> wp.vec3:
+    """What a place reflects in all directions and what it emits [cd/m^2]."""
+    n = at.n
+    if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
+        n = wp.normalize(n + s.ruffle)
+    lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
+    return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission

@@ -1,0 +1,180 @@
+"""Roadways, sidewalks, kerbs and markings of the street and its side streets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.world import materials
+from twin.world.layout import SIDE_REACH_M, SIDE_WALK_M, Block, Layout, generator
+from twin.world.mesh import DECAL, Color, MeshBuilder
+from twin.world.scene import Scene
+
+ASPHALT: Color = (0.09, 0.09, 0.095)
+_PARKING: Color = (0.105, 0.10, 0.098)
+_CONCRETE: Color = (0.30, 0.29, 0.27)
+_STONE: Color = (0.40, 0.40, 0.39)
+_PAINT: Color = (0.70, 0.70, 0.67)
+_IRON: Color = (0.055, 0.05, 0.048)
+PLACE_M = 6.6
+"""Length of one parking place [m]."""
+_KERB_M = 0.18
+_PITCH_M = 3.2  # fine enough for the shade at the foot of a wall
+_MARK_Z = 0.006
+ENDS_M = 12.0
+"""The street goes on this far behind its ends, up to the houses that close it [m]."""
+
+
+def add_ground(mesh: MeshBuilder, scene: Scene, layout: Layout) -> None:
+    """Add everything that is walked or driven on."""
+    road = scene.road
+    x = (road.start_m - ENDS_M, road.end_m + ENDS_M)
+    reach = SIDE_REACH_M + 6.0
+    y = (layout.middle - reach - 20.0, layout.middle + reach + 20.0)
+    with mesh.label("road"):
+        base = (x[0] - 30.0, x[1] + 30.0)
+        mesh.floor(base, y, -0.03, materials.ASPHALT, ASPHALT, pitch_m=24.0)
+        lane = road.lane_width_m / 2
+        edges = (layout.kerb_right, -lane - 0.1, 3 * lane + 0.1, layout.kerb_left)
+        for i, color in enumerate((_PARKING, ASPHALT, _PARKING)):
+            strip = (edges[i], edges[i + 1])
+            mesh.floor(x, strip, 0.0, materials.ASPHALT, color, pitch_m=4.4)
+        for centre in layout.sides:
+            side = (centre - layout.half_side, centre + layout.half_side)
+            for kerb, _, sign in layout.rows():
+                arm = _sorted(kerb, layout.middle + sign * reach)
+                mesh.floor(side, arm, 0.0, materials.ASPHALT, ASPHALT, pitch_m=4.0)
+    with mesh.label("sidewalk"):
+        for block in layout.blocks:
+            for row in layout.rows():
+                _sidewalk(mesh, scene, layout, block, row)
+    _markings(mesh, scene, layout)
+
+
+def _sorted(a: float, b: float) -> tuple[float, float]:
+    return (min(a, b), max(a, b))
+
+
+def _sidewalk(
+    mesh: MeshBuilder,
+    scene: Scene,
+    layout: Layout,
+    block: Block,
+    row: tuple[float, float, float],
+) -> None:
+    """The sidewalk before one row of buildings, and its arms along the side streets."""
+    kerb, wall, sign = row
+    z = scene.road.kerb_height_m
+    far = layout.middle + sign * (SIDE_REACH_M + 6.0)
+    start = block.start if block.opens else block.start - ENDS_M
+    end = block.end if block.closes else block.end + ENDS_M
+    inner = kerb + sign * _KERB_M
+    _kerb(mesh, (start, kerb), (end, kerb), sign, z)
+    walk = (start + _KERB_M * block.opens, end - _KERB_M * block.closes)
+    mesh.floor(walk, _sorted(inner, wall), z, materials.PAVING, _CONCRETE, _PITCH_M)
+    for edge, way, there in ((block.start, 1.0, block.opens), (block.end, -1.0, block.closes)):
+        if not there:
+            continue
+        _kerb(mesh, (edge, inner), (edge, far), way, z)
+        arm = _sorted(edge + way * _KERB_M, edge + way * SIDE_WALK_M)
+        mesh.floor(arm, _sorted(wall, far), z, materials.PAVING, _CONCRETE, _PITCH_M)
+
+
+def _kerb(
+    mesh: MeshBuilder, a: tuple[float, float], b: tuple[float, float], way: float, z_m: float
+) -> None:
+    """A kerb stone along ``a`` to ``b``; ``way``: sign of the axis across it, off the roadway."""
+    start, end = np.array(a), np.array(b)
+    length = float(np.abs(end - start).sum())
+    cuts = np.linspace(0.0, 1.0, max(1, round(length / 4.0)) + 1)[:, None]
+    line = start + (end - start) * cuts
+    along_x = abs(end[0] - start[0]) > abs(end[1] - start[1])
+    back = line + (np.array((0.0, way)) if along_x else np.array((way, 0.0))) * _KERB_M
+    low, high = np.full((len(line), 1), -0.02), np.full((len(line), 1), z_m)
+    foot, lip, rear = (np.hstack(pair) for pair in ((line, low), (line, high), (back, high)))
+    face = np.stack([foot[:-1], foot[1:], lip[1:], lip[:-1]], axis=1)
+    top = np.stack([lip[:-1], lip[1:], rear[1:], rear[:-1]], axis=1)
+    if np.cross(top[0, 1] - top[0, 0], top[0, 2] - top[0, 0])[2] < 0:
+        face, top = face[:, ::-1], top[:, ::-1]
+    mesh.quads(np.concatenate([face, top]), materials.PLAIN, _STONE)
+
+
+class _Stripes:
+    """Collects painted rectangles; long ones are cut, for faces of moderate shape."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, float, float, float]] = []
+
+    def add(self, x0: float, x1: float, y0: float, y1: float) -> None:
+        self.rows.append((*_sorted(x0, x1), *_sorted(y0, y1)))
+
+    def quads(self) -> np.ndarray:
+        x0, x1, y0, y1 = np.array(self.rows).T
+        z = np.full_like(x0, _MARK_Z)
+        corners = [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+        return np.stack([np.stack(c, axis=-1) for c in corners], axis=1)
+
+
+def _markings(mesh: MeshBuilder, scene: Scene, layout: Layout) -> None:
+    stripes = _Stripes()
+    for block in layout.blocks:
+        _block_markings(stripes, scene, layout, block)
+    for centre in layout.sides:
+        for kerb, wall, sign in layout.rows():
+            _side_markings(stripes, layout, centre, (kerb, wall, sign))
+    with mesh.label("marking"):
+        mesh.quads(stripes.quads(), materials.PAINT, _PAINT, DECAL)
+    with mesh.label("road"):
+        _manholes(mesh, scene, layout)
+
+
+def _block_markings(stripes: _Stripes, scene: Scene, layout: Layout, block: Block) -> None:
+    lane = scene.road.lane_width_m
+    start = block.start + (6.5 if block.opens else -ENDS_M + 1.0)
+    end = block.end - (6.5 if block.closes else -ENDS_M + 1.0)
+    for x in np.arange(start, end - 3.0, 7.5):
+        stripes.add(x, x + 3.0, layout.middle - 0.07, layout.middle + 0.07)
+    for y in (-lane / 2 - 0.05, 1.5 * lane + 0.05):
+        for x in np.arange(start, end, 6.0):
+            stripes.add(x, min(x + 6.0, end), y - 0.05, y + 0.05)
+    for x in np.arange(start + PLACE_M, end, PLACE_M):
+        stripes.add(x - 0.05, x + 0.05, layout.kerb_right, layout.kerb_right + 2.0)
+        stripes.add(x - 0.05, x + 0.05, layout.kerb_left - 2.0, layout.kerb_left)
+    for edge, there in ((block.start + 1.0, block.opens), (block.end - 4.0, block.closes)):
+        if there:
+            for y in np.arange(layout.kerb_right + 0.5, layout.kerb_left - 0.6, 1.1):
+                stripes.add(edge, edge + 3.0, y, y + 0.55)
+    if block.closes:  # stop line of the ego's lane
+        stripes.add(block.end - 5.4, block.end - 5.0, -lane / 2 + 0.1, lane / 2 - 0.1)
+    if block.opens:
+        stripes.add(block.start + 5.0, block.start + 5.4, lane / 2 + 0.1, 1.5 * lane - 0.1)
+
+
+def _side_markings(
+    stripes: _Stripes, layout: Layout, centre: float, row: tuple[float, float, float]
+) -> None:
+    """A zebra crossing at the corner, the stop line behind it, and the middle line."""
+    kerb, wall, sign = row
+    half = layout.half_side
+    for x in np.arange(centre - half + 0.5, centre + half - 0.6, 1.1):
+        stripes.add(x, x + 0.55, kerb + sign * 0.9, kerb + sign * 3.7)
+    # Traffic keeps right: from +y one drives to -y on the side x < centre.
+    lane = (centre - sign * 0.1, centre - sign * (half - 0.3))
+    stripes.add(*lane, wall + sign * 0.3, wall + sign * 0.7)
+    far = layout.middle + sign * (SIDE_REACH_M + 2.0)
+    for y in np.arange(wall + sign * 3.0, far, sign * 7.5):
+        stripes.add(centre - 0.06, centre + 0.06, y, y + sign * 3.0)
+
+
+def _manholes(mesh: MeshBuilder, scene: Scene, layout: Layout) -> None:
+    """Iron lids and gullies; they lie flush and are no ground of their own."""
+    rng = generator(scene, 2)
+    angle = 2.0 * np.pi * np.arange(12) / 12
+    ring = np.stack([0.33 * np.cos(angle), 0.33 * np.sin(angle), np.zeros(12)], axis=1)
+    fan = np.array([(0, i, i + 1) for i in range(1, 11)])
+    for x in np.arange(scene.road.start_m + 8.0, scene.road.end_m, 23.0):
+        at = (x + rng.uniform(-4, 4), layout.middle + rng.choice((-1.9, 1.6)), 0.004)
+        mesh.add(ring + at, fan, materials.PAINT, _IRON, DECAL)
+        for y in (layout.kerb_right + 0.02, layout.kerb_left - 0.42):
+            gully = [(at[0], y, 0.004), (at[0] + 0.5, y, 0.004)]
+            gully += [(at[0] + 0.5, y + 0.4, 0.004), (at[0], y + 0.4, 0.004)]
+            mesh.quad(gully, materials.PAINT, _IRON, DECAL)

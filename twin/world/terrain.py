@@ -1,0 +1,98 @@
+"""Heightfield terrain from a PNG or NPY file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from twin.world import materials
+from twin.world.content import Terrain
+from twin.world.mesh import Color, MeshBuilder
+
+SAMPLES_MAX = 1024
+"""Most rows, and most columns, of a heightfield."""
+_FILE_BYTES_MAX = 64 << 20
+
+_COLORS: dict[str, Color] = {
+    "asphalt": (0.09, 0.09, 0.095),
+    "paving": (0.30, 0.29, 0.27),
+    "grass": (0.07, 0.11, 0.035),
+}
+_EARTH: Color = (0.20, 0.16, 0.12)
+
+
+def load_heights(terrain: Terrain) -> np.ndarray:
+    """Heights [rows, columns] above the terrain's position, the first row at the lowest y [m].
+
+    Raises:
+        ValueError: no such file, no picture or array of heights, too large or not finite.
+    """
+    path = Path(terrain.heightmap)
+    where = f"terrain.heightmap {path}"
+    try:
+        size = path.stat().st_size
+        if size > _FILE_BYTES_MAX:
+            raise ValueError(f"{where}: {size} bytes, at most {_FILE_BYTES_MAX} are read")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{where}: {error.strerror or error}") from None
+    if path.suffix.lower() == ".npy":
+        values = _from_npy(path, where)
+    elif path.suffix.lower() == ".png":
+        values = _from_png(data, where)
+    else:
+        raise ValueError(f"{where}: allowed are .png and .npy files")
+    rows, columns = values.shape
+    if not (2 <= rows <= SAMPLES_MAX and 2 <= columns <= SAMPLES_MAX):
+        raise ValueError(
+            f"{where}: {rows} x {columns} samples, allowed 2 to {SAMPLES_MAX} each way"
+        )
+    heights = values.astype(np.float64)[::-1] * terrain.height_m
+    if not np.isfinite(heights).all():
+        raise ValueError(f"{where}: holds NaN or infinite heights")
+    return heights
+
+
+def _from_npy(path: Path, where: str) -> np.ndarray:
+    try:
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError):
+        raise ValueError(f"{where}: not an NPY file") from None
+    if values.ndim != 2 or values.dtype.kind not in "fiu":
+        raise ValueError(
+            f"{where}: {values.ndim} axes of {values.dtype}, needed two axes of numbers"
+        )
+    return values
+
+
+def _from_png(data: bytes, where: str) -> np.ndarray:
+    values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if values is None:
+        raise ValueError(f"{where}: not a PNG file")
+    if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{where}: needed one channel of 8 or 16 bits")
+    return values / float(np.iinfo(values.dtype).max)
+
+
+def add_terrain(mesh: MeshBuilder, terrain: Terrain) -> None:
+    """Add the heightfield as a mesh.
+
+    Raises:
+        ValueError: see :func:`load_heights`.
+    """
+    heights = load_heights(terrain)
+    rows, columns = heights.shape
+    x0, y0, z0 = terrain.position_m
+    half_x, half_y = terrain.size_m[0] / 2, terrain.size_m[1] / 2
+    x = np.linspace(x0 - half_x, x0 + half_x, columns)
+    y = np.linspace(y0 - half_y, y0 + half_y, rows)
+    points = np.stack([*np.meshgrid(x, y), heights + z0], axis=-1).reshape(-1, 3)
+    j, i = (a.ravel() for a in np.meshgrid(range(columns - 1), range(rows - 1)))
+    a, b = i * columns + j, (i + 1) * columns + j
+    faces = np.concatenate([np.stack([a, a + 1, b + 1], 1), np.stack([a, b + 1, b], 1)])
+    color = terrain.color or _COLORS.get(terrain.material, _EARTH)
+    with mesh.label(terrain.semantic):
+        rgb: Color = (color[0], color[1], color[2])
+        mesh.add(points, faces, materials.NAMES[terrain.material], rgb)
