@@ -8,7 +8,7 @@ time of OpenCV 5.0 for the quarter-width networks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -42,7 +42,10 @@ def open_runtime(name: RuntimeName, path: Path, model: Any, input_name: str) -> 
     Raises:
         ModelError: the runtime cannot run it, or is not installed; one line naming the file.
     """
-    kinds = {"opencv": OpenCv, "onnxruntime": OnnxRuntime}
+    kinds: dict[str, Callable[[Path, Any, str], Runtime]] = {
+        "opencv": OpenCv,
+        "onnxruntime": OnnxRuntime,
+    }
     if name not in kinds:
         raise ModelError(f"{path}: runtime '{name}', allowed: {', '.join(kinds)}")
     return kinds[name](path, model, input_name)

@@ -89,7 +89,7 @@ def write_onnx(
             comparisons.
     """
     graph = _Graph(network, weights, fold, half)
-    heads = []
+    heads: list[tuple[str, Head]] = []
     for layer in network.layers:
         if isinstance(layer, Head):
             # A name that no other node has: the same tensor may be the output of a route, too.
@@ -161,13 +161,10 @@ def _convolutional(graph: _Graph, layer: Convolutional, name: str) -> str:
         group=layer.groups,
     )
     if normalize:
-        parts = {
-            "scales": numbers.scales,
-            "biases": numbers.biases,
-            "means": numbers.means,
-            "variances": numbers.variances,
-        }
-        constants = [graph.constant(f"{name}_{part}", array) for part, array in parts.items()]
+        constants = [
+            graph.constant(f"{name}_{part}", getattr(numbers, part))
+            for part in ("scales", "biases", "means", "variances")
+        ]
         out = graph.node(
             "BatchNormalization",
             [out, *constants],
