@@ -1,4 +1,4 @@
-"""A detector: an ONNX file run by OpenCV on the CPU.
+"""A detector: an ONNX file run on the CPU, by OpenCV or by ONNX Runtime.
 
 A model is checked completely when it is loaded, with one black image through all of it: what can
 be wrong with a file is said then, in one line, and not in the middle of a case.
@@ -6,8 +6,7 @@ be wrong with a file is said then, in one line, and not in the middle of a case.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,8 @@ from devkit.detector_description import (
     GridHead,
     decode_description,
 )
+from devkit.detector_runtime import ModelError, RuntimeName, first_line, open_runtime
 from schemas.validation import suggest
-from twin.fabric.errors import UsageError
 
 BATCH_MAX = 16
 """Images that go through the network together; more do so in turns."""
@@ -32,19 +31,16 @@ MODEL_BYTES_MAX = 2 << 30
 """A larger model does not fit into one ONNX file [bytes]."""
 
 
-class ModelError(UsageError):
-    """A model file cannot be used; one line that names the file."""
-
-
 class Detector:
     """A network with its decoding. Results of an image do not depend on the batch it is in, nor on
-    the number of threads (:func:`cv2.setNumThreads`)."""
+    the number of threads; they do on the runtime, by rounding."""
 
     def __init__(
         self,
         path: Path,
         selection: Selection | None = None,
         description: DetectorDescription | None = None,
+        runtime: RuntimeName = "opencv",
     ) -> None:
         """Load and check a model.
 
@@ -52,17 +48,18 @@ class Detector:
             path: ONNX file.
             selection: which boxes are reported.
             description: of a model whose metadata has none; wins over the metadata.
+            runtime: what runs it, see :mod:`devkit.detector_runtime`.
 
         Raises:
             ModelError: the file is missing, damaged, no detector of this kind, or needs something
-                that OpenCV does not have; one line naming the file.
+                that the runtime does not have; one line naming the file.
         """
         self.path = path
         self.selection = selection or Selection()
         model = _read_model(path)
         self.description = description or _described(path, model)
         self._input, self._batch = _check_input(path, model, self.description)
-        self._net, self._outputs = _load(path, model)
+        self._runtime = open_runtime(runtime, path, model, self._input)
         self._check_heads()
 
     def detect(self, images: Sequence[np.ndarray] | np.ndarray) -> Detections:
@@ -106,9 +103,7 @@ class Detector:
         count = len(blob)
         if self._batch and count < self._batch:
             blob = np.concatenate([blob, np.repeat(self._black(), self._batch - count, axis=0)])
-        self._net.setInput(blob, self._input)
-        outputs = self._net.forward(self._outputs)
-        found = dict(zip(self._outputs, outputs, strict=True))
+        found = self._runtime.forward(blob)
         return {head.output: found[head.output][:count] for head in self.description.heads}
 
     def _black(self) -> np.ndarray:
@@ -116,12 +111,12 @@ class Detector:
 
     def _check_heads(self) -> None:
         for head in self.description.heads:
-            if head.output not in self._outputs:
+            known = self._runtime.outputs
+            if head.output not in known:
                 raise ModelError(
-                    f"{self.path}: no output '{head.output}'; {suggest(head.output, self._outputs)}"
+                    f"{self.path}: no output '{head.output}'; {suggest(head.output, known)}"
                 )
-        with _quiet(self.path):
-            outputs = self._forward(self._black())
+        outputs = self._forward(self._black())
         for head in self.description.heads:
             shape = outputs[head.output].shape
             mistake = _head_mistake(head, shape, len(self.description.names))
@@ -162,7 +157,7 @@ def _read_model(path: Path) -> Any:
         model = onnx.load_model_from_string(data)
         onnx.checker.check_model(model)
     except (DecodeError, onnx.checker.ValidationError) as error:
-        reason = _first_line(error)
+        reason = first_line(error)
         raise ModelError(f"{path}: not an ONNX file, or damaged: {reason}") from None
     return model
 
@@ -204,33 +199,3 @@ def _check_input(path: Path, model: Any, description: DetectorDescription) -> tu
     if kind.elem_type != 1:
         raise ModelError(f"{path}: input '{inputs[0].name}' is not float32")
     return inputs[0].name, found[0] if isinstance(found[0], int) else 0
-
-
-def _load(path: Path, model: Any) -> tuple[Any, list[str]]:
-    """The network in OpenCV, and the names of all its outputs."""
-    operators = sorted({node.op_type for node in model.graph.node})
-    with _quiet(path, operators):
-        net = cv2.dnn.readNetFromONNX(np.frombuffer(model.SerializeToString(), np.uint8))
-        return net, list(net.getUnconnectedOutLayersNames())
-
-
-@contextmanager
-def _quiet(path: Path, operators: Sequence[str] = ()) -> Iterator[None]:
-    """OpenCV's errors as one line about ``path``; its own log stays silent meanwhile."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    except cv2.error as error:
-        blamed = [name for name in operators if name in str(error)]
-        about = f"operator {', '.join(blamed)}: " if blamed else ""
-        reason = _first_line(error.err or error)
-        raise ModelError(f"{path}: OpenCV cannot run it: {about}{reason}") from None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-
-
-def _first_line(error: object) -> str:
-    """The first line that says something, cut to a readable length."""
-    line = next((part.strip() for part in str(error).splitlines() if part.strip()), "")
-    return line if len(line) <= 200 else f"{line[:197]}..."

@@ -213,7 +213,8 @@ def _class_probability(scores: np.ndarray, best: np.ndarray, how: str) -> np.nda
 
 
 def _logistic(values: np.ndarray) -> np.ndarray:
-    return 1.0 / (1.0 + np.exp(np.minimum(-values, EXPONENT_LARGE)))
+    odds: np.ndarray = np.exp(np.minimum(-values, EXPONENT_LARGE))
+    return 1.0 / (1.0 + odds)
 
 
 def _clipped(box: np.ndarray, size_px: np.ndarray) -> np.ndarray:

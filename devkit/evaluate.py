@@ -169,7 +169,8 @@ def overlaps(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     high = np.minimum(left[:, :2] + left[:, 2:], right[:, :2] + right[:, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=1)
     union = np.prod(left[:, 2:], axis=1) + np.prod(right[:, 2:], axis=1) - shared
-    return np.divide(shared, union, out=np.zeros(len(union)), where=union > 0.0)
+    overlap: np.ndarray = np.divide(shared, union, out=np.zeros(len(union)), where=union > 0.0)
+    return overlap
 
 
 def _match(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
 
 LISTED_MAX = 20
 """Most rows that are listed for people; JSON lists all."""
+
+
+class RuntimeChoice(StrEnum):
+    """See :data:`devkit.detector_runtime.RuntimeName`."""
+
+    opencv = "opencv"
+    onnxruntime = "onnxruntime"
+
 
 WidthOption = Annotated[
     int | None, typer.Option(min=1, max=8192, help="Of the network's input [px].")
@@ -36,12 +45,13 @@ def import_darknet(
     ] = None,
     width: WidthOption = None,
     height: HeightOption = None,
+    half: Annotated[bool, typer.Option("--half", help="Store kernels as float16.")] = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Write a Darknet detector as ONNX: region and yolo heads of YOLOv2 and YOLOv3."""
     from devkit.darknet.importer import import_darknet as run
 
-    written = run(cfg, weights, out, names, width, height)
+    written = run(cfg, weights, out, names, width, height, half=half)
     if output is Output.json:
         print(json.dumps(dataclasses.asdict(written)))
         return
@@ -80,6 +90,9 @@ def detect(
     description: Annotated[
         Path | None, typer.Option(help="JSON about a model whose metadata has none.")
     ] = None,
+    runtime: Annotated[
+        RuntimeChoice, typer.Option(help="What runs the network.")
+    ] = RuntimeChoice.opencv,
     output: OutputOption = Output.human,
 ) -> None:
     """Print what a detector sees in images."""
@@ -93,6 +106,7 @@ def detect(
         model,
         Selection(confidence_min=confidence_min, overlap_max=overlap_max),
         read_description(description) if description else None,
+        runtime.value,
     )
     for path in images:
         image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None

@@ -13,6 +13,7 @@ import tarfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from devkit.planning import Cruise, Planner, View, plan
 from devkit.planning_autodrive import HEIGHT_PX, WIDTH_PX
@@ -200,7 +201,7 @@ def _archived(name: str, path: Path) -> Iterator[tuple[str, str]]:
         raise UsageError(f"{path}: not a readable .tar.gz: {error}") from None
 
 
-def _text(name: str, stream: io.BufferedIOBase | io.BufferedReader) -> str:
+def _text(name: str, stream: IO[bytes]) -> str:
     data = stream.read(LOG_BYTES_MAX + 1)
     if len(data) > LOG_BYTES_MAX:
         raise UsageError(f"{name}: larger than {LOG_BYTES_MAX} bytes, no log of this kind")

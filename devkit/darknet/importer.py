@@ -37,6 +37,8 @@ def import_darknet(
     names: Path | None = None,
     width: int | None = None,
     height: int | None = None,
+    *,
+    half: bool = False,
 ) -> Imported:
     """Read ``cfg`` and ``weights``, write the ONNX file ``out``.
 
@@ -44,6 +46,7 @@ def import_darknet(
         names: one label per line; without it COCO's for 80 classes.
         width: of the network's input instead of the cfg's [px].
         height: of the network's input instead of the cfg's [px].
+        half: store the kernels as float16.
 
     Raises:
         DarknetError: one line naming the file and what is wrong with it.
@@ -57,7 +60,7 @@ def import_darknet(
 
     from devkit.darknet.onnx_writer import write_onnx
 
-    model = write_onnx(network, numbers, labels)
+    model = write_onnx(network, numbers, labels, half=half)
     partial = out.with_name(f".{out.name}.partial")
     try:
         partial.write_bytes(model.SerializeToString(deterministic=True))

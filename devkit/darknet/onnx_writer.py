@@ -28,6 +28,7 @@ from devkit.darknet.network import (
     Shortcut,
     Upsample,
 )
+from devkit.darknet.sections import DarknetError
 from devkit.darknet.weights import Convolution, Weights
 from devkit.detector_description import METADATA_KEY, DetectorDescription, GridHead
 
@@ -48,6 +49,7 @@ class _Graph:
     network: Network
     weights: Weights
     fold: bool
+    half: bool
     nodes: list[onnx.NodeProto] = field(default_factory=list)
     constants: list[onnx.TensorProto] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=lambda: {IMAGE: INPUT})
@@ -70,6 +72,7 @@ def write_onnx(
     names: Sequence[str],
     *,
     fold: bool = True,
+    half: bool = False,
     every_layer: bool = False,
 ) -> onnx.ModelProto:
     """The model.
@@ -80,11 +83,13 @@ def write_onnx(
         names: labels of the classes.
         fold: batch normalisation becomes part of the kernels and a bias; otherwise it stays a
             node of its own.
+        half: kernels are stored as float16, which halves the file, and become float32 when it is
+            loaded; the network computes in float32 either way.
         every_layer: every layer's output is an output of the model, ``layer_0`` and so on, for
             comparisons.
     """
-    graph = _Graph(network, weights, fold)
-    heads = []
+    graph = _Graph(network, weights, fold, half)
+    heads: list[tuple[str, Head]] = []
     for layer in network.layers:
         if isinstance(layer, Head):
             # A name that no other node has: the same tensor may be the output of a route, too.
@@ -143,7 +148,7 @@ def _convolutional(graph: _Graph, layer: Convolutional, name: str) -> str:
     numbers = graph.weights.convolutions[layer.index]
     normalize = layer.batch_normalize and not graph.fold
     kernels, biases = folded(numbers) if not normalize else (numbers.kernels, None)
-    inputs = [graph.names[layer.inputs[0]], graph.constant(f"{name}_kernels", kernels)]
+    inputs = [graph.names[layer.inputs[0]], _stored(graph, kernels, f"{name}_kernels")]
     if biases is not None:
         inputs.append(graph.constant(f"{name}_biases", biases))
     out = graph.node(
@@ -156,13 +161,10 @@ def _convolutional(graph: _Graph, layer: Convolutional, name: str) -> str:
         group=layer.groups,
     )
     if normalize:
-        parts = {
-            "scales": numbers.scales,
-            "biases": numbers.biases,
-            "means": numbers.means,
-            "variances": numbers.variances,
-        }
-        constants = [graph.constant(f"{name}_{part}", array) for part, array in parts.items()]
+        constants = [
+            graph.constant(f"{name}_{part}", getattr(numbers, part))
+            for part in ("scales", "biases", "means", "variances")
+        ]
         out = graph.node(
             "BatchNormalization",
             [out, *constants],
@@ -170,6 +172,15 @@ def _convolutional(graph: _Graph, layer: Convolutional, name: str) -> str:
             epsilon=EPSILON,
         )
     return _activate(graph, layer.activation, out, name)
+
+
+def _stored(graph: _Graph, kernels: np.ndarray, name: str) -> str:
+    if not graph.half:
+        return graph.constant(name, kernels)
+    if np.abs(kernels).max() > np.finfo(np.float16).max:
+        raise DarknetError(f"{graph.network.name}: {name} holds numbers too large for float16")
+    stored = graph.constant(f"{name}_half", kernels.astype(np.float16))
+    return graph.node("Cast", [stored], name, to=TensorProto.FLOAT)
 
 
 def _before(activation: str, name: str) -> str:

@@ -223,3 +223,15 @@ def test_parameters_are_the_fields_of_the_parts():
 def test_parameters_out_of_range(parameters, message):
     with pytest.raises(ValueError, match=message):
         AebStack(1, **parameters)
+
+
+def test_autodrive_rules_brake_at_once_and_let_go_again():
+    class Passing(World):
+        def seen(self, tick: int):
+            return self.boxes if 5 <= tick < 9 else ()
+
+    commands = drive([Passing(3, [AHEAD])], 15, rules="autodrive")[3]
+    assert [tick for tick, c in enumerate(commands) if c.aeb] == [5, 6, 7, 8]
+    assert [c.brake for c in commands[5:9]] == [1.0] * 4
+    latched = drive([Passing(3, [AHEAD])], 15)[3]
+    assert [tick for tick, c in enumerate(latched) if c.aeb] == list(range(6, 15))

@@ -13,7 +13,7 @@ from darknet_oracle import forward, random_weights, reorg
 from devkit.darknet.build import build_network
 from devkit.darknet.network import Network, Route
 from devkit.darknet.onnx_writer import write_onnx
-from devkit.darknet.sections import parse_sections
+from devkit.darknet.sections import DarknetError, parse_sections
 from devkit.darknet.variant import ARCHITECTURES, architecture_network, coco_names
 from devkit.detector_description import METADATA_KEY, DetectorDescription
 
@@ -127,6 +127,31 @@ def test_reorg_is_not_the_plain_space_to_depth():
     # Memory 0 to 15 counts as one channel of 4x4; its 2x2 blocks' pixels become the channels.
     found = reorg(np.arange(16, dtype=np.float32).reshape(4, 2, 2), 2).reshape(4, 4)
     assert found.tolist() == [[0, 2, 8, 10], [1, 3, 9, 11], [4, 6, 12, 14], [5, 7, 13, 15]]
+
+
+def test_kernels_of_half_the_size_compute_as_their_rounded_numbers():
+    network = architecture_network("yolov3-tiny-w25", width=96, height=64)
+    weights = random_weights(network, 1)
+    plain = write_onnx(network, weights, coco_names())
+    half = write_onnx(network, weights, coco_names(), half=True)
+    assert half.ByteSize() < 0.55 * plain.ByteSize()
+    for tensor in plain.graph.initializer:
+        if tensor.name.endswith("_kernels"):
+            rounded = onnx.numpy_helper.to_array(tensor).astype(np.float16).astype(np.float32)
+            tensor.CopyFrom(onnx.numpy_helper.from_array(rounded, tensor.name))
+    images = np.random.default_rng(0).random((2, *network.input), dtype=np.float32)
+    for run in (run_opencv, run_onnxruntime):
+        left, right = (run(model, images, ["head_0", "head_1"]) for model in (half, plain))
+        for name in left:
+            assert np.array_equal(left[name], right[name])
+
+
+def test_numbers_too_large_for_half_are_refused():
+    network = small("")
+    weights = random_weights(network, 1)
+    weights.convolutions[0].kernels[0, 0, 0, 0] = 1e5
+    with pytest.raises(DarknetError, match="layer_0_kernels holds numbers too large for float16"):
+        write_onnx(network, weights, ["a", "b"], half=True)
 
 
 def test_metadata_says_all_that_decoding_needs():

@@ -53,15 +53,18 @@ def pictures(count: int, width: int = 320, height: int = 180) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ARCHITECTURES)
-def test_equal_for_any_batch_and_thread_count(models, threads, name):
-    detector = Detector(models[name][0], Selection(confidence_min=0.05))
+@pytest.mark.parametrize("runtime", ["opencv", "onnxruntime"])
+def test_equal_for_any_batch_and_thread_count(models, threads, name, runtime):
     images = pictures(17)
+    selection = Selection(confidence_min=0.05)
     threads(1)
+    detector = Detector(models[name][0], selection, runtime=runtime)
     raw = detector.raw(images)
     expected = detector.detect(images)
     assert len(expected.image) > 50
     for count in (1, 2):
         threads(count)
+        detector = Detector(models[name][0], selection, runtime=runtime)
         for batch in (1, 3, 16, 17):
             for first in range(0, 17, batch):
                 part = detector.raw(images[first : first + batch])
@@ -73,9 +76,10 @@ def test_equal_for_any_batch_and_thread_count(models, threads, name):
 
 
 @pytest.mark.parametrize("name", ARCHITECTURES)
-def test_boxes_are_those_of_the_numpy_network(models, name):
+@pytest.mark.parametrize("runtime", ["opencv", "onnxruntime"])
+def test_boxes_are_those_of_the_numpy_network(models, name, runtime):
     path, network, weights = models[name]
-    detector = Detector(path, Selection(confidence_min=0.2))
+    detector = Detector(path, Selection(confidence_min=0.2), runtime=runtime)
     images = pictures(2, width=160, height=96)
     expected = forward(network, weights, images.transpose(0, 3, 1, 2) / np.float32(255))
     heads = {f"head_{n}": expected[head.index] for n, head in enumerate(network.heads())}
@@ -119,9 +123,9 @@ def test_an_image_of_another_shape_is_refused(models, shape):
 # --- bad files ----------------------------------------------------------------------------------
 
 
-def refused(path, description=None) -> str:
+def refused(path, description=None, runtime="opencv") -> str:
     with pytest.raises(ModelError) as caught:
-        Detector(path, description=description)
+        Detector(path, description=description, runtime=runtime)
     line = str(caught.value)
     assert line.startswith(str(path))
     assert "\n" not in line
@@ -213,7 +217,10 @@ def one_node(tmp_path, kind, inputs, domain="", **attributes):
 def test_an_operator_that_opencv_does_not_have_is_named(tmp_path):
     images = ("images", TensorProto.FLOAT, ["n", 3, 8, 8])
     path = one_node(tmp_path, "Wobble", [images], domain="strange.ops")
-    assert "OpenCV cannot run it: operator Wobble" in refused(path)
+    assert "OpenCV cannot run it: operator Wobble: it has no such operator" in refused(path)
+    line = refused(path, runtime="onnxruntime")
+    assert "ONNX Runtime cannot run it: operator Wobble: " in line
+    assert "runtime 'tensorrt', allowed: opencv, onnxruntime" in refused(path, runtime="tensorrt")
 
 
 def test_inputs_that_are_no_images(tmp_path):
