@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python tests/reader_frames.py FOLDER --seed 7
 
-Every weather once by day and once by night, at random places, unlabelled and shuffled. The answers go
-beside the folder, not into it. docs/reading.md holds what readers said.
+Every weather once by day and once by night, at random places, unlabelled and shuffled. The answers
+go beside the folder, not into it. docs/reading.md holds what readers said.
 """
 
 from __future__ import annotations
