@@ -21,7 +21,7 @@ from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
 from twin.render.memory import LidarLoad, check_free, plan
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
-from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.motion import Placement
 from twin.world.scene import Scene
@@ -76,7 +76,7 @@ def lidar_sites(case: Case, vehicle: Vehicle) -> list[LidarSite]:
     sites = []
     for lidar in case.lidars:
         mount = vehicle.lidar(lidar.name)
-        profile = mount.inline or load_lidar_profile(mount.profile)
+        profile = mounted_profile(mount)
         hz = lidar.hz or profile.hz
         if case.control_hz % hz:
             raise ValueError(
@@ -189,7 +189,7 @@ class ExteroceptiveSuite:
         self._scanners = []
         for lidar, site in zip(case.lidars, lidar_sites(case, vehicle), strict=True):
             mount = vehicle.lidar(lidar.name)
-            profile = mount.inline or load_lidar_profile(mount.profile)
+            profile = mounted_profile(mount)
             out = buffers.get(site.message)
             sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
             self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
