@@ -12,7 +12,7 @@ import typer
 
 from schemas.view import ViewMode
 from twin.bench.command import app as bench_app
-from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
 from twin.validate.command import app as validate_app
@@ -179,6 +179,47 @@ def snapshot(
     except ValueError as error:
         raise UsageError(str(error)) from None
     print(out)
+
+
+@app.command()
+def memory(
+    slots: Annotated[int, typer.Option(min=1, help="Cases at once.")] = 256,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(help="A camera of the vehicle, repeatable; default: front_right."),
+    ] = None,
+    width: Annotated[int, typer.Option(help="Width of their pictures [px].")] = 640,
+    height: Annotated[int, typer.Option(help="Height of their pictures [px].")] = 360,
+    effect: Annotated[list[str] | None, typer.Option(help="An effect, or all; repeatable.")] = None,
+    image: Annotated[
+        list[str] | None, typer.Option(help="A further picture, e.g. depth; repeatable.")
+    ] = None,
+    lidar: Annotated[
+        list[str] | None, typer.Option(help="A lidar of the vehicle, repeatable.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
+    vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
+    device: Device = "cpu",
+    output: OutputOption = Output.human,
+) -> None:
+    """Print what a rig's cameras and lidars take of a GPU, and how many slots fit on one.
+
+    `twin memory --camera front_left --camera front_right --lidar roof --device cuda:0`
+    """
+    from twin.memory import show_memory
+
+    show_memory(
+        slots,
+        camera or ["front_right"],
+        (width, height),
+        effect or [],
+        image or [],
+        lidar or [],
+        scene,
+        vehicle,
+        device,
+        as_json=output is Output.json,
+    )
 
 
 def main() -> None:
