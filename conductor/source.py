@@ -122,7 +122,7 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
     for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
         names = _simulator_files(folder)
         for given in sorted({getattr(case.scenario, field) for case in cases}):
-            if given not in names and not Path(given).is_file():
+            if given not in names and not (is_path(given) and Path(given).is_file()):
                 mistakes.append(
                     Mistake(
                         f"scenario.{field}",
@@ -156,7 +156,30 @@ def _missing_mounts(cases: list[Case]) -> list[Mistake]:
         if name not in known:
             hint = suggest(name, known) if known else "it has none"
             mistakes.append(Mistake(kind, f"vehicle '{vehicle}' has no '{name}'; {hint}"))
+        elif kind == "lidars":
+            mistakes += _sweep_rate(path, name, data[kind][name], cases)
     return mistakes
+
+
+def _sweep_rate(path: Path, name: str, mount: Any, cases: list[Case]) -> list[Mistake]:
+    """A lidar that sweeps as often as its profile says must fit the control rate."""
+    profile = mount.get("inline") if isinstance(mount, dict) else None
+    named = mount.get("profile", "") if isinstance(mount, dict) else ""
+    if isinstance(named, str) and named:
+        file = _simulator_folder("sensors/lidar_profiles") / f"{named}.yaml"
+        try:
+            profile = load_yaml(path.parent / named if is_path(named) else file)
+        except YamlError as error:
+            return [Mistake("lidars", str(error))]
+    hz = profile.get("hz") if isinstance(profile, dict) else None
+    if not isinstance(hz, int) or hz < 1:
+        return []  # the simulator says what is wrong with the profile
+    lean = [lidar for case in cases[:1] for lidar in case.lidars if lidar.name == name]
+    control_hz = cases[0].control_hz
+    if lean and not lean[0].hz and control_hz % hz:
+        message = f"'{name}' sweeps at {hz} Hz, no divisor of control_hz {control_hz}; give its hz"
+        return [Mistake("lidars", message)]
+    return []
 
 
 def _simulator_files(folder: str) -> list[str]:

@@ -9,24 +9,24 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from schemas.yaml_file import load_yaml
+from schemas.yaml_file import YamlError, load_yaml
 
 _FILE_KEYS = ("file", "heightmap")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
 _NAME_KEYS = ("profile",)
 """Keys whose values are names, or such paths."""
 
-_MATERIAL_LIBRARY = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
 _MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
 _PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _HEAD_BYTES = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
-"""Largest glTF or OBJ file that is searched for the files it names [bytes]."""
+"""Largest JSON of a glTF file, and largest material library, that is searched [bytes]."""
 
 
 def is_path(name: str) -> bool:
@@ -43,7 +43,11 @@ def asset_files(path: Path) -> list[Path]:
         YamlError: not readable, or not YAML.
     """
     found = [path]
-    for name in _named(load_yaml(path)):
+    try:
+        named = _named(load_yaml(path))
+    except RecursionError:
+        raise YamlError(f"{path}: an alias that holds itself; write it out") from None
+    for name in named:
         found += mesh_files(path.parent / name)
     unique = dict.fromkeys(file for file in found if file.is_file())
     return list(unique)
@@ -60,7 +64,7 @@ def asset_digest(path: Path) -> str:
     for file in asset_files(path):
         with file.open("rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
-        name = path.name if file == path else str(file)[len(str(path.parent)) :]
+        name = os.path.relpath(file, path.parent)
         sha.update(f"{name}\0{content}\n".encode())
     return sha.hexdigest()
 
@@ -93,25 +97,36 @@ def _resources(mesh: Path) -> list[str]:
         with mesh.open("rb") as file:
             head = file.read(_HEAD_BYTES).split(b"end_header")[0]
         return [name.decode(errors="replace") for name in _PLY_TEXTURE.findall(head)]
-    if mesh.stat().st_size > _TEXT_BYTES_MAX or suffix not in (".gltf", ".obj"):
-        return []
-    if suffix == ".gltf":
+    if suffix in (".gltf", ".glb"):
         return _gltf_resources(mesh)
+    return _obj_resources(mesh) if suffix == ".obj" else []
+
+
+def _obj_resources(mesh: Path) -> list[str]:
     found = []
-    for library in _MATERIAL_LIBRARY.findall(mesh.read_bytes()):
-        name = library.decode(errors="replace")
-        found.append(name)
-        if (mesh.parent / name).is_file():
-            maps = _MAP.findall((mesh.parent / name).read_bytes())
-            for line in maps:  # options may stand before the name; what is no file is left out
-                text = line.decode(errors="replace")
+    with mesh.open("rb") as lines:
+        for line in lines:
+            if line.startswith(b"mtllib "):
+                found.append(line[7:].strip().decode(errors="replace"))
+    for library in list(found):
+        path = mesh.parent / library
+        if path.is_file() and path.stat().st_size <= _TEXT_BYTES_MAX:
+            for image in _MAP.findall(path.read_bytes()):
+                # Options may stand before the name; what is no file is left out.
+                text = image.decode(errors="replace")
                 found += [text, text.split()[-1]]
     return found
 
 
 def _gltf_resources(mesh: Path) -> list[str]:
     try:
-        document = json.loads(mesh.read_bytes())
+        with mesh.open("rb") as file:
+            head = file.read(20)
+            if head[:4] == b"glTF":  # binary: a header, then a chunk of JSON
+                data = file.read(min(int.from_bytes(head[12:16], "little"), _TEXT_BYTES_MAX))
+            else:
+                data = head + file.read(_TEXT_BYTES_MAX)
+        document = json.loads(data)
     except ValueError:
         return []
     rows = [*_rows(document, "buffers"), *_rows(document, "images")]

@@ -286,6 +286,11 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
             mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
     if not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
+    for where, camera in (
+        ("camera", campaign.camera),
+        *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
+    ):
+        mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -477,7 +482,7 @@ def _section(
     if key not in memo:
         memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
     value, found = memo[key]
-    return value, [Mistake(f"{where}.{name}.{m.path}", m.message) for m in found]
+    return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in found]
 
 
 def _sensors(

@@ -21,6 +21,8 @@ EFFECTS: tuple[str, ...] = Effect.__args__  # type: ignore[attr-defined]
 Focal = Annotated[float, Meta(ge=0, le=20)]
 Centre = Annotated[float, Meta(ge=-1, le=2)]
 Coefficient = Annotated[float, Meta(ge=-1000, le=1000)]
+Tangential = Annotated[float, Meta(ge=-0.1, le=0.1)]
+"""Real lenses stay below 0.01."""
 Offset = Annotated[float, Meta(ge=-100, le=100)]
 Position = Annotated[list[Annotated[float, Meta(ge=-20, le=20)]], Meta(min_length=3, max_length=3)]
 Rotation = Annotated[
@@ -57,9 +59,9 @@ class Lens(Struct, frozen=True, forbid_unknown_fields=True):
     """Radial distortion, of r^2 (brown_conrady) or theta^2 (fisheye) [-]."""
     k2: Coefficient = 0.0
     """Radial distortion, of the fourth power [-]."""
-    p1: Coefficient = 0.0
+    p1: Tangential = 0.0
     """Tangential distortion, vertical; brown_conrady only [-]."""
-    p2: Coefficient = 0.0
+    p2: Tangential = 0.0
     """Tangential distortion, horizontal; brown_conrady only [-]."""
     k3: Coefficient = 0.0
     """Radial distortion, of the sixth power [-]."""

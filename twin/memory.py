@@ -62,7 +62,7 @@ def show_memory(
         result = {
             "slots": slots,
             "bytes": found.bytes_total,
-            "rows": {row.name: row.fixed + slots * row.per_slot for row in found.rows},
+            "rows": {row.name: row.total(slots) for row in found.rows},
             "free_bytes": free,
             "slots_max": None if free is None else found.slots_max(free),
         }

@@ -19,7 +19,7 @@ from schemas.names import WEATHERS, TimeOfDay, minutes
 from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.environment import light_of, wind_towards
 from twin.world.kernel_cache import prepare_kernels
@@ -201,7 +201,7 @@ class _Street:
         self._eye.sky_stale = True
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
-        advance_light(row, 0.0)
+        begin_sky(row, key)
         return self._eye.render(self._pose)[0]
 
 

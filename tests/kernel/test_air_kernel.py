@@ -11,7 +11,7 @@ from schemas.environment import Conditions
 from twin.render.air import sky_path
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import advance_light, fill_light, fill_sky
+from twin.render.light import begin_sky, fill_light, fill_sky
 from twin.render.tone import tone_table
 from twin.world import materials
 from twin.world.kernel_cache import prepare_kernels
@@ -57,7 +57,7 @@ def shoot(camera, weather, minute=720):
     fill_light(row, light, weather)
     row["active"], row["noise"], row["key"] = 1, 0, 5
     fill_sky(camera.sky_table.host[0], light)
-    advance_light(row, 0.0)
+    begin_sky(row, 0)
     pose = wp.array([[0.0, 0.0, 0.0]], dtype=wp.float64, device=CPU)
     return camera.render(pose)[0].copy()
 

@@ -11,7 +11,7 @@ from schemas.messages import Lights
 from twin.render.air import through_air
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.noise import draw, normal
 from twin.render.tone import tone_table
 from twin.sensors.boxes import BoxSensor
@@ -62,6 +62,7 @@ def shoot(camera, weather="clear", minute=720, key=7, tick=0, noise=False, light
     fill_sky(camera.sky_table.host[0], light)
     switch_lamps(row, lights or usual_lights(weather, light.illuminance_lx))
     row["active"], row["noise"], row["key"], row["tick"] = 1, int(noise), key, tick
+    begin_sky(row, key)
     advance_light(row, tick / 20.0)
     pose = wp.array([[0.0, 0.0, 0.0]], dtype=wp.float64, device=CPU)
     return camera.render(pose)[0].copy()

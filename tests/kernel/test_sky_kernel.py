@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from twin.render.light import SlotLight, advance_light, fill_light, fill_sky
+from twin.render.light import SlotLight, advance_light, begin_sky, fill_light, fill_sky
 from twin.render.precipitation import cover
 from twin.render.sky import SKY_COLUMNS, SKY_ROWS, sky, smooth_sky, sun_through_clouds
 from twin.world import sky_table
@@ -53,6 +53,7 @@ def lights_of(weather="clear", minute=720, key=0x123456789ABCDEF0, time_s=0.0, *
     row = lights.host[0]
     fill_light(row, light, WEATHER[weather])
     row["key"] = key
+    begin_sky(row, key)
     advance_light(row, time_s)
     table = Mirror((2, *SHAPE), wp.vec3, CPU)
     table.host[0] = np.nan  # another slot's sky

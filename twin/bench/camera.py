@@ -20,7 +20,7 @@ from twin.bench.lambert import LambertCamera
 from twin.render.build import Tuning
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.snapshot import usual_lights
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
@@ -226,6 +226,7 @@ class CameraBench:
             fill_sky(self.camera.sky_table.host[slot], light)
             switch_lamps(row, usual_lights(name, light.illuminance_lx))
             row["active"], row["key"], row["noise"] = 1, slot + 1, int(self._picture == "full")
+            begin_sky(row, slot << 20)
             advance_light(row, 0.37 * slot)
 
     def launch(self) -> None:

@@ -272,13 +272,13 @@ class StackEnd:
         dtype = np.dtype(frame.dtype)
         count = int(np.prod(frame.shape, dtype=np.int64))
         size = count * dtype.itemsize
-        if not 0 < size <= FRAME_BYTES_MAX:
-            raise WireError(f"array of {size} bytes, at most {FRAME_BYTES_MAX} are accepted")
-        if frame.offset >= 0:
+        if frame.offset >= 0 and size > 0:
             if self._map is None or HEADER_BYTES + frame.offset + size > len(self._map):
                 raise WireError("frame lies outside the shared buffer")
             start = HEADER_BYTES + frame.offset
             return np.frombuffer(self._map, dtype, count, start).reshape(frame.shape)
+        if not 0 < size <= FRAME_BYTES_MAX:
+            raise WireError(f"array of {size} bytes, at most {FRAME_BYTES_MAX} are accepted")
         if len(payload) != size:
             raise WireError(f"array of {len(payload)} bytes, its shape says {size}")
         return np.frombuffer(payload, dtype, count).reshape(frame.shape)

@@ -11,7 +11,7 @@ BOX_FIELDS = 6
 # six numbers would wait for each other. Integers, so the order does not matter.
 _GATHER = """
     int* box = boxes.data + ((size_t)slot * boxes.shape[1] + instance) * 6;
-    #if defined(__CUDA_ARCH__)
+    #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
     const unsigned mates = __match_any_sync(__activemask(), slot * boxes.shape[1] + instance);
     const int x0 = __reduce_min_sync(mates, column), x1 = __reduce_max_sync(mates, column);
     const int y0 = __reduce_min_sync(mates, row), y1 = __reduce_max_sync(mates, row);
@@ -26,6 +26,13 @@ _GATHER = """
         atomicAdd(box + 4, __popc(mates));
         if (near < box[5]) atomicMin(box + 5, near);
     }
+    #elif defined(__CUDA_ARCH__)
+    atomicMin(box, column);
+    atomicMin(box + 1, row);
+    atomicMax(box + 2, column);
+    atomicMax(box + 3, row);
+    atomicAdd(box + 4, 1);
+    atomicMin(box + 5, distance);
     #else
     if (column < box[0]) box[0] = column;
     if (row < box[1]) box[1] = row;

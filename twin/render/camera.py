@@ -164,9 +164,12 @@ class RayCamera:
         """Host arrays of the outputs that the camera declares; valid after :meth:`render`."""
         return {name: mirror.host for name, mirror in self._truth.items()}
 
+    def reset(self, slot: int) -> None:
+        """A case begins in a slot: the picture before the first is not of this case."""
+        self._new[slot] = True
+
     def clear(self, slot: int) -> None:
         """Blank the image and outputs of a slot."""
-        self._new[slot] = True
         for mirror in (self._image, *self._truth.values()):
             mirror.host[slot] = 0
             if not self._device.is_cpu:
@@ -251,7 +254,7 @@ class RayCamera:
         wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
         active = self.lights.host["active"] != 0
         for slot in np.flatnonzero(self._new & active):
-            # The first picture of a case has none before it: nothing flows.
+            # The first picture of a case has none before it: the camera has not moved.
             wp.copy(self._poses_before, self._poses, int(slot), int(slot), 1)
             self._new[slot] = False
 

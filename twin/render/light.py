@@ -43,6 +43,8 @@ class SlotLight:
     snow: wp.float32
     fall_mps: wp.float32
     """Speed at which drops or flakes fall [m/s]."""
+    fallen_m: wp.float32
+    """How far they have fallen since the case began [m]."""
     slant: wp.float32
     """How far they drift to the street's right while they fall, over the fall [-]."""
     shutter_s: wp.float32
@@ -107,17 +109,26 @@ def fill_sky(table: np.ndarray, light: Daylight) -> None:
     table[...] = light.sky
 
 
+def begin_sky(row: np.void, key: int) -> None:
+    """Put clouds where a case begins with them; ``key``: of its stream ``clouds``."""
+    row["cloud_offset"] = [(key >> shift & 0xFFF) / 64.0 for shift in (20, 40)]
+    row["fallen_m"] = row["time_s"] = 0.0
+
+
 def advance_light(rows: np.ndarray | np.void, sim_time_s: np.ndarray | float) -> None:
-    """Move clouds, drops and flakes to ``sim_time_s``; before every frame.
+    """Move clouds, drops and flakes on to ``sim_time_s``, at the speeds that hold now.
+
+    To be called at every control period, whether there is a frame or not: then all cameras see the
+    same clouds, and a change of the weather moves nothing by a jump.
 
     Args:
-        rows: host SlotLight [S], or one row; where clouds begin follows from its ``key``.
+        rows: host SlotLight [S], or one row.
         sim_time_s: float [S], or one number.
     """
     time_s = np.asarray(sim_time_s, np.float64)
-    key = np.asarray(rows["key"], np.uint64)
-    start = np.stack([(key >> np.uint64(shift)) & np.uint64(0xFFF) for shift in (20, 40)], axis=-1)
-    rows["cloud_offset"] = start * (1.0 / 64.0) + rows["cloud_drift"] * time_s[..., None]
+    passed = time_s - rows["time_s"]
+    rows["cloud_offset"] += rows["cloud_drift"] * passed[..., None]
+    rows["fallen_m"] += rows["fall_mps"] * passed
     rows["time_s"] = time_s
 
 

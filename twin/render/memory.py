@@ -7,7 +7,8 @@ built (BVH nodes) is an upper bound.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ from twin.render.outputs import bytes_per_pixel
 from twin.render.post import bytes_needed
 from twin.render.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
 
+SLOTS_MAX = 1_000_000
+"""Largest number of slots that is looked for."""
 _BYTES_PER_TRIANGLE = 512
 """Corners, texture coordinates, baked light, face row and two kinds of BVH, rounded up."""
 _BYTES_PER_BOX = 2 * 6 * 4
@@ -50,6 +53,12 @@ class MemoryRow:
     """[bytes]"""
     per_slot: int
     """[bytes]"""
+    slots_max: int | None = None
+    """Slots beyond this number take nothing more; None: all take the same."""
+
+    def total(self, slots: int) -> int:
+        """For so many slots [bytes]."""
+        return self.fixed + min(slots, self.slots_max or slots) * self.per_slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +71,19 @@ class MemoryPlan:
     @property
     def bytes_total(self) -> int:
         """All of it [bytes]."""
-        return sum(row.fixed + self.slots * row.per_slot for row in self.rows)
+        return self.total(self.slots)
+
+    def total(self, slots: int) -> int:
+        """For another number of slots [bytes]."""
+        return sum(row.total(slots) for row in self.rows)
 
     def slots_max(self, free: int) -> int:
         """Largest number of slots that fits into ``free`` [bytes]; 0: not even one."""
-        left = free - sum(row.fixed for row in self.rows)
-        return max(0, left // max(1, sum(row.per_slot for row in self.rows)))
+        return max(0, bisect.bisect_right(range(SLOTS_MAX), free, key=self.total) - 1)
 
     def lines(self) -> list[str]:
         """The plan for people: one line per row, largest first, then the sum."""
-        sizes = {row.name: row.fixed + self.slots * row.per_slot for row in self.rows}
+        sizes = {row.name: row.total(self.slots) for row in self.rows}
         ranked = sorted(sizes.items(), key=lambda item: -item[1])
         found = [f"{size / 1e6:10,.1f} MB  {name}" for name, size in ranked]
         return [*found, f"{self.bytes_total / 1e6:10,.1f} MB  for {self.slots} slots"]
@@ -136,7 +148,7 @@ def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
     pixels = camera.width * camera.height
     rows = [
         MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
-        MemoryRow(f"{camera.name}: pixels under way", CHUNK_PIXELS * BYTES_PER_PIXEL, 0),
+        _under_way(camera.name, pixels),
         MemoryRow(f"{camera.name}: pictures", 0, pixels * bytes_per_pixel(wanted_of(camera))),
         MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
     ]
@@ -146,13 +158,17 @@ def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
     return rows
 
 
-def check_free(found: MemoryPlan, device: wp.Device, others: Iterable[int] = ()) -> None:
-    """Refuse a plan that does not fit into what is free on ``device``; on a CPU nothing is refused.
+def _under_way(name: str, pixels: int) -> MemoryRow:
+    """Pixels are traced in chunks of whole pictures."""
+    most = max(1, CHUNK_PIXELS // pixels)
+    return MemoryRow(f"{name}: pixels under way", 0, pixels * BYTES_PER_PIXEL, most)
 
-    ``others``: further memory that will be taken, such as vehicles [bytes].
+
+def check_free(found: MemoryPlan, device: wp.Device) -> None:
+    """Refuse a plan that does not fit into what is free on ``device``; on a CPU nothing is refused.
 
     Raises:
         ValueError: it does not fit; one line.
     """
     if device.is_cuda:
-        found.check(device.free_memory - sum(others))
+        found.check(device.free_memory)

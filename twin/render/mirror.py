@@ -18,7 +18,7 @@ from twin.render.light import SlotLight
 from twin.render.noise import value_noise
 from twin.render.rays import Optics, SlotPose
 from twin.render.shading import PI_INVERSE, Place, fresnel_of, matt_light, place_of, surface_of
-from twin.render.sky import smooth_sky
+from twin.render.sky import smooth_sky, sun_through_clouds
 from twin.render.visibility import MIRRORED, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
@@ -69,7 +69,7 @@ def far_light(
     at.distance = before + hit.t
     if light.shadows != 0 and wp.dot(at.n, light.sun_direction) > 0.0:
         dark = occluded(scene, slot, at.p + at.n * 0.02, light.sun_direction, RANGE_M)
-        at.lit = wp.where(dark, 0.0, 1.0)
+        at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
     s = surface_of(scene, slot, optics, at, direction, light)
     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
     return through_air(color, light.air_rgb, light.extinction, hit.t)

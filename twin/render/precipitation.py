@@ -45,7 +45,7 @@ def _streak(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
         # An eye, or a codec, sees streaks longer than the shutter makes them.
         length = 0.16 + speed * light.shutter_s
         cell = wp.max(0.9, 2.5 * length)
-        y = v / (size * cell) - speed * light.time_s / cell + 64.0 * own
+        y = v / (size * cell) - light.fallen_m * (0.85 + 0.3 * own) / cell + 64.0 * own
         j = wp.int32(wp.floor(y))
         dice = lattice(i, j, seed + 7 + layer)
         if dice < 0.16 + 0.74 * light.rain:
@@ -75,8 +75,7 @@ def _flakes(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
         x = (u - light.slant * v) / pitch
         column = wp.int32(wp.floor(x))
         own = lattice(column, layer, seed)
-        fall = light.fall_mps * (0.8 + 0.4 * own) / grid
-        y = v / pitch - fall * light.time_s + 64.0 * own
+        y = v / pitch - light.fallen_m * (0.8 + 0.4 * own) / grid + 64.0 * own
         j = wp.int32(wp.floor(y))
         dice = lattice(column, j, seed + 7 + layer)
         if dice < 0.06 + 0.62 * light.snow:

@@ -13,16 +13,12 @@ import warp as wp
 
 from schemas.lens import Lens
 from schemas.lens_curve import intrinsics
-from twin.render.build import Build
 from twin.render.geometry import Scene, turned
 from twin.render.light import SlotLight
 from twin.render.rays import Optics, SlotPose
 from twin.render.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, Seen
 
 wp.set_module_options({"enable_backward": False})
-
-BUILD = Build(block=1)
-_NEAREST_M = wp.constant(1.0e-4)
 
 
 @wp.struct

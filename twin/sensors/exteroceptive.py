@@ -17,7 +17,7 @@ from schemas.messages import CameraSite, LidarSite, Lights
 from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
-from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.memory import check_free
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
@@ -207,6 +207,8 @@ class ExteroceptiveSuite:
             row["noise"] = int(eye.spec.noise)
             row["key"] = stream_key(case.seed, case.id, f"camera/{eye.spec.name}")
             row["active"] = 1
+            begin_sky(row, stream_key(case.seed, case.id, "clouds"))
+            eye.camera.reset(slot)
         for scanner in self._scanners:
             key = stream_key(case.seed, case.id, f"lidar/{scanner.site.name}")
             scanner.sensor.reset(slot, key)
@@ -261,6 +263,8 @@ class ExteroceptiveSuite:
         """
         if not now.active.any():
             return {}
+        for eye in self._eyes:
+            advance_light(eye.camera.lights.host, now.sim_time_ns / 1e9)
         phase = now.tick[now.active] % self.period
         assert (phase == phase[0]).all(), "active slots are not due for their frames together"
         due = [eye for eye in self._eyes if phase[0] % eye.every == 0]
@@ -301,9 +305,8 @@ def _check_memory(
 
 
 def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:
-    """Write what changes from frame to frame: tick, clouds and drops, lamps, blinking."""
+    """Write what changes from frame to frame: tick, lamps, blinking."""
     rows["tick"] = now.tick
-    advance_light(rows, now.sim_time_ns / 1e9)
     rows["hazard"] = 2 * (now.sim_time_ns % HAZARD_PERIOD_NS) < HAZARD_PERIOD_NS
     for slot, lamps in enumerate(lights):
         if lamps is not None:

@@ -253,7 +253,7 @@ def _write_point(
         points_out[slot, beam, axis] = point[axis]
     points_out[slot, beam, 3] = distance
     points_out[slot, beam, 4] = intensity
-    points_out[slot, beam, 5] = beams.time[column]
+    points_out[slot, beam, 5] = poses[slot, column].time
     points_out[slot, beam, 6] = wp.float32(echo.kind)
     if points_out.shape[2] > 7:
         instance = wp.int32(-1)
@@ -273,11 +273,13 @@ def _write_point(
 # A GPU's warp counts its returns of one slot first: all rays of a sweep add to one number, and
 # would wait for each other.
 _COUNT = """
-    #if defined(__CUDA_ARCH__)
+    #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 700
     const unsigned mates = __match_any_sync(__activemask(), slot);
     unsigned lane;
     asm("mov.u32 %0, %%laneid;" : "=r"(lane));
     if (lane == __ffs(mates) - 1) atomicAdd(counts.data + slot, __popc(mates));
+    #elif defined(__CUDA_ARCH__)
+    atomicAdd(counts.data + slot, 1);
     #else
     counts.data[slot] += 1;
     #endif

@@ -181,9 +181,10 @@ def sweep_kernel(
     position = vector_at(truth, slot, POSITION)
     turn = rotation_at(truth, slot)
     pose = SweepPose()
-    if own.motion != 0:
+    # Nothing is known of the time before the first sweep: it is taken at the tick.
+    if own.motion != 0 and own.fresh == 0:
         pose.time = beams.time[column]
-        if own.fresh == 0 and column < beams.columns - 1:
+        if column < beams.columns - 1:
             share = beams.share[column]
             was = vector_at(before, slot, POSITION)
             position = was + (position - was) * share

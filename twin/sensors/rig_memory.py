@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from schemas.campaign import Case
+from schemas.lidar import lidar_columns
 from twin.render.memory import LidarLoad, MemoryPlan, plan
 from twin.sensors.lidar import mounted_profile
 from twin.vehicle.vehicle_file import Vehicle
@@ -15,16 +16,20 @@ def rig_memory(case: Case, vehicle: Vehicle, world: World, slots: int) -> Memory
     Raises:
         ValueError: the vehicle has no such lidar; one line.
     """
-    profiles = {lidar.name: mounted_profile(vehicle.lidar(lidar.name)) for lidar in case.lidars}
+    profiles = [mounted_profile(vehicle.lidar(lidar.name)) for lidar in case.lidars]
     return plan(
         [case.camera, *case.cameras],
         [
-            LidarLoad(f"lidar.{name}", profile.channels * profile.columns)
-            for name, profile in profiles.items()
+            LidarLoad(
+                f"lidar.{lidar.name}",
+                profile.channels * profile.columns,
+                4 * len(lidar_columns(lidar)) + 16 * profile.sub_rays + 16,
+            )
+            for lidar, profile in zip(case.lidars, profiles, strict=True)
         ],
         slots,
         triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),
-        texture_bytes=sum(image.size for image in world.textures),
+        texture_bytes=4 * sum(image.size for image in world.textures) // 3,  # with mip levels
         instances=len(world.classes),
         objects=world.motion.count,
     )

@@ -11,9 +11,6 @@ from twin.world.content import DRIVABLE
 from twin.world.mesh import DECAL
 from twin.world.street import World
 
-KERB_MAX_M = 0.5
-"""Static faces that end below this height can be driven on [m]."""
-
 _GRIP = {materials.PAVING: 0.9}
 """Friction of a surface over that of asphalt; wet paving stones are a little smoother [-]."""
 
@@ -108,15 +105,20 @@ class FlatGround:
 def drivable(world: World, device: wp.Device) -> GroundMesh:
     """The part of a world's mesh that wheels can stand on.
 
-    Static faces whose class is road, sidewalk or terrain, at any height, and unlabelled ones that
-    end below :data:`KERB_MAX_M` where nothing is labelled. Paint has no height for a tyre, and
-    objects and their contact shadows are no ground.
+    Static faces whose class is road, sidewalk or terrain, at any height. Paint has no height for a
+    tyre, and objects and their contact shadows are no ground.
+
+    Raises:
+        ValueError: there is none; one line.
     """
     mesh = world.mesh
     classes = [SEMANTIC_CLASSES.index(name) for name in DRIVABLE]
     wanted = np.isin(mesh.semantic, classes)
-    if not mesh.semantic.any():
-        wanted = mesh.points_m[mesh.faces][:, :, 2].max(axis=1) < KERB_MAX_M
     wanted &= (mesh.instance < 0) & (mesh.material != materials.PAINT) & (mesh.tag != DECAL)
+    if not wanted.any():
+        raise ValueError(
+            "the scene has no ground: no face with semantic "
+            f"{', '.join(DRIVABLE)} (other than paint)"
+        )
     grip = np.array([_GRIP.get(int(m), 1.0) for m in mesh.material[wanted]])
     return GroundMesh(device, mesh.points_m, mesh.faces[wanted], grip)

@@ -323,6 +323,10 @@ def run_simulator(
     except MemoryError as error:
         send(out, Broken("out_of_memory", f"out of memory {error}".strip()))
         return 3
+    except ValueError as error:
+        # What the engine refuses: one line, for people.
+        send(out, Broken("crash", str(error)))
+        return 3
     except Exception as error:
         sys.excepthook(*sys.exc_info())
         send(out, Broken("crash", f"{type(error).__name__}: {error}"))

@@ -119,11 +119,6 @@ class MeshBuilder:
         finally:
             self._semantic, self._instance = before
 
-    @property
-    def face_count(self) -> int:
-        """Faces so far."""
-        return sum(batch.count for batch in self._batches)
-
     def add(
         self,
         points: np.ndarray,

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeVar
 from msgspec import Meta, field
 from msgspec.structs import replace
 
+from schemas.assets import is_path
 from schemas.validation import convert_all
 from schemas.yaml_file import load_yaml
 from twin.world.content import (
@@ -122,7 +123,8 @@ class Scene(Spec, kw_only=True):
         road = self.road
         if not self.street:
             grounds = [mesh for mesh in self.meshes if mesh.semantic in DRIVABLE]
-            if self.terrain is None and not grounds:
+            level = self.terrain is not None and self.terrain.semantic in DRIVABLE
+            if not level and not grounds:
                 raise ValueError(
                     "street: false needs other ground: terrain, or a mesh with semantic "
                     f"{', '.join(DRIVABLE)}"
@@ -162,7 +164,7 @@ def named_path(name_or_path: str, folder: Path, noun: str) -> Path:
     Raises:
         ValueError: no such name is shipped.
     """
-    if "/" in name_or_path or name_or_path.endswith((".yaml", ".yml")):
+    if is_path(name_or_path):
         return Path(name_or_path)
     path = folder / f"{name_or_path}.yaml"
     if not path.is_file():

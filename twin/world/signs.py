@@ -120,15 +120,6 @@ def no_parking(mesh: MeshBuilder, z_m: float) -> None:
     plate.sheet(stroke @ turn, RED)
 
 
-def no_entry(mesh: MeshBuilder, z_m: float) -> None:
-    """A red disc with a white bar."""
-    plate = _Plate(mesh, z_m)
-    plate.back(_ring(0.32))
-    plate.sheet(_ring(0.32), WHITE)
-    plate.sheet(_ring(0.30), RED)
-    plate.sheet(_rectangle(0.0, 0.0, 0.22, 0.055), WHITE)
-
-
 def crossing(mesh: MeshBuilder, z_m: float) -> None:
     """A blue square with a walker in a white triangle."""
     plate = _Plate(mesh, z_m)

@@ -32,6 +32,8 @@ and the tone curve holds highlights up to 6 [-]."""
 MOON_DISC_CDPM2 = 2500.0
 """Luminance of the lit part of the moon above the atmosphere [cd/m^2]."""
 _CLOSED_COVER = 0.9  # from here on nothing of the clear sky is left
+_LAYER_M = 100.0
+"""Depth of fog, rain and snow that the sun's beam crosses upright (inferred) [m]."""
 _SUNLIT_SHARE = 0.25  # of a street between houses
 _ROW_45 = round((sky_table.ROWS - 1) * math.sqrt(math.sqrt(0.5)))  # row of the sky at 45 deg
 
@@ -86,11 +88,6 @@ class Daylight:
         """Luminance of the sky at the zenith [cd/m^2]."""
         return self.sky[-1].mean(axis=0)
 
-    @property
-    def horizon_rgb(self) -> np.ndarray:
-        """Luminance of the sky at the horizon, mean all around [cd/m^2]."""
-        return self.sky[0].mean(axis=0)
-
 
 def daylight(
     time_of_day_min: float,
@@ -122,7 +119,9 @@ def daylight_under(
     # The beam is gone where it casts no shadow, and gets there without a step.
     gaps = max(0.0, 1.0 - cover / SHADOW_CLOUD_COVER_MAX)
     direct_lx = _direct_normal_lx(elevation) * gaps * gaps * (3.0 - 2.0 * gaps)
-    shadows = direct_lx > 0.0
+    thick = max(0.0, weather.extinction_per_m - 2.0 * AIR_PER_M) * _LAYER_M
+    direct_lx *= weather.sky_factor * math.exp(-thick / max(up, 0.1))
+    shadows = direct_lx > 1.0
     clear_lx, overcast_lx = _diffuse_lx(elevation)
     seen = max(0.0, 1.0 - cover / _CLOSED_COVER) ** 2
     sun_color = _sun_color(elevation, level)

@@ -117,3 +117,29 @@ def test_a_lidar_profile_by_path_belongs_to_the_vehicle(files):
     own = folder / "own.yaml"
     own.write_text(own.read_text().replace("noise_m: ", "noise_m: 1"))
     assert asset_digest(car) != before
+
+
+def test_an_alias_that_holds_itself_is_one_line(files):
+    campaign, car = files
+    car.write_text(car.read_text() + "\nx: &x [*x]\n")
+    with pytest.raises(UsageError, match="alias that holds itself"):
+        load(str(campaign))
+
+
+def test_the_digest_does_not_depend_on_how_the_path_is_written(tmp_path, monkeypatch):
+    (tmp_path / "scene.yaml").write_text("meshes: [{file: x.stl}]\n")
+    (tmp_path / "x.stl").write_bytes(b"solid")
+    whole = asset_digest(tmp_path / "scene.yaml")
+    monkeypatch.chdir(tmp_path)
+    assert asset_digest(Path("scene.yaml")) == asset_digest(Path("./scene.yaml")) == whole
+
+
+def test_binary_gltf_and_long_obj_files_name_theirs(tmp_path):
+    chunk = b'{"images": [{"uri": "c.png"}]}'
+    header = b"glTF" + (2).to_bytes(4, "little") + (20 + len(chunk)).to_bytes(4, "little")
+    glb = tmp_path / "m.glb"
+    glb.write_bytes(header + len(chunk).to_bytes(4, "little") + b"JSON" + chunk)
+    assert [p.name for p in mesh_files(glb)] == ["m.glb", "c.png"]
+    obj = tmp_path / "m.obj"
+    obj.write_bytes(b"v 0 0 0\n" * 1000 + b"mtllib late.mtl\n")
+    assert [p.name for p in mesh_files(obj)] == ["m.obj", "late.mtl"]

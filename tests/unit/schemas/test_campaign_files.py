@@ -35,6 +35,9 @@ BAD = [
     ({"scenario": {"vehicle": "no/car.yaml"}}, "scenario.vehicle", ["no/car.yaml", "opencav"]),
     ({"camera": {"name": "front"}}, "cameras", ["opencav", "'front'", "front_right"]),
     ({"cameras": [{"name": "rear"}]}, "cameras", ["opencav", "'rear'", "front_left"]),
+    ({"lidars": [{"name": "roof"}], "control_hz": 25, "camera": {"hz": 5}}, "lidars", ["10 Hz"]),
+    ({"camera": {"outputs": ["depth", "depth"]}}, "camera.outputs", ["'depth' appears twice"]),
+    ({"matrix": {"environment.date": ["2025-06-31"]}}, "matrix.environment", ["no day"]),
     ({"lidars": [{"name": "rof"}]}, "lidars", ["did you mean 'roof'?"]),
     (
         {"scenario": {"vehicle": "bmw_320i"}, "lidars": [{"name": "roof"}]},

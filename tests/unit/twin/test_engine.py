@@ -373,3 +373,36 @@ def test_gusts_push_the_car_and_belong_to_the_case():
     assert abs(aside(blown)) > 0.01
     assert aside(blown) == aside(blown, 3, 2)
     assert aside(blown) != aside(msgspec.structs.replace(blown, seed=77))
+
+
+def test_rain_falls_on_while_the_weather_changes():
+    timeline = [{"at_s": 0.5, "over_s": 0.5, "weather": "light_rain"}]
+    one = case(weather="heavy_rain", environment={"timeline": timeline}, duration_s=2.0)
+    engine = Engine(one, 1)
+    engine.reset(0, one)
+    fallen, clouds = [], []
+    while engine.active.any():
+        engine.sense()
+        row = engine._eyes._eyes[0].camera.lights.host[0]
+        fallen.append(float(row["fallen_m"]))
+        clouds.append(row["cloud_offset"].copy())
+        engine.step([ask(engine, 0)])
+    steps = np.diff(fallen)
+    assert np.all(steps > 0.15)  # 4 to 9 m/s, 50 ms
+    assert np.all(steps < 0.5)
+    assert np.abs(np.diff(clouds, axis=0)).max() < 0.01
+
+
+def test_all_cameras_see_the_same_clouds():
+    one = case(camera={"width": 32, "height": 18, "hz": 20})
+    more = msgspec.structs.replace(one.camera, name="front_left", hz=5)
+    one = msgspec.structs.replace(one, cameras=[more])
+    engine = Engine(one, 1)
+    engine.reset(0, one)
+    for _ in range(5):
+        engine.sense()
+        engine.step([ask(engine, 0)])
+    engine.sense()
+    a, b = (eye.camera.lights.host[0] for eye in engine._eyes._eyes)
+    assert a["key"] != b["key"]
+    assert a["cloud_offset"].tobytes() == b["cloud_offset"].tobytes()

@@ -7,7 +7,7 @@ import pytest
 
 from schemas.campaign import Camera, ImageOutput
 from twin.render.memory import LidarLoad, plan
-from twin.render.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
+from twin.render.visibility import BYTES_PER_PIXEL
 
 PAIR = [Camera(name=f"front_{side}", width=640, height=360) for side in ("left", "right")]
 EYE = Camera(name="eye", width=640, height=360)
@@ -33,9 +33,8 @@ def test_the_sum_is_that_of_the_buffers():
     one = plan([EYE], [], 8, triangles=0, sky_bytes=0)
     pixels = 640 * 360
     light = next(r.per_slot for r in one.rows if r.name == "eye: light, sky and boxes")
-    assert (
-        one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light + CHUNK_PIXELS * BYTES_PER_PIXEL
-    )
+    under_way = 8 * pixels * BYTES_PER_PIXEL
+    assert one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light + under_way
     blurred = plan([BLURRED], [], 8, triangles=0, sky_bytes=0)
     # The linear picture, flow, one more linear picture; twice 12 x 20 tiles and the gain.
     assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + 2 * 240 * 8 + 4)
@@ -61,3 +60,9 @@ def test_the_largest_number_of_slots_fits_and_one_more_does_not():
     lines = plan(PAIR, LIDAR, 64, triangles=50_000).lines()
     assert lines[-1].endswith("for 64 slots")
     assert any("front_left: pictures" in line for line in lines)
+
+
+def test_pixels_under_way_stop_growing():
+    one, many = (plan([EYE], [], n, triangles=0) for n in (72, 720))
+    rows = [next(r for r in p.rows if "under way" in r.name) for p in (one, many)]
+    assert rows[0].total(72) == rows[1].total(720) == 72 * 640 * 360 * BYTES_PER_PIXEL

@@ -224,3 +224,8 @@ def test_the_page_names_every_key():
     ):
         for key in type_.__struct_fields__:
             assert f"`{key}`" in page or f"{key}:" in page, key
+
+
+def test_a_scene_without_ground_is_one_line(own):
+    text = BARE + HILL.replace("}\n", ", semantic: building}\n")
+    mistake(own(text), "street: false needs other ground")
