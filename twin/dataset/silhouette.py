@@ -1,0 +1,185 @@
+"""How many pixels an object would have if nothing stood before it.
+
+The rays of the camera are cast again, those inside the rectangle around the object alone, and they
+meet the object alone: its own small hierarchy, the same triangles that the camera's picture shows.
+So the share of visible pixels is a ratio of like and like, whatever the lens. It costs a fraction
+of the picture: no shading, no shadows, no street.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from schemas.lens import Lens
+from twin.dataset.eyepoint import Eyepoint, bounds_px
+from twin.render import bvh, traverse
+from twin.render.geometry import turned
+from twin.world.street import World
+
+wp.set_module_options({"enable_backward": False})
+
+_FIELDS = 5
+_FAR = np.iinfo(np.int32).max
+
+
+@wp.struct
+class Item:
+    """One object before one camera."""
+
+    root: wp.int32
+    """Of its hierarchy."""
+    low_x: wp.int32
+    """Rectangle of pixels to look through; the high ones are not in it."""
+    low_y: wp.int32
+    high_x: wp.int32
+    high_y: wp.int32
+    position: wp.vec3
+    """Of its mesh [m]."""
+    cosine: wp.float32
+    sine: wp.float32
+    eye: wp.vec3
+    right: wp.vec3
+    down: wp.vec3
+    ahead: wp.vec3
+
+
+@wp.kernel
+def silhouette_kernel(
+    # model
+    nodes: wp.array(dtype=wp.float32),
+    leaves: wp.array(dtype=wp.float32),
+    rays: wp.array2d(dtype=wp.vec3),
+    near: wp.float32,
+    far: wp.float32,
+    # state in
+    items: wp.array(dtype=Item),
+    # out
+    found_out: wp.array2d(dtype=wp.int32),
+):
+    """Per item and row of the image: x min, y min, x max, y max and number of pixels met [N, 5]."""
+    i, row = wp.tid()
+    item = items[i]
+    if row < item.low_y or row >= item.high_y:
+        return
+    origin = turned(item.eye - item.position, item.cosine, -item.sine)
+    count = wp.int32(0)
+    low = wp.int32(2147483647)
+    high = wp.int32(-1)
+    for column in range(item.low_x, item.high_x):
+        ray = rays[row, column]
+        if wp.dot(ray, ray) > 0.0:
+            direction = ray[0] * item.right + ray[1] * item.down + ray[2] * item.ahead
+            local = turned(direction, item.cosine, -item.sine)
+            hit = traverse.closest(nodes, leaves, item.root, origin + local * near, local, far)
+            if wp.cast(hit[3], wp.int32) >= 0:
+                count += 1
+                low = wp.min(low, column)
+                high = wp.max(high, column)
+    if count > 0:
+        wp.atomic_min(found_out, i, 0, low)
+        wp.atomic_min(found_out, i, 1, row)
+        wp.atomic_max(found_out, i, 2, high)
+        wp.atomic_max(found_out, i, 3, row)
+        wp.atomic_add(found_out, i, 4, count)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The triangles of one object or kind, in axes of its own."""
+
+    corners_m: np.ndarray
+    """float64 [F, 3, 3]"""
+
+
+def bodies_of(world: World) -> list[Body]:
+    """Of the kinds, then of the static instances in world axes."""
+    meshes = [kind.mesh for kind in world.kinds]
+    bodies = [Body(mesh.points_m[mesh.faces].astype(float)) for mesh in meshes]
+    static = world.mesh
+    for instance in range(world.instances):
+        faces = static.faces[static.instance == instance]
+        bodies.append(Body(static.points_m[faces].astype(float)))
+    return bodies
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """An object to be counted: which body, where, seen by whom."""
+
+    body: int
+    position_m: np.ndarray
+    yaw_rad: float
+    eyepoint: Eyepoint
+
+    def corners_m(self, bodies: list[Body]) -> np.ndarray:
+        """Corners of its triangles in the camera's frame [F, 3, 3]."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        world = bodies[self.body].corners_m @ turn.T + self.position_m
+        return self.eyepoint.camera_from_world(world)
+
+
+class Silhouettes:
+    """Counts the pixels of single objects."""
+
+    def __init__(self, bodies: list[Body], device: wp.Device) -> None:
+        self._device = device
+        shape = bvh.CPU if device.is_cpu else bvh.CUDA
+        nodes, leaves, roots = [], [], []
+        node = leaf = 0
+        for body in bodies:
+            count = len(body.corners_m)
+            points = body.corners_m.reshape(-1, 3).astype(np.float32)
+            built = bvh.build_bvh(points, np.arange(3 * count).reshape(-1, 3), shape)
+            words = built.words(node, leaf, shape)
+            nodes.append(words[0])
+            leaves.append(words[1])
+            roots.append(node)
+            node += len(built.nodes)
+            leaf += len(built.leaves)
+        self._nodes = wp.array(np.concatenate(nodes), dtype=wp.float32, device=device)
+        self._leaves = wp.array(np.concatenate(leaves), dtype=wp.float32, device=device)
+        self._roots = roots
+        wp.load_module(silhouette_kernel.module.name, device=device)
+
+    def count(
+        self,
+        subjects: list[Subject],
+        corners: list[np.ndarray],
+        rays: wp.array,
+        lens: Lens,
+        hfov_deg: float,
+    ) -> np.ndarray:
+        """Boxes and pixels of the subjects, each as if it were alone: int32 [N, 5].
+
+        Args:
+            corners: :meth:`Subject.corners_m` of each.
+            rays: the camera's table [H, W].
+        """
+        height, width = rays.shape
+        if not subjects:
+            return np.zeros((0, _FIELDS), np.int32)
+        rows = np.zeros(len(subjects), Item.numpy_dtype())
+        for row, subject, points in zip(rows, subjects, corners, strict=True):
+            view = subject.eyepoint
+            row["root"] = self._roots[subject.body]
+            bounds = bounds_px(lens, width, height, hfov_deg, points.reshape(-1, 3))
+            row["low_x"], row["low_y"], row["high_x"], row["high_y"] = bounds
+            row["position"] = subject.position_m
+            row["cosine"], row["sine"] = np.cos(subject.yaw_rad), np.sin(subject.yaw_rad)
+            row["eye"] = view.eye_m
+            row["right"], row["down"], row["ahead"] = view.world_from_camera.T
+        items = wp.array(rows, dtype=Item, device=self._device)
+        empty = np.tile(np.array([_FAR, _FAR, -1, -1, 0], np.int32), (len(rows), 1))
+        found = wp.array(empty, dtype=wp.int32, device=self._device)
+        wp.launch(
+            silhouette_kernel,
+            (len(rows), height),
+            inputs=[self._nodes, self._leaves, rays, lens.near_m, lens.far_m, items],
+            outputs=[found],
+            device=self._device,
+        )
+        return found.numpy()
