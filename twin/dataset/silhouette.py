@@ -17,11 +17,12 @@ from schemas.lens import Lens
 from twin.dataset.eyepoint import Eyepoint, bounds_px
 from twin.render import bvh, traverse
 from twin.render.geometry import turned
+from twin.world.mesh import DECAL, Mesh
 from twin.world.street import World
 
 wp.set_module_options({"enable_backward": False})
 
-_FIELDS = 5
+_FIELDS = 6
 _FAR = np.iinfo(np.int32).max
 
 
@@ -59,7 +60,7 @@ def silhouette_kernel(
     # out
     found_out: wp.array2d(dtype=wp.int32),
 ):
-    """Per item and row of the image: x min, y min, x max, y max and number of pixels met [N, 5]."""
+    """Per item: x min, y min, x max, y max, number of pixels, nearest distance [0.1 mm]; [N, 6]."""
     i, row = wp.tid()
     item = items[i]
     if row < item.low_y or row >= item.high_y:
@@ -67,6 +68,7 @@ def silhouette_kernel(
     origin = turned(item.eye - item.position, item.cosine, -item.sine)
     count = wp.int32(0)
     low = wp.int32(2147483647)
+    nearest = far
     high = wp.int32(-1)
     for column in range(item.low_x, item.high_x):
         ray = rays[row, column]
@@ -76,6 +78,7 @@ def silhouette_kernel(
             hit = traverse.closest(nodes, leaves, item.root, origin + local * near, local, far)
             if wp.cast(hit[3], wp.int32) >= 0:
                 count += 1
+                nearest = wp.min(nearest, near + hit[0])
                 low = wp.min(low, column)
                 high = wp.max(high, column)
     if count > 0:
@@ -84,6 +87,7 @@ def silhouette_kernel(
         wp.atomic_max(found_out, i, 2, high)
         wp.atomic_max(found_out, i, 3, row)
         wp.atomic_add(found_out, i, 4, count)
+        wp.atomic_min(found_out, i, 5, wp.int32(nearest * 10000.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +99,15 @@ class Body:
 
 
 def bodies_of(world: World) -> list[Body]:
-    """Of the kinds, then of the static instances in world axes."""
-    meshes = [kind.mesh for kind in world.kinds]
-    bodies = [Body(mesh.points_m[mesh.faces].astype(float)) for mesh in meshes]
-    static = world.mesh
-    for instance in range(world.instances):
-        faces = static.faces[static.instance == instance]
-        bodies.append(Body(static.points_m[faces].astype(float)))
+    """Of the kinds, without their shade on the ground, then of static instances in world axes."""
+    bodies = [_body(kind.mesh, kind.mesh.tag != DECAL) for kind in world.kinds]
+    own = world.mesh.instance
+    bodies += [_body(world.mesh, own == instance) for instance in range(world.instances)]
     return bodies
+
+
+def _body(mesh: Mesh, own: np.ndarray) -> Body:
+    return Body(mesh.points_m[mesh.faces[own]].astype(float))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +158,7 @@ class Silhouettes:
         lens: Lens,
         hfov_deg: float,
     ) -> np.ndarray:
-        """Boxes and pixels of the subjects, each as if it were alone: int32 [N, 5].
+        """Boxes, pixels and distances of the subjects, each as if it were alone: int32 [N, 6].
 
         Args:
             corners: :meth:`Subject.corners_m` of each.
@@ -173,7 +178,7 @@ class Silhouettes:
             row["eye"] = view.eye_m
             row["right"], row["down"], row["ahead"] = view.world_from_camera.T
         items = wp.array(rows, dtype=Item, device=self._device)
-        empty = np.tile(np.array([_FAR, _FAR, -1, -1, 0], np.int32), (len(rows), 1))
+        empty = np.tile(np.array([_FAR, _FAR, -1, -1, 0, _FAR], np.int32), (len(rows), 1))
         found = wp.array(empty, dtype=wp.int32, device=self._device)
         wp.launch(
             silhouette_kernel,

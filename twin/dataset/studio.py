@@ -12,7 +12,7 @@ import warp as wp
 
 from schemas.environment import Environment
 from schemas.identity import stream_key
-from schemas.messages import OBJECT_CLASSES, Lights
+from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES, Lights
 from twin.dataset.cameras import Eye
 from twin.dataset.cast import Street
 from twin.dataset.eyepoint import Eyepoint, eyepoint_of, truncation
@@ -50,6 +50,7 @@ class _Places(Still):
     count = sum(PLACES.values())
 
 
+_ON_GROUND = np.isin(SEMANTIC_CLASSES, ("road", "marking", "sidewalk", "terrain"))
 _FIRST = dict(zip(PLACES, np.cumsum([0, *PLACES.values()]).tolist(), strict=False))
 """Number of the first object of each class."""
 
@@ -99,12 +100,13 @@ class Studio:
         if "motion_blur" in eye.camera.active_effects():
             camera.launch(self._poses(shots, before_s=1.0 / eye.camera.hz))
         images = camera.render(self._poses(shots))
-        gathered = camera.boxes.numpy()
-        instances = camera.outputs["instance"]
+        # The shade below a vehicle belongs to the ground.
+        ground = _ON_GROUND[camera.outputs["semantic"]]
+        instances = np.where(ground, -1, camera.outputs["instance"])
         subjects, corners, numbers = [], [], []
         for slot, shot in enumerate(shots):
             view = eyepoint_of(*_attitude(shot.pose), eye.mount)
-            for instance in np.flatnonzero(gathered[slot, :, 4]).tolist():
+            for instance in np.unique(instances[slot][instances[slot] >= 0]).tolist():
                 subject = self._subject(shot, instance, view)
                 subjects.append(subject)
                 corners.append(subject.corners_m(self._bodies))
@@ -115,8 +117,7 @@ class Studio:
         found: list[list[dict[str, Any]]] = [[] for _ in shots]
         for (slot, instance), points, full in zip(numbers, corners, alone, strict=True):
             shot = shots[slot]
-            row = gathered[slot, instance]
-            seen = self._seen(shot, instance, row, full, points, eye, images[slot], instances[slot])
+            seen = self._seen(shot, instance, full, points, eye, images[slot], instances[slot])
             extinction = float(rows[slot]["extinction"])
             found[slot].append(annotation(seen, self._recipe.rules, extinction))
         for slot, shot in enumerate(shots):
@@ -204,7 +205,6 @@ class Studio:
         self,
         shot: Shot,
         instance: int,
-        row: np.ndarray,
         full: np.ndarray,
         corners: np.ndarray,
         eye: Eye,
@@ -212,11 +212,15 @@ class Studio:
         instances: np.ndarray,
     ) -> Seen:
         spec, lens = eye.camera, eye.mount.lens
-        low_x, low_y, high_x, high_y, pixels, distance = (int(v) for v in row)
+        rows, columns = np.nonzero(instances == instance)
+        pixels, low_x, high_x = len(rows), int(columns.min()), int(columns.max())
+        low_y, high_y = int(rows[0]), int(rows[-1])
         box = (low_x, low_y, high_x - low_x + 1, high_y - low_y + 1)
         # The picture may draw where it is faster than casting; edges then differ by a pixel.
         x0, y0 = min(int(full[0]), low_x), min(int(full[1]), low_y)
         x1, y1 = max(int(full[2]), high_x), max(int(full[3]), high_y)
+        nearest = float(np.linalg.norm(corners, axis=-1).min())
+        distance_m = int(full[5]) * 1e-4 if full[4] else nearest
         return Seen(
             class_index=int(self._world.classes[instance]),
             look=self._look(shot, instance),
@@ -226,7 +230,7 @@ class Studio:
             visible_px=pixels,
             unoccluded_px=max(pixels, int(full[4])),
             truncation=truncation(lens, spec.width, spec.height, spec.hfov_deg, corners),
-            distance_m=distance * 1e-4,
+            distance_m=distance_m,
             contrast=contrast(image, instances, instance, np.array(box)),
         )
 
