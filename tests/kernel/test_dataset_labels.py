@@ -13,11 +13,12 @@ import warp as wp
 from schemas.lens import Lens
 from twin.dataset.cameras import eyes_of
 from twin.dataset.cast import streets_of
-from twin.dataset.eyepoint import truncation
+from twin.dataset.eyepoint import View, eyepoint_of, outline_of
 from twin.dataset.labels import contrast
+from twin.dataset.pose import Pose, attitude
 from twin.dataset.recipe import Recipe, Streets
-from twin.dataset.shot import Pose, plan_shot
-from twin.dataset.studio import Studio, _attitude, eyepoint_of
+from twin.dataset.shot import plan_shot
+from twin.dataset.studio import Studio
 from twin.dataset.traffic import Placed
 from twin.render.lens import project
 from twin.vehicle.vehicle_file import load_vehicle
@@ -81,7 +82,7 @@ def drawn_box(studio, street, shot, eye):
     faces = kind.mesh.faces[kind.mesh.tag != DECAL]
     points = kind.mesh.points_m[np.unique(faces)].astype(float)
     points = points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + (one.x_m, one.y_m, one.z_m)
-    view = eyepoint_of(*_attitude(shot.pose), eye.mount)
+    view = eyepoint_of(*attitude(shot.pose), eye.mount)
     spec = eye.camera
     px, _ = project(
         eye.mount.lens, spec.width, spec.height, spec.hfov_deg, view.camera_from_world(points)
@@ -134,15 +135,14 @@ def test_what_is_counted_alone_does_not_change_with_what_covers_it(studio, stree
 @pytest.mark.parametrize("eye", [PINHOLE, BROWN, FISHEYE])
 def test_an_object_across_the_edge_is_half_outside(studio, street, eye):
     spec, lens = EYES[eye].camera, EYES[eye].mount.lens
-    view = eyepoint_of(*_attitude(EGO), EYES[eye].mount)
+    view = View(lens, spec.width, spec.height, spec.hfov_deg)
+    seat = eyepoint_of(*attitude(EGO), EYES[eye].mount)
     shares = []
     for y_m in np.arange(2.0, 26.0, 0.5):
         shot = shot_of(street, standing(street, "car", 55.0, float(y_m)), eye=eye)
         (x0, _, x1, _), _ = drawn_box(studio, street, shot, EYES[eye])
-        subject = studio._subject(shot, studio._world.first_mover, view)
-        share = truncation(
-            lens, spec.width, spec.height, spec.hfov_deg, subject.corners_m(studio._bodies)
-        )
+        subject = studio._subject(shot, studio._world.first_mover, seat)
+        share = outline_of(view, subject.corners_m(studio._bodies)).truncation
         shares.append(share)
         if np.isfinite([x0, x1]).all() and lens.model == "pinhole":
             outside = -min(x0, 0.0) / (x1 - min(x0, x1))
@@ -154,7 +154,7 @@ def test_an_object_across_the_edge_is_half_outside(studio, street, eye):
 
 def test_truncation_of_a_plate_is_exact():
     """A small plate far away, of which a known part lies outside the image."""
-    lens, width, height, hfov = Lens(), 200, 100, 90.0
+    view = View(Lens(), 200, 100, 90.0)
     edge = 50.0  # the right edge of the image at z = 50
 
     def plate(low, high):
@@ -171,7 +171,7 @@ def test_truncation_of_a_plate_is_exact():
         return np.concatenate(parts)
 
     for outside in (0.0, 0.25, 0.6, 1.0):
-        found = truncation(lens, width, height, hfov, plate(edge - 1 + outside, edge + outside))
+        found = outline_of(view, plate(edge - 1 + outside, edge + outside)).truncation
         assert found == pytest.approx(outside, abs=0.02)
 
 

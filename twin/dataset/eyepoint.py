@@ -40,52 +40,69 @@ def eyepoint_of(
     return Eyepoint(eye, world_from_vehicle @ vehicle_from_camera(mount.rotation_deg))
 
 
-def bounds_px(
-    lens: Lens, width: int, height: int, hfov_deg: float, points: np.ndarray
-) -> tuple[int, int, int, int]:
-    """Pixels that may see something within ``points`` [N, 3] of the camera frame.
+@dataclass(frozen=True, slots=True)
+class View:
+    """How one camera draws: its lens and the size of its image."""
 
-    Returns:
-        Low x, low y, high x, high y; the high ones are not in it. All of the image where a point
-        cannot be drawn.
+    lens: Lens
+    width: int
+    height: int
+    hfov_deg: float
+
+    def drawn(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Image coordinates [N, 2] of ``points`` [N, 3] of the camera frame, and which are seen."""
+        return project(self.lens, self.width, self.height, self.hfov_deg, points)
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Where an object lies in an image."""
+
+    bounds_px: tuple[int, int, int, int]
+    """Low x, low y, high x, high y of the pixels that may see it; the high ones are not in it. All
+    of the image where a part of it cannot be drawn."""
+    truncation: float
+    """Share of it outside the image; see :func:`outline_of`."""
+    nearest_m: float
+    """Distance from the camera to its nearest corner [m]."""
+
+
+def outline_of(view: View, corners: np.ndarray) -> Outline:
+    """Where the triangles ``corners`` [F, 3, 3] of the camera frame lie in the image.
+
+    Truncation is the share outside the image of what an object covers as seen from the camera: the
+    solid angle of its triangles, summed without regard to what lies before what. So it is the same
+    for every lens, and right for what reaches behind the camera.
     """
-    px, _ = project(lens, width, height, hfov_deg, points)
-    nearest = (
-        np.linalg.norm(points, axis=1).min() if lens.model == "fisheye" else points[:, 2].min()
-    )
-    # Polynomials of lenses mean nothing outside what they draw, so a margin would be none.
-    drawn = lens.model in ("pinhole", "frustum")
-    if not np.isfinite(px).all() or nearest < 4.0 * lens.near_m:
-        return 0, 0, width, height
-    if not drawn:
-        inside = ((px > -width) & (px < 2 * width)).all()
-        front = points[:, 2].min() > 0.0
-        if not (inside and front):
-            return 0, 0, width, height
+    points = corners.reshape(-1, 3)
+    px, seen = view.drawn(points)
+    nearest_m = float(np.linalg.norm(points, axis=1).min())
+    if seen.all():
+        return Outline(_around(view, px), 0.0, nearest_m)
+    everything = (0, 0, view.width, view.height)
+    lens = view.lens
+    # Polynomials of lenses mean nothing outside what they draw.
+    good = lens.model in ("pinhole", "frustum") and np.isfinite(px).all()
+    whole = good and points[:, 2].min() > lens.near_m
+    bounds = _around(view, px) if whole else everything
+    return Outline(bounds, _truncation(view, corners), nearest_m)
+
+
+def _around(view: View, px: np.ndarray) -> tuple[int, int, int, int]:
+    """Straight edges of triangles are bent by a lens, less than the two pixels left for it."""
     low, high = np.floor(px.min(axis=0)) - 2, np.ceil(px.max(axis=0)) + 2
-    x0, x1 = np.clip((low[0], high[0]), 0, width).astype(int)
-    y0, y1 = np.clip((low[1], high[1]), 0, height).astype(int)
-    return int(x0), int(y0), int(x1), int(y1)
+    x0, x1 = np.clip((low[0], high[0]), 0, view.width).astype(int).tolist()
+    y0, y1 = np.clip((low[1], high[1]), 0, view.height).astype(int).tolist()
+    return x0, y0, x1, y1
 
 
-def truncation(lens: Lens, width: int, height: int, hfov_deg: float, corners: np.ndarray) -> float:
-    """Share of an object outside the image, of what it covers as seen from the camera.
-
-    The measure is the solid angle of its triangles, summed without regard to what lies before what,
-    so that it is the same for every lens and also right for what reaches behind the camera.
-
-    Args:
-        corners: of its triangles, in the camera's frame [F, 3, 3].
-    """
+def _truncation(view: View, corners: np.ndarray) -> float:
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = 0.5 * np.cross(b - a, c - a)
-    inside = outside = 0.0
-    for weights in _QUARTERS:
-        centre = np.tensordot(weights, corners, axes=(0, 1))
-        distance = np.maximum(np.linalg.norm(centre, axis=1), 0.2)
-        angle = np.abs((normal * centre).sum(axis=1)) / distance**3
-        _, seen = project(lens, width, height, hfov_deg, centre)
-        inside += float(angle[seen].sum())
-        outside += float(angle[~seen].sum())
-    total = inside + outside
+    centres = np.stack([np.tensordot(w, corners, axes=(0, 1)) for w in _QUARTERS])  # [4, F, 3]
+    distance = np.maximum(np.linalg.norm(centres, axis=2), 0.2)
+    angle = np.abs((normal * centres).sum(axis=2)) / distance**3
+    _, seen = view.drawn(centres.reshape(-1, 3))
+    total = float(angle.sum())
+    outside = float(angle[~seen.reshape(angle.shape)].sum())
     return round(outside / total, 3) if total > 0.0 else 0.0

@@ -13,6 +13,7 @@ from schemas.names import WEATHERS
 from twin.dataset.cameras import choose_eye
 from twin.dataset.cast import Street
 from twin.dataset.chance import between, far_and_near, generator, pick, scattered
+from twin.dataset.pose import Pose
 from twin.dataset.recipe import Recipe
 from twin.dataset.traffic import Placed, Room, populate
 from twin.vehicle.vehicle_file import Vehicle
@@ -32,20 +33,6 @@ STRAY_SHARE = 0.2
 _NIGHT_BELOW_LX = 1000.0
 _THICK_FOG = 0.4
 _TRIES = 50
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where the ego is: its rear axle on the ground, and how its body stands."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    z_m: float
-    """The body above where it usually is: a higher or lower mount."""
-    pitch_rad: float
-    """Positive looks down."""
-    roll_rad: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from schemas.lens import Lens
-from twin.dataset.eyepoint import Eyepoint, bounds_px
+from twin.dataset.eyepoint import Eyepoint, Outline, View
 from twin.render import bvh, traverse
 from twin.render.geometry import turned
 from twin.world.mesh import DECAL, Mesh
@@ -151,39 +150,32 @@ class Silhouettes:
         wp.load_module(silhouette_kernel.module.name, device=device)
 
     def count(
-        self,
-        subjects: list[Subject],
-        corners: list[np.ndarray],
-        rays: wp.array,
-        lens: Lens,
-        hfov_deg: float,
+        self, subjects: list[Subject], outlines: list[Outline], rays: wp.array, view: View
     ) -> np.ndarray:
         """Boxes, pixels and distances of the subjects, each as if it were alone: int32 [N, 6].
 
         Args:
-            corners: :meth:`Subject.corners_m` of each.
+            outlines: of each, where to look.
             rays: the camera's table [H, W].
         """
-        height, width = rays.shape
         if not subjects:
             return np.zeros((0, _FIELDS), np.int32)
         rows = np.zeros(len(subjects), Item.numpy_dtype())
-        for row, subject, points in zip(rows, subjects, corners, strict=True):
-            view = subject.eyepoint
+        for row, subject, outline in zip(rows, subjects, outlines, strict=True):
+            seat = subject.eyepoint
             row["root"] = self._roots[subject.body]
-            bounds = bounds_px(lens, width, height, hfov_deg, points.reshape(-1, 3))
-            row["low_x"], row["low_y"], row["high_x"], row["high_y"] = bounds
+            row["low_x"], row["low_y"], row["high_x"], row["high_y"] = outline.bounds_px
             row["position"] = subject.position_m
             row["cosine"], row["sine"] = np.cos(subject.yaw_rad), np.sin(subject.yaw_rad)
-            row["eye"] = view.eye_m
-            row["right"], row["down"], row["ahead"] = view.world_from_camera.T
+            row["eye"] = seat.eye_m
+            row["right"], row["down"], row["ahead"] = seat.world_from_camera.T
         items = wp.array(rows, dtype=Item, device=self._device)
         empty = np.tile(np.array([_FAR, _FAR, -1, -1, 0, _FAR], np.int32), (len(rows), 1))
         found = wp.array(empty, dtype=wp.int32, device=self._device)
         wp.launch(
             silhouette_kernel,
-            (len(rows), height),
-            inputs=[self._nodes, self._leaves, rays, lens.near_m, lens.far_m, items],
+            (len(rows), view.height),
+            inputs=[self._nodes, self._leaves, rays, view.lens.near_m, view.lens.far_m, items],
             outputs=[found],
             device=self._device,
         )

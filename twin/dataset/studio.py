@@ -15,10 +15,11 @@ from schemas.identity import stream_key
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES, Lights
 from twin.dataset.cameras import Eye
 from twin.dataset.cast import Street
-from twin.dataset.eyepoint import Eyepoint, eyepoint_of, truncation
+from twin.dataset.eyepoint import Eyepoint, Outline, View, eyepoint_of, outline_of
 from twin.dataset.labels import Seen, annotation, contrast
+from twin.dataset.pose import attitude, quaternion
 from twin.dataset.recipe import Recipe
-from twin.dataset.shot import Pose, Shot
+from twin.dataset.shot import Shot
 from twin.dataset.silhouette import Silhouettes, Subject, bodies_of
 from twin.dataset.traffic import PLACES
 from twin.render.camera import RayCamera
@@ -84,11 +85,19 @@ class Studio:
 
     def take(self, shots: list[Shot]) -> Iterator[Taken]:
         """Images of ``shots``, at most one per slot, all by the same camera."""
-        number = shots[0].eye
         assert len(shots) <= self._slots
-        assert all(shot.eye == number for shot in shots)
-        eye = self._eyes[number]
-        camera, rays = self._camera(number)
+        assert all(shot.eye == shots[0].eye for shot in shots)
+        camera, rays = self._camera(shots[0].eye)
+        lights = self._expose(camera, shots)
+        # The shade below a vehicle belongs to the ground.
+        ground = _ON_GROUND[camera.outputs["semantic"]]
+        instances = np.where(ground, -1, camera.outputs["instance"])
+        found = self._annotations(shots, camera.image, instances, rays)
+        for slot, shot in enumerate(shots):
+            yield Taken(shot, camera.image[slot], lights[slot], found[slot])
+
+    def _expose(self, camera: RayCamera, shots: list[Shot]) -> list[Lights]:
+        """Render the images; returns the lamps that were on."""
         rows, lights = camera.lights.host, []
         rows["active"] = 0
         for slot, shot in enumerate(shots):
@@ -97,31 +106,35 @@ class Studio:
         camera.sky_stale = True
         advance_light(rows, _padded([shot.time_s for shot in shots], self._slots))
         self._geometry.place(self._placement(shots))
-        if "motion_blur" in eye.camera.active_effects():
-            camera.launch(self._poses(shots, before_s=1.0 / eye.camera.hz))
-        images = camera.render(self._poses(shots))
-        # The shade below a vehicle belongs to the ground.
-        ground = _ON_GROUND[camera.outputs["semantic"]]
-        instances = np.where(ground, -1, camera.outputs["instance"])
-        subjects, corners, numbers = [], [], []
+        spec = self._eyes[shots[0].eye].camera
+        if "motion_blur" in spec.active_effects():  # it looks at where the camera was before
+            camera.launch(self._poses(shots, before_s=1.0 / spec.hz))
+        camera.render(self._poses(shots))
+        return lights
+
+    def _annotations(
+        self, shots: list[Shot], images: np.ndarray, instances: np.ndarray, rays: wp.array
+    ) -> list[list[dict[str, Any]]]:
+        """Of every image, by instance; ``images`` [S, H, W, 3] and ``instances`` [S, H, W]."""
+        eye = self._eyes[shots[0].eye]
+        spec = eye.camera
+        view = View(eye.mount.lens, spec.width, spec.height, spec.hfov_deg)
+        subjects, outlines, numbers = [], [], []
         for slot, shot in enumerate(shots):
-            view = eyepoint_of(*_attitude(shot.pose), eye.mount)
+            seat = eyepoint_of(*attitude(shot.pose), eye.mount)
             for instance in np.unique(instances[slot][instances[slot] >= 0]).tolist():
-                subject = self._subject(shot, instance, view)
+                subject = self._subject(shot, instance, seat)
                 subjects.append(subject)
-                corners.append(subject.corners_m(self._bodies))
+                outlines.append(outline_of(view, subject.corners_m(self._bodies)))
                 numbers.append((slot, instance))
-        alone = self._silhouettes.count(
-            subjects, corners, rays, eye.mount.lens, eye.camera.hfov_deg
-        )
+        alone = self._silhouettes.count(subjects, outlines, rays, view)
         found: list[list[dict[str, Any]]] = [[] for _ in shots]
-        for (slot, instance), points, full in zip(numbers, corners, alone, strict=True):
+        for (slot, instance), outline, full in zip(numbers, outlines, alone, strict=True):
             shot = shots[slot]
-            seen = self._seen(shot, instance, full, points, eye, images[slot], instances[slot])
-            extinction = float(rows[slot]["extinction"])
+            seen = self._seen(shot, instance, full, outline, images[slot], instances[slot])
+            extinction = parameters(shot.conditions).extinction_per_m
             found[slot].append(annotation(seen, self._recipe.rules, extinction))
-        for slot, shot in enumerate(shots):
-            yield Taken(shot, images[slot], lights[slot], found[slot])
+        return found
 
     def _camera(self, number: int) -> tuple[RayCamera, wp.array]:
         """The camera, allocated when its first image is due; the last one is let go."""
@@ -165,7 +178,7 @@ class Studio:
             row[x] = pose.x_m - way_m * math.cos(pose.yaw_rad)
             row[y] = pose.y_m - way_m * math.sin(pose.yaw_rad)
             row[z] = pose.z_m
-            row[q : q + 4] = _quaternion(pose)
+            row[q : q + 4] = quaternion(pose)
         return wp.array(state, dtype=wp.float64, device=self._device)
 
     def _placement(self, shots: list[Shot]) -> Placement:
@@ -206,12 +219,10 @@ class Studio:
         shot: Shot,
         instance: int,
         full: np.ndarray,
-        corners: np.ndarray,
-        eye: Eye,
+        outline: Outline,
         image: np.ndarray,
         instances: np.ndarray,
     ) -> Seen:
-        spec, lens = eye.camera, eye.mount.lens
         rows, columns = np.nonzero(instances == instance)
         pixels, low_x, high_x = len(rows), int(columns.min()), int(columns.max())
         low_y, high_y = int(rows[0]), int(rows[-1])
@@ -219,8 +230,7 @@ class Studio:
         # The picture may draw where it is faster than casting; edges then differ by a pixel.
         x0, y0 = min(int(full[0]), low_x), min(int(full[1]), low_y)
         x1, y1 = max(int(full[2]), high_x), max(int(full[3]), high_y)
-        nearest = float(np.linalg.norm(corners, axis=-1).min())
-        distance_m = int(full[5]) * 1e-4 if full[4] else nearest
+        distance_m = int(full[5]) * 1e-4 if full[4] else outline.nearest_m
         return Seen(
             class_index=int(self._world.classes[instance]),
             look=self._look(shot, instance),
@@ -229,7 +239,7 @@ class Studio:
             full_box=(x0, y0, x1 - x0 + 1, y1 - y0 + 1),
             visible_px=pixels,
             unoccluded_px=max(pixels, int(full[4])),
-            truncation=truncation(lens, spec.width, spec.height, spec.hfov_deg, corners),
+            truncation=outline.truncation,
             distance_m=distance_m,
             contrast=contrast(image, instances, instance, np.array(box)),
         )
@@ -247,29 +257,3 @@ def _columns(shot: Shot) -> dict[int, int]:
 
 def _padded(values: list[float], slots: int) -> np.ndarray:
     return np.array([*values, *([0.0] * (slots - len(values)))])
-
-
-def _quaternion(pose: Pose) -> tuple[float, float, float, float]:
-    """x, y, z, w of the rotation about x (roll), then y (pitch), then z (yaw)."""
-    cr, sr = math.cos(pose.roll_rad / 2), math.sin(pose.roll_rad / 2)
-    cp, sp = math.cos(pose.pitch_rad / 2), math.sin(pose.pitch_rad / 2)
-    cy, sy = math.cos(pose.yaw_rad / 2), math.sin(pose.yaw_rad / 2)
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
-
-
-def _attitude(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Position [3] and rotation [3, 3] of the vehicle in the world."""
-    x, y, z, w = _quaternion(pose)
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return np.array([pose.x_m, pose.y_m, pose.z_m]), rotation
