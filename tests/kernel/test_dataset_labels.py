@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 
 from schemas.lens import Lens
+from schemas.messages import SEMANTIC_CLASSES
 from twin.dataset.cameras import eyes_of
 from twin.dataset.cast import streets_of
 from twin.dataset.eyepoint import View, eyepoint_of, outline_of
@@ -22,6 +23,7 @@ from twin.dataset.studio import Studio
 from twin.dataset.traffic import Placed
 from twin.render.lens import project
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.materials import SIGN
 from twin.world.mesh import DECAL
 from twin.world.weather import PRESETS
 
@@ -198,3 +200,26 @@ def test_contrast_is_that_of_means_or_of_the_object_itself():
     image[...] = 90
     image[10:20, 20:30], image[10:20, 30:40] = 60, 120
     assert contrast(image, instances, 7, box) > 20.0
+
+
+def test_a_sign_is_a_label_from_its_front_only(studio, street):
+    mesh = studio._world.mesh
+    signs = np.unique(mesh.instance[mesh.semantic == SEMANTIC_CLASSES.index("traffic_sign")])
+    seen = {"front": 0, "back": 0}
+    for sign in signs[signs >= 0].tolist():
+        corners = mesh.points_m[mesh.faces[(mesh.instance == sign) & (mesh.material == SIGN)]]
+        x, y, _ = corners.reshape(-1, 3).mean(axis=0).tolist()
+        a, b, c = corners[0]
+        front = np.cross(b - a, c - a)
+        yaw = math.atan2(-front[1], -front[0])
+        for side, turn in (("front", 0.0), ("back", math.pi)):
+            # The camera sits 2 m before the axle; it looks at the plate from 8 m.
+            ahead = (math.cos(yaw + turn), math.sin(yaw + turn))
+            pose = Pose(x - 10.0 * ahead[0], y - 10.0 * ahead[1], yaw + turn, 0.0, 0.0, 0.0)
+            (taken,) = studio.take([shot_of(street, pose=pose)])
+            for row in taken.annotations:
+                here = row["category_id"] == 6 and 7.0 < row["distance_m"] < 8.4
+                if here and abs(row["bbox"][0] + row["bbox"][2] / 2 - 170) < 25:
+                    assert ("behind" in row["ignored_for"]) == (side == "back")
+                    seen[side] += 1
+    assert min(seen.values()) >= 2, seen

@@ -33,6 +33,8 @@ class Seen:
     distance_m: float
     contrast: float
     """Against its surroundings or in itself [1/255]."""
+    behind: bool = False
+    """A traffic sign of which the camera sees the back."""
 
 
 def annotation(seen: Seen, rules: Rules, extinction_per_m: float) -> dict[str, Any]:
@@ -75,6 +77,7 @@ def ignored_for(seen: Seen, rules: Rules, extinction_per_m: float) -> list[str]:
         "truncated": seen.truncation > rules.truncation_max,
         "air": math.exp(-extinction_per_m * seen.distance_m) < rules.transmission_min,
         "contrast": seen.contrast < rules.contrast_min,
+        "behind": seen.behind,
     }
     return [reason for reason, holds in found.items() if holds]
 

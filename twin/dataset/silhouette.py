@@ -16,6 +16,7 @@ import warp as wp
 from twin.dataset.eyepoint import Eyepoint, Outline, View
 from twin.render import bvh, traverse
 from twin.render.geometry import turned
+from twin.world.materials import SIGN
 from twin.world.mesh import DECAL, Mesh
 from twin.world.street import World
 
@@ -103,6 +104,17 @@ def bodies_of(world: World) -> list[Body]:
     own = world.mesh.instance
     bodies += [_body(world.mesh, own == instance) for instance in range(world.instances)]
     return bodies
+
+
+def sign_fronts(world: World) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Of each traffic sign: the middle of its face [m], and where that looks, by instance."""
+    mesh = world.mesh
+    found = {}
+    for instance in np.unique(mesh.instance[mesh.material == SIGN]).tolist():
+        faces = mesh.faces[(mesh.instance == instance) & (mesh.material == SIGN)]
+        a, b, c = mesh.points_m[faces].astype(float).transpose(1, 0, 2)
+        found[instance] = ((a + b + c).mean(axis=0) / 3.0, np.cross(b - a, c - a).sum(axis=0))
+    return found
 
 
 def _body(mesh: Mesh, own: np.ndarray) -> Body:

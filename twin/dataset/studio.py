@@ -20,7 +20,7 @@ from twin.dataset.labels import Seen, annotation, contrast
 from twin.dataset.pose import attitude, quaternion
 from twin.dataset.recipe import Recipe
 from twin.dataset.shot import Shot
-from twin.dataset.silhouette import Silhouettes, Subject, bodies_of
+from twin.dataset.silhouette import Silhouettes, Subject, bodies_of, sign_fronts
 from twin.dataset.traffic import PLACES
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
@@ -80,6 +80,7 @@ class Studio:
         self._world: World = replace(built, motion=_Places(), mover_classes=tuple(movers))
         self._geometry = Geometry(self._world, slots, device)
         self._bodies = bodies_of(self._world)
+        self._fronts = sign_fronts(self._world)
         self._silhouettes = Silhouettes(self._bodies, device)
         self._open: tuple[int, RayCamera, wp.array] | None = None
 
@@ -132,6 +133,7 @@ class Studio:
         for (slot, instance), outline, full in zip(numbers, outlines, alone, strict=True):
             shot = shots[slot]
             seen = self._seen(shot, instance, full, outline, images[slot], instances[slot])
+            seen = replace(seen, behind=self._behind(instance, shot, eye))
             extinction = parameters(shot.conditions).extinction_per_m
             found[slot].append(annotation(seen, self._recipe.rules, extinction))
         return found
@@ -213,6 +215,14 @@ class Studio:
             one = shot.placed[_columns(shot)[instance - self._world.first_mover]]
             return self._street.cast[one.look].name
         return self._street.obstacle.name if instance == 0 else ""
+
+    def _behind(self, instance: int, shot: Shot, eye: Eye) -> bool:
+        """Whether the camera sees the back of a traffic sign."""
+        if instance not in self._fronts:
+            return False
+        middle, front = self._fronts[instance]
+        eye_m = eyepoint_of(*attitude(shot.pose), eye.mount).eye_m
+        return bool(np.dot(eye_m - middle, front) < 0.0)
 
     def _seen(
         self,

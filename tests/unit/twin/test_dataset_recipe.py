@@ -85,7 +85,8 @@ def test_a_recipe_survives_being_written():
         ({"unoccluded_px": 161}, "hidden"),
         ({"truncation": RULES.truncation_max + 0.001}, "truncated"),
         ({"distance_m": 3001.0}, "air"),
-        ({"contrast": 3.99}, "contrast"),
+        ({"behind": True}, "behind"),
+        ({"contrast": RULES.contrast_min - 0.01}, "contrast"),
     ],
 )
 def test_beyond_a_limit_a_box_is_ignored(change, reason):
@@ -100,7 +101,7 @@ def test_beyond_a_limit_a_box_is_ignored(change, reason):
         {"unoccluded_px": 160},
         {"truncation": RULES.truncation_max},
         {"distance_m": 2995.0},
-        {"contrast": 4.0},
+        {"contrast": RULES.contrast_min},
     ],
 )
 def test_at_the_limit_a_box_is_a_label(change):
