@@ -104,7 +104,7 @@ def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
     campaign, cases, mistakes = parse_cases(data)
     if campaign is None:
         return None, mistakes
-    mistakes = _missing_files(cases)
+    mistakes = _missing_files(cases) or _missing_mounts(cases)
     module = campaign.autonomy.stack.split(":")[0]
     if not _importable(module):
         mistakes.append(
@@ -132,13 +132,44 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
     return mistakes
 
 
+def _missing_mounts(cases: list[Case]) -> list[Mistake]:
+    """Cameras and lidars that the vehicle file does not have: no simulator would start."""
+    mistakes = []
+    wanted = {
+        (case.scenario.vehicle, kind, name)
+        for case in cases
+        for kind, name in (
+            *(("cameras", c.name) for c in (case.camera, *case.cameras)),
+            *(("lidars", lidar.name) for lidar in case.lidars),
+        )
+    }
+    for vehicle, kind, name in sorted(wanted):
+        path = Path(vehicle)
+        if not is_path(vehicle):
+            path = _simulator_folder("vehicle/models") / f"{vehicle}.yaml"
+        try:
+            data = load_yaml(path)
+        except YamlError:
+            continue  # the simulator says what is wrong with the file
+        mounts = data.get(kind) if isinstance(data, dict) else None
+        known = list(mounts) if isinstance(mounts, dict) else []
+        if name not in known:
+            hint = suggest(name, known) if known else "it has none"
+            mistakes.append(Mistake(kind, f"vehicle '{vehicle}' has no '{name}'; {hint}"))
+    return mistakes
+
+
 def _simulator_files(folder: str) -> list[str]:
-    """Names of files that the simulator ships; found without importing it."""
+    """Names of files that the simulator ships."""
+    return sorted(path.stem for path in _simulator_folder(folder).glob("*.yaml"))
+
+
+def _simulator_folder(folder: str) -> Path:
+    """A folder of the simulator, found without importing it."""
     spec = importlib.util.find_spec("twin")
     assert spec is not None
     assert spec.submodule_search_locations is not None
-    root = Path(next(iter(spec.submodule_search_locations)))
-    return sorted(path.stem for path in (root / folder).glob("*.yaml"))
+    return Path(next(iter(spec.submodule_search_locations))) / folder
 
 
 def _importable(module: str) -> bool:

@@ -18,6 +18,8 @@ from schemas.yaml_file import load_yaml
 
 _FILE_KEYS = ("file", "heightmap")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
+_NAME_KEYS = ("profile",)
+"""Keys whose values are names, or such paths."""
 
 _MATERIAL_LIBRARY = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
 _MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
@@ -67,6 +69,8 @@ def _named(value: Any) -> list[str]:
     """Values of the keys that name files, anywhere in the document, in order."""
     if isinstance(value, dict):
         own = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
+        names = [value[key] for key in _NAME_KEYS if isinstance(value.get(key), str)]
+        own += [name for name in names if is_path(name)]
         return own + [name for inner in value.values() for name in _named(inner)]
     if isinstance(value, list):
         return [name for inner in value for name in _named(inner)]

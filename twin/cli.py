@@ -12,7 +12,7 @@ import typer
 
 from schemas.view import ViewMode
 from twin.bench.command import app as bench_app
-from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
 from twin.validate.command import app as validate_app
@@ -227,8 +227,7 @@ def dataset(
 ) -> None:
     """Render labelled images for detectors into a folder, or go on where it was stopped.
 
-    On a folder that is there, options left away are what it was
-    begun with.
+    On a folder that is there, options left away are what it was begun with.
     """
     from twin.world.kernel_cache import prepare_kernels
 
@@ -255,6 +254,47 @@ def dataset(
         labels = ", ".join(f"{number} {name}" for name, number in counts["labels"].items())
         print(f"{split}: {counts['images']} images; labels: {labels}")
     print(out)
+
+
+@app.command()
+def memory(
+    slots: Annotated[int, typer.Option(min=1, help="Cases at once.")] = 256,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(help="A camera of the vehicle, repeatable; default: front_right."),
+    ] = None,
+    width: Annotated[int, typer.Option(help="Width of their pictures [px].")] = 640,
+    height: Annotated[int, typer.Option(help="Height of their pictures [px].")] = 360,
+    effect: Annotated[list[str] | None, typer.Option(help="An effect, or all; repeatable.")] = None,
+    image: Annotated[
+        list[str] | None, typer.Option(help="A further picture, e.g. depth; repeatable.")
+    ] = None,
+    lidar: Annotated[
+        list[str] | None, typer.Option(help="A lidar of the vehicle, repeatable.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
+    vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
+    device: Device = "cpu",
+    output: OutputOption = Output.human,
+) -> None:
+    """Print what a rig's cameras and lidars take of a GPU, and how many slots fit on one.
+
+    `twin memory --camera front_left --camera front_right --lidar roof --device cuda:0`
+    """
+    from twin.memory import show_memory
+
+    show_memory(
+        slots,
+        camera or ["front_right"],
+        (width, height),
+        effect or [],
+        image or [],
+        lidar or [],
+        scene,
+        vehicle,
+        device,
+        as_json=output is Output.json,
+    )
 
 
 def main() -> None:

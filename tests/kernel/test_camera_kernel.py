@@ -40,7 +40,15 @@ def camera_before(boxes, size=(160, 90), noise=False, hfov_deg=90.0, image_out=N
     world = World(mesh.build(), np.zeros((1, 5)), len(boxes), (0.0, -5.0), (13.0, 8.0))
     camera = Camera(width=size[0], height=size[1], hfov_deg=hfov_deg, noise=noise)
     geometry = Geometry(world, 1, CPU)
-    return RayCamera(geometry, world, Furniture(), camera, MOUNT, (1.5, 0.0, 0.7), image_out)
+    return RayCamera(
+        geometry,
+        world,
+        Furniture(lamp_intensity_cd=500.0),
+        camera,
+        MOUNT,
+        (1.5, 0.0, 0.7),
+        image_out,
+    )
 
 
 def box_sensor(camera):

@@ -17,9 +17,11 @@ from pictures import (
     world_of,
 )
 
+from schemas.campaign import Camera
 from schemas.lens import CameraMount, Lens
-from twin.render.camera import bytes_per_slot
+from twin.render.camera import wanted_of
 from twin.render.lens import project
+from twin.render.outputs import bytes_per_pixel
 from twin.render.texture import pack_textures, srgb_to_linear
 from twin.world.motion import ObjectKind
 
@@ -277,11 +279,9 @@ def test_outputs_have_their_types_and_memory_is_known():
         "normal": ("<f4", (2, 36, 64, 3)),
         "flow": ("<f4", (2, 36, 64, 2)),
     }
-    from schemas.campaign import Camera
-
-    lean = bytes_per_slot(Camera(width=64, height=36), 4)
-    rich = bytes_per_slot(Camera(width=64, height=36, outputs=outputs), 4)
-    assert rich - lean == 64 * 36 * (4 + 4 + 1 + 12 + 8)
+    lean = bytes_per_pixel(wanted_of(Camera(width=64, height=36)))
+    rich = bytes_per_pixel(wanted_of(Camera(width=64, height=36, outputs=outputs)))
+    assert rich - lean == 4 + 4 + 1 + 12 + 8
 
 
 def test_states_and_level_poses_agree():

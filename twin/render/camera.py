@@ -17,7 +17,7 @@ from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
 from twin.render.lens import ray_table, vehicle_from_camera
 from twin.render.light import SlotLight
 from twin.render.mirror import STRIDE, mirror_kernel
-from twin.render.outputs import OUTPUTS, Buffers, Wanted, bytes_per_pixel
+from twin.render.outputs import OUTPUTS, Buffers, Wanted
 from twin.render.picture import picture_kernel
 from twin.render.post import PostEffects, needs_depth, needs_flow
 from twin.render.raster import raster_of
@@ -273,19 +273,6 @@ def wanted_of(camera: Camera) -> Wanted:
         depth=needs_depth(effects),
         flow=needs_flow(effects),
     )
-
-
-def bytes_per_slot(camera: Camera, instances: int) -> int:
-    """Memory on the device that a camera takes for each slot, without its effects' [bytes].
-
-    To it come the rays (12 bytes per pixel) and at most
-    :data:`~twin.render.visibility.CHUNK_PIXELS` x 26 bytes, once.
-    """
-    pixels = camera.width * camera.height
-    small = 2 * max(1, instances) * BOX_FIELDS * 4
-    small += wp.types.type_size_in_bytes(SlotLight) + 2 * wp.types.type_size_in_bytes(SlotPose)
-    small += SKY_ROWS * SKY_COLUMNS * 12 + BEAMS_MAX * wp.types.type_size_in_bytes(Beams)
-    return pixels * bytes_per_pixel(wanted_of(camera)) + small
 
 
 def _host_backed(

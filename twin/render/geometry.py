@@ -23,8 +23,6 @@ from twin.world.street import World
 
 wp.set_module_options({"enable_backward": False})
 
-LEAF_SIZE_CPU, LEAF_SIZE_CUDA = 8, 2
-"""Faces in a leaf of a ``wp.Mesh``; both measured."""
 _BLOCK = 8  # spheres that are met together
 _NOWHERE_M = 1e9
 
@@ -50,8 +48,6 @@ class Face:
 class ObjectPose:
     """Where a movable object of a slot is."""
 
-    mesh: wp.uint64
-    """Mesh of its kind; 0: it is not there."""
     root: wp.int32
     """Of its kind's hierarchy; 0: it is not there."""
     first_face: wp.int32
@@ -82,8 +78,6 @@ class ObjectPose:
 class Scene:
     """Handle that kernels get."""
 
-    mesh: wp.uint64
-    """The static mesh, for queries that :func:`trace` does not answer."""
     nodes: wp.array(dtype=wp.float32)
     """Hierarchies of the static mesh, then of each kind; see :mod:`twin.render.bvh`."""
     leaves: wp.array(dtype=wp.float32)
@@ -217,9 +211,6 @@ class Geometry:
         halves = [(0.0, 0.0), *((k.half_length_m, k.half_width_m) for k in world.kinds)]
         self._halves = np.array(halves)
         scene = Scene()
-        self._meshes = [self._build(mesh) for mesh in meshes]
-        scene.mesh = self._meshes[0].id
-        self._ids = np.array([0, *(mesh.id for mesh in self._meshes[1:])], np.uint64)
         shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
         nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
@@ -242,12 +233,6 @@ class Geometry:
         scene.spheres = self._around.device
         self.scene = scene
 
-    def _build(self, mesh: Mesh) -> wp.Mesh:
-        points = wp.array(mesh.points_m, dtype=wp.vec3, device=self.device)
-        indices = wp.array(mesh.faces.ravel(), dtype=wp.int32, device=self.device)
-        leaf = LEAF_SIZE_CPU if self.device.is_cpu else LEAF_SIZE_CUDA
-        return wp.Mesh(points, indices, bvh_constructor="sah", bvh_leaf_size=leaf)
-
     def place(self, placement: Placement) -> None:
         """Put every slot's objects where ``placement`` says."""
         world, count = self.world, self.world.motion.count
@@ -257,7 +242,6 @@ class Geometry:
         kind = placement.kind + 1  # 0: not there
         cosine, sine = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
         sphere = self._spheres[kind]
-        rows["mesh"] = self._ids[kind]
         rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
         rows["instance"] = world.first_mover + np.arange(count)

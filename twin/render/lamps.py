@@ -19,6 +19,8 @@ FOG_CD = wp.constant(9_000.0)
 WARM_WHITE = wp.constant(wp.vec3(1.0, 0.93, 0.80))
 SODIUM = wp.constant(wp.vec3(1.0, 0.76, 0.46))
 
+_FOG_BLUR_M = wp.constant(6.0)
+"""Softening of a beam's cut-off, as a slope, per extinction [m]."""
 # Share of light that fog scatters straight back, relative to isotropic scattering.
 _BACKSCATTER = wp.constant(0.6)
 
@@ -49,14 +51,16 @@ def _lobe(offset: wp.float32, width: wp.float32) -> wp.float32:
 def _beam_cd(h: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
     """Luminous intensity at slope ``h`` to the side and ``v`` up [cd]."""
     total = wp.float32(0.0)
+    # Droplets scatter mostly forwards: in fog the edge of a beam is no edge any more (inferred).
+    blur = wp.min(_FOG_BLUR_M * light.extinction, 0.2)
     if light.low_beam > 0.0:
         # Cut-off 1 % below the horizon, softened over 1.2 %.
-        cut = wp.clamp((-0.004 - v) / 0.012, 0.0, 1.0)
+        cut = wp.clamp((-0.004 - v) / (0.012 + blur) + 0.5 * blur / (0.012 + blur), 0.0, 1.0)
         total += light.low_beam * LOW_CD * _lobe(h, 0.42) * _lobe(v + 0.03, 0.09) * (cut + 0.008)
     if light.high_beam > 0.0:
         total += light.high_beam * HIGH_CD * _lobe(h, 0.24) * _lobe(v, 0.10)
     if light.fog_lamp > 0.0:
-        cut = wp.clamp((-0.015 - v) / 0.015, 0.0, 1.0)
+        cut = wp.clamp((-0.015 - v) / (0.015 + blur) + 0.5 * blur / (0.015 + blur), 0.0, 1.0)
         total += light.fog_lamp * FOG_CD * _lobe(h, 0.80) * _lobe(v + 0.06, 0.10) * cut
     return total
 
@@ -175,7 +179,7 @@ def beams_kernel(
         if dark and lights[slot].active != 0:
             for m in range(scene.objects.shape[1]):
                 pose = scene.objects[slot, m]
-                if pose.mesh != wp.uint64(0) and pose.lamps + pose.brake > 0.0:
+                if pose.root != 0 and pose.lamps + pose.brake > 0.0:
                     away = wp.length(pose.position - poses[slot].eye)
                     if away > last and away < nearest:
                         nearest = away

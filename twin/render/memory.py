@@ -14,17 +14,15 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
+from twin.render.camera import wanted_of
 from twin.render.light import SlotLight
-from twin.render.post import bytes_needed, needs_depth, needs_flow
-
-OUTPUT_BYTES = {"depth": 4, "instance": 4, "semantic": 1, "normal": 12, "flow": 8}
-"""What an output of a camera takes on the device beside the picture [bytes per pixel]."""
+from twin.render.outputs import bytes_per_pixel
+from twin.render.post import bytes_needed
+from twin.render.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
 
 _BYTES_PER_TRIANGLE = 512
 """Corners, texture coordinates, baked light, face row and two kinds of BVH, rounded up."""
 _BYTES_PER_BOX = 2 * 6 * 4
-_PICTURE_BYTES, _HDR_BYTES = 3, 3 * 2
-_DEPTH_BYTES, _FLOW_BYTES = OUTPUT_BYTES["depth"], OUTPUT_BYTES["flow"]
 _RAY_BYTES = 3 * 4
 _OBJECT_BYTES = 256
 """Pose, sphere and look of a movable object, rounded up."""
@@ -136,18 +134,13 @@ def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
     """``small``: light, sky and boxes of a slot [bytes]."""
     on = camera.active_effects()
     pixels = camera.width * camera.height
-    outputs = sum(OUTPUT_BYTES[name] for name in set(camera.outputs))
     rows = [
         MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
-        MemoryRow(f"{camera.name}: pictures", 0, pixels * (_PICTURE_BYTES + outputs)),
+        MemoryRow(f"{camera.name}: pixels under way", CHUNK_PIXELS * BYTES_PER_PIXEL, 0),
+        MemoryRow(f"{camera.name}: pictures", 0, pixels * bytes_per_pixel(wanted_of(camera))),
         MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
     ]
     if on:
-        # Depth and flow that are an output anyway are there already.
-        extra = _HDR_BYTES
-        extra += _DEPTH_BYTES if needs_depth(on) and "depth" not in camera.outputs else 0
-        extra += _FLOW_BYTES if needs_flow(on) and "flow" not in camera.outputs else 0
-        rows.append(MemoryRow(f"{camera.name}: linear picture", 0, pixels * extra))
         one, two = (bytes_needed(n, camera.height, camera.width, on) for n in (1, 2))
         rows.append(MemoryRow(f"{camera.name}: effects", 2 * one - two, two - one))
     return rows

@@ -150,6 +150,10 @@ def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, li
             band = wp.abs(wp.abs(in_lane) - 0.8)
             track = wp.clamp(0.45 + 0.9 * band, 0.0, 1.0)
         rough = value_noise(p[0] * 1.3, p[1] * 3.1, 8)
+        # Clods and grains, which average out far away.
+        near = 1.0 / (1.0 + 0.004 * distance * distance)
+        clods = value_noise(p[0] * 7.0, p[1] * 9.0, 11) - 0.5
+        rough += (0.5 * clods + 0.35 * (value_noise(p[0] * 31.0, p[1] * 33.0, 12) - 0.5)) * near
         share = wp.clamp(light.snow_cover * track * 1.5 + (rough - 0.62) * 0.6, 0.0, 0.97)
         s.albedo = s.albedo * (1.0 - share) + _SNOW * share
         s.mirror = s.mirror * (1.0 - share)

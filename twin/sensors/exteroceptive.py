@@ -18,10 +18,11 @@ from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
-from twin.render.memory import LidarLoad, check_free, plan
+from twin.render.memory import check_free
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
-from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
+from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.motion import Placement
 from twin.world.scene import Scene
@@ -76,7 +77,7 @@ def lidar_sites(case: Case, vehicle: Vehicle) -> list[LidarSite]:
     sites = []
     for lidar in case.lidars:
         mount = vehicle.lidar(lidar.name)
-        profile = mount.inline or load_lidar_profile(mount.profile)
+        profile = mounted_profile(mount)
         hz = lidar.hz or profile.hz
         if case.control_hz % hz:
             raise ValueError(
@@ -189,7 +190,7 @@ class ExteroceptiveSuite:
         self._scanners = []
         for lidar, site in zip(case.lidars, lidar_sites(case, vehicle), strict=True):
             mount = vehicle.lidar(lidar.name)
-            profile = mount.inline or load_lidar_profile(mount.profile)
+            profile = mounted_profile(mount)
             out = buffers.get(site.message)
             sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
             self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
@@ -288,15 +289,7 @@ def _check_memory(
     case: Case, vehicle: Vehicle, world: World, slots: int, device: wp.Device
 ) -> None:
     """Say what is about to be taken on a GPU; refuse what does not fit."""
-    found = plan(
-        [camera for camera, _ in _cameras(case)],
-        [LidarLoad(s.message, s.channels * s.columns) for s in lidar_sites(case, vehicle)],
-        slots,
-        triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),
-        texture_bytes=sum(image.size for image in world.textures),
-        instances=len(world.classes),
-        objects=world.motion.count,
-    )
+    found = rig_memory(case, vehicle, world, slots)
     if device.is_cuda:
         print(
             f"cameras and lidars of {slots} slots take {found.bytes_total / 1e9:.2f} GB of GPU "

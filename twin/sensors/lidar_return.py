@@ -270,8 +270,8 @@ def _write_point(
     return wp.where(echo.kind != _NONE, 1, 0)
 
 
-# A GPU's warp counts its returns of one slot first: all rays of a sweep add to one number, and would
-# wait for each other.
+# A GPU's warp counts its returns of one slot first: all rays of a sweep add to one number, and
+# would wait for each other.
 _COUNT = """
     #if defined(__CUDA_ARCH__)
     const unsigned mates = __match_any_sync(__activemask(), slot);

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
+from msgspec.structs import replace
 
+from schemas.assets import is_path
 from schemas.lens import CameraMount
 from schemas.lidar import LidarMount
 from schemas.names import Name
 from schemas.validation import suggest
-from twin.world.scene import load_named
+from twin.world.scene import load_named, named_path
 
 _MODELS = Path(__file__).parent / "models"
 
@@ -341,7 +343,17 @@ class Vehicle(_Spec, kw_only=True):
 def load_vehicle(name_or_path: str) -> Vehicle:
     """Load a shipped vehicle by name, or a vehicle file by path.
 
+    Files that it names are relative to it; the result holds paths that can be opened.
+
     Raises:
         ValueError: no such vehicle, or a mistake in its file; one line.
     """
-    return load_named(name_or_path, Vehicle, _MODELS, "vehicle")
+    vehicle = load_named(name_or_path, Vehicle, _MODELS, "vehicle")
+    folder = named_path(name_or_path, _MODELS, "vehicle").parent
+    lidars = {
+        name: replace(mount, profile=str(folder / mount.profile))
+        if is_path(mount.profile)
+        else mount
+        for name, mount in vehicle.lidars.items()
+    }
+    return replace(vehicle, lidars=lidars)

@@ -58,8 +58,8 @@ class Furniture(Spec):
     tree_spacing_m: Length = 17.0
     lamp_spacing_m: Length = 26.0
     lamp_height_m: Length = 7.5
-    lamp_intensity_cd: Annotated[float, Meta(ge=0, le=100_000)] = 500.0
-    """Luminous intensity of one street lamp [cd]."""
+    lamp_intensity_cd: Annotated[float, Meta(ge=0, le=100_000)] = 2000.0
+    """Luminous intensity of one street lamp; 2000 is a luminaire of about 6000 lm [cd]."""
     parked_cars: Share = 0.5
     """Share of the parking places that are taken [-]."""
 

@@ -13,6 +13,7 @@ from schemas.campaign import expand
 from schemas.identity import case_digest, rig_key
 from twin.engine import Engine
 from twin.fabric.errors import UsageError
+from twin.vehicle.vehicle_file import load_vehicle
 
 SHIPPED = Path(twin.__file__).parent / "vehicle" / "models"
 CAMPAIGN = """
@@ -100,3 +101,19 @@ def test_other_files_that_a_mesh_names(tmp_path):
     ply.write_text("ply\ncomment TextureFile scan.jpg\nend_header\n")
     assert [p.name for p in mesh_files(ply)] == ["m.ply", "scan.jpg"]
     assert mesh_files(tmp_path / "gone.obj") == [tmp_path / "gone.obj"]
+
+
+def test_a_lidar_profile_by_path_belongs_to_the_vehicle(files):
+    campaign, car = files
+    folder = car.parent / "scanners"
+    folder.mkdir()
+    shutil.copy(SHIPPED.parents[1] / "sensors/lidar_profiles/spinning_16.yaml", folder / "own.yaml")
+    car.write_text(car.read_text().replace("profile: spinning_32", "profile: scanners/own.yaml"))
+    before = asset_digest(car)
+    assert load_vehicle(str(car)).lidar("roof").profile == str(folder / "own.yaml")
+    campaign.write_text(campaign.read_text() + "lidars: [{name: roof}]\n")
+    engine = Engine(expand(load(str(campaign)))[0], 1)
+    assert engine.lidar_sites[0].channels == 16
+    own = folder / "own.yaml"
+    own.write_text(own.read_text().replace("noise_m: ", "noise_m: 1"))
+    assert asset_digest(car) != before
