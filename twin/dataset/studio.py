@@ -26,6 +26,7 @@ from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.lens import ray_table
 from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.memory import check_free, plan
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.environment import light_of, wind_towards
@@ -70,7 +71,7 @@ class Studio:
     ) -> None:
         """
         Raises:
-            ValueError: a scene or lens that cannot be used; one line.
+            ValueError: a scene or lens that cannot be used, or too many slots; one line.
         """
         self._recipe, self._street, self._vehicle, self._eyes = recipe, street, vehicle, eyes
         self._slots, self._device = slots, device
@@ -78,6 +79,7 @@ class Studio:
         self._kinds = built.motion.at(np.zeros(1)).kind[0]
         movers = [OBJECT_CLASSES.index(name) for name, n in PLACES.items() for _ in range(n)]
         self._world: World = replace(built, motion=_Places(), mover_classes=tuple(movers))
+        _check_memory(self._world, eyes, slots, device)
         self._geometry = Geometry(self._world, slots, device)
         self._bodies = bodies_of(self._world)
         self._fronts = sign_fronts(self._world)
@@ -253,6 +255,22 @@ class Studio:
             distance_m=distance_m,
             contrast=contrast(image, instances, instance, np.array(box)),
         )
+
+
+def _check_memory(world: World, eyes: list[Eye], slots: int, device: wp.Device) -> None:
+    """Refuse slots that do not fit on a GPU; one camera is open at a time."""
+    meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
+    for eye in eyes:
+        found = plan(
+            [eye.camera],
+            [],
+            slots,
+            triangles=sum(len(mesh.faces) for mesh in meshes),
+            texture_bytes=sum(image.size for image in world.textures),
+            instances=len(world.classes),
+            objects=world.motion.count,
+        )
+        check_free(found, device)
 
 
 def _columns(shot: Shot) -> dict[int, int]:
