@@ -182,6 +182,81 @@ def snapshot(
 
 
 @app.command()
+def dataset(
+    out: Annotated[Path, typer.Argument(help="Folder of the dataset; one that is there goes on.")],
+    count: Annotated[int | None, typer.Option(help="Images; default 1000.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Decides everything; default 1.")] = None,
+    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT; default 320x192 [px].")] = None,
+    file_format: Annotated[
+        str | None, typer.Option("--format", help="jpg or png; default jpg.")
+    ] = None,
+    quality: Annotated[int | None, typer.Option(help="Of JPEG, 1 to 100; default 92.")] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="Its variants are the streets; default downtown.")
+    ] = None,
+    other_scene: Annotated[
+        str | None, typer.Option(help="Absent from training; default crossing.")
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(help="Shipped vehicle, or a vehicle file; default opencav.")
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="Which of its cameras; default front_right.")
+    ] = None,
+    cameras: Annotated[
+        int | None, typer.Option(help="How many cameras with other lenses and effects; default 8.")
+    ] = None,
+    split_shares: Annotated[
+        str | None,
+        typer.Option(help="Shares of train, held_out and other_scene; default 0.8,0.1,0.1."),
+    ] = None,
+    streets: Annotated[
+        str | None, typer.Option(help="Streets of train, held_out, other_scene; default 6,2,1.")
+    ] = None,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(help="A rule of what is a label, KEY=NUMBER, repeatable; docs/dataset.md."),
+    ] = None,
+    slots: Annotated[
+        int, typer.Option(min=1, max=4096, help="Images rendered together; changes no byte.")
+    ] = 1,
+    preview: Annotated[
+        Path | None, typer.Option(help="Write a contact sheet with boxes, .png or .jpg.")
+    ] = None,
+    device: Device = "cpu",
+) -> None:
+    """Render labelled images for detectors into a folder, or go on where it was stopped.
+
+    On a folder that is there, options left away are what it was begun with.
+    """
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
+
+    from twin.dataset.command import DatasetRequest, run_dataset
+
+    plain = {"count": count, "seed": seed, "format": file_format, "quality": quality}
+    plain |= {"scene": scene, "other_scene": other_scene, "vehicle": vehicle}
+    plain |= {"camera": camera, "cameras": cameras}
+    request = DatasetRequest(
+        out=out,
+        plain=plain,
+        size=size,
+        split_shares=split_shares,
+        streets=streets,
+        rules=tuple(rule or ()),
+        slots=slots,
+        device=device,
+        preview=preview,
+    )
+    found = run_dataset(request)
+    for split, counts in found["counts"].items():
+        labels = ", ".join(f"{number} {name}" for name, number in counts["labels"].items())
+        print(f"{split}: {counts['images']} images; labels: {labels}")
+    print(out)
+
+
+@app.command()
 def memory(
     slots: Annotated[int, typer.Option(min=1, help="Cases at once.")] = 256,
     camera: Annotated[

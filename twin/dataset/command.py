@@ -1,0 +1,121 @@
+"""``twin dataset``: what the command line says, and how it is told how far things are."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from twin.dataset.folder import Folder
+from twin.dataset.making import make_dataset
+from twin.dataset.recipe import SPLITS, parse_recipe
+from twin.dataset.sheet import write_sheet
+from twin.fabric.errors import UsageError
+
+LINES = 20
+"""Lines of progress in a log file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DatasetRequest:
+    """A dataset as it is asked for; None and empty ones are what the folder says, or the usual."""
+
+    out: Path
+    plain: dict[str, Any]
+    """Keys of :class:`twin.dataset.recipe.Recipe` with plain values, or None."""
+    size: str | None = None
+    """``WIDTHxHEIGHT``"""
+    split_shares: str | None = None
+    """Three numbers with commas."""
+    streets: str | None = None
+    rules: tuple[str, ...] = ()
+    """``KEY=NUMBER`` each."""
+    slots: int = 1
+    device: str = "cpu"
+    preview: Path | None = None
+
+
+def run_dataset(request: DatasetRequest) -> dict[str, Any]:
+    """Make the dataset, write the preview; returns ``dataset.yaml`` as plain data.
+
+    Raises:
+        TwinError: a mistake in the request, or the folder cannot be used; one line.
+    """
+    head = Folder(request.out).read_head()
+    data = dict(head["recipe"]) if head else {}
+    data |= {key: value for key, value in request.plain.items() if value is not None}
+    if request.size is not None:
+        data["width"], data["height"] = _numbers("size", request.size, "x", 2, int)
+    for name in ("split_shares", "streets"):
+        text = getattr(request, name)
+        if text is not None:
+            values = _numbers(
+                name.replace("_", "-"), text, ",", 3, int if name == "streets" else float
+            )
+            data[name] = dict(zip(SPLITS, values, strict=True))
+    if request.rules:
+        data["rules"] = {**data.get("rules", {}), **dict(_rule(text) for text in request.rules)}
+    recipe = parse_recipe(data, "dataset")
+    with _progress() as report:
+        found = make_dataset(
+            request.out, recipe, slots=request.slots, device=request.device, report=report
+        )
+    if request.preview is not None:
+        write_sheet(request.preview, request.out, columns=4, rows=5, seed=recipe.seed)
+    return found
+
+
+def _numbers(option: str, text: str, mark: str, count: int, type_: type) -> list[Any]:
+    parts = text.split(mark)
+    with contextlib.suppress(ValueError):
+        if len(parts) == count:
+            return [type_(part) for part in parts]
+    example = {"size": "320x192", "split-shares": "0.8,0.1,0.1", "streets": "6,2,1"}[option]
+    raise UsageError(f"--{option} '{text}': give {count} numbers, as in {example}")
+
+
+def _rule(text: str) -> tuple[str, Any]:
+    key, _, number = text.partition("=")
+    with contextlib.suppress(ValueError):
+        value = float(number)
+        whole = key.strip().endswith("_px_min") and value.is_integer()
+        return key.strip(), int(value) if whole else value
+    raise UsageError(f"--rule '{text}': give KEY=NUMBER, as in visibility_min=0.3")
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[int, int], None]]:
+    """A bar on a terminal, otherwise a line on stderr now and then."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _Lines()
+        return
+    columns = (
+        TextColumn("rendering"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("images"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("rendering", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class _Lines:
+    """A line whenever another twentieth is done."""
+
+    def __init__(self) -> None:
+        self._step = -1
+
+    def __call__(self, done: int, total: int) -> None:
+        step = done * LINES // total
+        if step != self._step:
+            self._step = step
+            print(f"dataset: {done} of {total} images", file=sys.stderr, flush=True)

@@ -1,0 +1,169 @@
+"""A dataset on disk: where everything lies, what was asked for, what is done."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import yaml
+
+from schemas.yaml_file import load_yaml
+from twin.dataset.recipe import Recipe, parse_recipe
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.files import write_atomic
+
+HEAD = "dataset.yaml"
+_PARTS = ".parts"
+
+
+@dataclass(frozen=True, slots=True)
+class Maker:
+    """Who made a dataset; both decide its bytes."""
+
+    software: str
+    """:func:`twin.fabric.software.software_digest`."""
+    device_class: str
+
+
+class Folder:
+    """The folder of one dataset."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.head_path = path / HEAD
+
+    def read_head(self) -> dict[str, Any] | None:
+        """``dataset.yaml`` as plain data; None: there is none.
+
+        Raises:
+            UsageError: the folder holds something else, or the file is damaged; one line.
+        """
+        if not self.head_path.exists():
+            if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
+                raise UsageError(
+                    f"{self.path}: exists and holds no {HEAD}; give a new or empty folder"
+                )
+            return None
+        try:
+            head = load_yaml(self.head_path)
+        except ValueError as error:
+            raise UsageError(f"{error}; give a new folder") from None
+        if not isinstance(head, dict) or not isinstance(head.get("recipe"), dict):
+            raise UsageError(f"{self.head_path}: has no recipe; give a new folder")
+        return head
+
+    def write_head(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
+        """Write ``dataset.yaml``."""
+        head = {
+            "format": 1,
+            "software": maker.software,
+            "device_class": maker.device_class,
+            "recipe": msgspec.to_builtins(recipe),
+            **more,
+        }
+        text = yaml.safe_dump(head, sort_keys=False, width=100)
+        write_atomic(self.head_path, text.encode())
+
+    def open(self, recipe: Recipe, maker: Maker) -> bool:
+        """Make the folder ready for more images; returns whether it is complete already.
+
+        Raises:
+            UsageError: it was begun with other parameters, software or device; one line.
+        """
+        head = self.read_head()
+        if head is None:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self.write_head(recipe, maker, {"complete": False})
+        else:
+            self._check(head, recipe, maker)
+        if head is not None and head.get("complete"):
+            self._drop_parts()
+            return True
+        for folder in ("annotations", _PARTS, *(f"images/{split}" for split in recipe.counts())):
+            (self.path / folder).mkdir(parents=True, exist_ok=True)
+        for left in self.path.rglob(".*.tmp"):
+            left.unlink()  # of a process that was killed while it wrote
+        return False
+
+    def _check(self, head: dict[str, Any], recipe: Recipe, maker: Maker) -> None:
+        stored = parse_recipe(head["recipe"], str(self.head_path))
+        for name in recipe.__struct_fields__:
+            begun, given = getattr(stored, name), getattr(recipe, name)
+            if begun != given:
+                raise UsageError(
+                    f"{self.path}: begun with {name} {_shown(begun)}, given {_shown(given)}; "
+                    "leave the option away to go on, or give a new folder"
+                )
+        for name, now in (("software", maker.software), ("device_class", maker.device_class)):
+            if head.get(name) != now:
+                raise UsageError(
+                    f"{self.path}: begun with {name} {str(head.get(name))[:40]}, here it is "
+                    f"{now[:40]}, so the images would differ; give a new folder"
+                )
+
+    def image_path(self, recipe: Recipe, split: str, index: int) -> Path:
+        """Where an image lies."""
+        return self.path / "images" / split / f"{index:06d}.{recipe.format}"
+
+    def part_path(self, split: str, index: int) -> Path:
+        """Where its labels lie until all images are there."""
+        return self.path / _PARTS / f"{split}-{index:06d}.json"
+
+    def done(self, recipe: Recipe, split: str, index: int) -> bool:
+        """Whether an image and its labels are there; labels are written last."""
+        part = self.part_path(split, index)
+        return part.exists() and self.image_path(recipe, split, index).exists()
+
+    def write(self, recipe: Recipe, split: str, index: int, image: bytes, part: Any) -> None:
+        """Keep a finished image and its labels."""
+        write_atomic(self.image_path(recipe, split, index), image)
+        text = json.dumps(part, separators=(",", ":"))
+        write_atomic(self.part_path(split, index), text.encode())
+
+    def read_part(self, split: str, index: int) -> Any:
+        """Labels of a finished image."""
+        return json.loads(self.part_path(split, index).read_bytes())
+
+    def finish(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
+        """Say that everything is there, and tidy up."""
+        self.write_head(recipe, maker, {"complete": True, **more})
+        self._drop_parts()
+
+    def _drop_parts(self) -> None:
+        parts = self.path / _PARTS
+        if parts.is_dir():
+            for path in parts.iterdir():
+                path.unlink()
+            parts.rmdir()
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Nobody else writes here meanwhile.
+
+        Raises:
+            InfrastructureError: somebody does.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InfrastructureError(
+                f"{self.path}: another process is writing to it; wait for it or give another folder"
+            ) from None
+        try:
+            yield
+        finally:
+            os.close(descriptor)
+
+
+def _shown(value: Any) -> str:
+    return str(msgspec.to_builtins(value))
