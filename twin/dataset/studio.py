@@ -25,7 +25,7 @@ from twin.dataset.traffic import PLACES
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.lens import ray_table
-from twin.render.light import advance_light, fill_light, fill_sky, switch_lamps
+from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.memory import check_free, plan
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
@@ -105,6 +105,7 @@ class Studio:
         rows["active"] = 0
         for slot, shot in enumerate(shots):
             camera.clear(slot)
+            camera.reset(slot)
             lights.append(self._light(camera, slot, shot))
         camera.sky_stale = True
         advance_light(rows, _padded([shot.time_s for shot in shots], self._slots))
@@ -170,6 +171,7 @@ class Studio:
         switch_lamps(row, lamps)
         row["active"], row["noise"], row["tick"], row["hazard"] = 1, 1, 0, shot.hazard
         row["key"] = stream_key(self._recipe.seed, shot.name, "dataset/noise")
+        begin_sky(row, stream_key(self._recipe.seed, shot.name, "dataset/clouds"))
         return lamps
 
     def _poses(self, shots: list[Shot], before_s: float = 0.0) -> wp.array:

@@ -16,7 +16,7 @@ import warp as wp
 from twin.render import bvh, traverse
 from twin.render.texture import Textures, pack_textures
 from twin.world.kept import kept
-from twin.world.mesh import Mesh
+from twin.world.mesh import DECAL, Mesh
 from twin.world.mirror import Mirror
 from twin.world.motion import Placement
 from twin.world.street import World
@@ -25,6 +25,10 @@ wp.set_module_options({"enable_backward": False})
 
 _BLOCK = 8  # spheres that are met together
 _NOWHERE_M = 1e9
+
+
+DECAL_TAG = wp.constant(DECAL)
+"""Tag of faces that are painted on: the shade below an object is no part of it."""
 
 
 @wp.struct
@@ -157,7 +161,8 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
             hit.normal = scene.faces[hit.face].normal
             hit.instance = scene.faces[hit.face].instance
             if hit.object >= 0:
-                hit.instance = scene.objects[slot, hit.object].instance
+                if scene.faces[hit.face].tag != DECAL_TAG:
+                    hit.instance = scene.objects[slot, hit.object].instance
                 hit.normal = turned(
                     hit.normal,
                     scene.objects[slot, hit.object].cosine,

@@ -9,7 +9,7 @@ import warp as wp
 from twin.render.air import sky_path, through_air
 from twin.render.boxes import gather_box
 from twin.render.build import Build
-from twin.render.geometry import Scene, turned
+from twin.render.geometry import DECAL_TAG, Scene, turned
 from twin.render.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light import SlotLight
 from twin.render.outputs import Buffers, Wanted
@@ -73,7 +73,8 @@ def sky_share(bounce: wp.vec3) -> wp.float32:
 def _instance_of(scene: Scene, slot: wp.int32, at: Place) -> wp.int32:
     instance = wp.int32(-1)
     if at.object >= 0:
-        instance = scene.objects[slot, at.object].instance
+        if scene.faces[at.face].tag != DECAL_TAG:
+            instance = scene.objects[slot, at.object].instance
     elif at.face >= 0:
         instance = scene.faces[at.face].instance
     return instance

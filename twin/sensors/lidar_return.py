@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.geometry import Scene
+from twin.render.geometry import DECAL_TAG, Scene
 from twin.render.noise import draw, normal, uniform
 from twin.sensors.lidar_air import LidarAir
 from twin.sensors.lidar_sweep import Beams, Hit, SweepPose, direction_of
@@ -263,7 +263,7 @@ def _write_point(
             semantic = scene.faces[hit.face].semantic
             instance = scene.faces[hit.face].instance
             thing = hit.owner / 2 - 1
-            if thing >= 0:
+            if thing >= 0 and scene.faces[hit.face].tag != DECAL_TAG:
                 instance = scene.objects[slot, thing].instance
         points_out[slot, beam, 7] = wp.float32(instance)
         points_out[slot, beam, 8] = wp.float32(semantic)
