@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from schemas.campaign import Camera
+from schemas.validation import convert_all
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import UsageError
 
@@ -107,6 +109,9 @@ def camera(
         raise UsageError(f"device '{device}': not here; allowed: {known}")
     usual = bench.SIZES[device.partition(":")[0]]
     size = bench.Size(slots or usual.slots, width or usual.width, height or usual.height)
+    _, mistakes = convert_all({"width": size.width, "height": size.height}, Camera)
+    if mistakes:
+        raise UsageError("\n".join(mistake.line("picture") for mistake in mistakes))
     if variants or ablate:
         from twin.bench import camera_variants
 
