@@ -29,8 +29,10 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
     if known is not None and known.digest == digest:
         return None, []
     if known is not None:
+        older = known.software and request.software and known.software != request.software
+        why = " (or the software, which is another now, has new defaults)" if older else ""
         return None, [
-            f"{name}: {known.out} holds a campaign of this name with other cases (digest "
+            f"{name}: {known.out} holds a campaign of this name with other cases{why} (digest "
             f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
         ]
     out = request.out or f"{state.config.folder}/{name}"
