@@ -38,7 +38,9 @@ def look(
 def hide(lights: wp.array(dtype=SlotLight), out: wp.array2d(dtype=wp.float32)):
     i, j = wp.tid()
     rows = wp.float32(out.shape[0])
-    out[i, j] = cover(wp.float32(j) / rows, wp.float32(i) / rows, lights[0])
+    out[i, j] = cover(
+        wp.float32(j) / rows, wp.float32(i) / rows, wp.vec3(0.0, -1.0, 0.0), lights[0]
+    )
 
 
 @wp.kernel
@@ -204,3 +206,34 @@ def test_more_rain_and_snow_hide_more():
     assert shares["clear"] == shares["heavy_fog"] == 0.0
     assert 0.0005 < shares["light_rain"] < 0.6 * shares["heavy_rain"] < 0.1
     assert 0.005 < shares["light_snow"] < 0.6 * shares["heavy_snow"] < 0.3
+
+
+@wp.kernel
+def hide_towards(lights: wp.array(dtype=SlotLight), right: wp.vec3, out: wp.array2d(dtype=float)):
+    i, j = wp.tid()
+    rows = wp.float32(out.shape[0])
+    out[i, j] = cover(wp.float32(j) / rows, wp.float32(i) / rows, right, lights[0])
+
+
+def test_rain_slants_with_the_wind_as_each_camera_sees_it():
+    lights, _, _ = lights_of("heavy_rain")
+    lights.host[0]["slant"] = (0.0, 0.5)  # to the left of who looks along the street
+
+    def seen(right):
+        out = wp.zeros((180, 320), dtype=wp.float32, device=CPU)
+        wp.launch(
+            hide_towards, (180, 320), inputs=[lights.device, right], outputs=[out], device=CPU
+        )
+        return out.numpy()
+
+    def lean(image):
+        """Columns by which streaks move per row downwards."""
+        shifts = range(-6, 7)
+        match = [
+            np.corrcoef(image[:-8].ravel(), np.roll(image, -s, 1)[8:].ravel())[0, 1] for s in shifts
+        ]
+        return shifts[int(np.argmax(match))]
+
+    assert lean(seen(wp.vec3(0.0, -1.0, 0.0))) < -1
+    assert lean(seen(wp.vec3(0.0, 1.0, 0.0))) > 1
+    assert lean(seen(wp.vec3(1.0, 0.0, 0.0))) == 0

@@ -45,8 +45,8 @@ class SlotLight:
     """Speed at which drops or flakes fall [m/s]."""
     fallen_m: wp.float32
     """How far they have fallen since the case began [m]."""
-    slant: wp.float32
-    """How far they drift to the street's right while they fall, over the fall [-]."""
+    slant: wp.vec2
+    """How far they drift while they fall, over the fall, world x and y [-]."""
     shutter_s: wp.float32
     time_s: wp.float32
     """Sim time of the frame [s]."""
@@ -77,6 +77,7 @@ def fill_light(
     # Drops of a downpour are larger and fall faster (Gunn and Kinzer 1949: 4 m/s at 1 mm, 9 at 5).
     drop = _DRIZZLE_MPS + (_DOWNPOUR_MPS - _DRIZZLE_MPS) * weather.rain
     fall_mps = drop if weather.rain >= weather.snow else _FLAKE_MPS
+    drift = float(steady(math.tanh(0.4 * weather.wind_mps / fall_mps)))
     aloft = _ALOFT * weather.wind_mps / CLOUD_HEIGHT_M
     values = {
         "sun_direction": light.sun_direction,
@@ -95,7 +96,7 @@ def fill_light(
         "rain": weather.rain,
         "snow": weather.snow,
         "fall_mps": fall_mps,
-        "slant": float(steady(math.tanh(-0.4 * y * weather.wind_mps / fall_mps))),
+        "slant": (drift * x, drift * y),
         "shutter_s": light.shutter_s,
         "lamps_on": float(light.lamps_on),
         "shadows": int(light.shadows),

@@ -53,7 +53,8 @@ def air_light(
     total += lamps_glow(pose.eye, direction, distance, slot, lamps, beams, light)
     if light.rain + light.snow > 0.0:
         height = wp.float32(optics.height)
-        hidden = cover(wp.float32(column) / height, wp.float32(row) / height, light)
+        u, v = wp.float32(column) / height, wp.float32(row) / height
+        hidden = cover(u, v, pose.right, light)
         # Drops and flakes are as bright as the air, and at night as what the lamps light up.
         flake = wp.max(light.air_rgb * 1.25 + WARM_WHITE * (glow * 3.0), total)
         total = total * (1.0 - hidden) + flake * hidden

@@ -31,14 +31,14 @@ def _lower(number: wp.float32, scale: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _streak(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
+def _streak(u: wp.float32, v: wp.float32, slant: wp.float32, light: SlotLight) -> wp.float32:
     """Share of the pixel that streaks of rain hide [-]."""
     hidden = wp.float32(0.0)
     seed = wp.int32(light.key & _SEED_MASK)
     depth = wp.float32(1.6)
     for layer in range(_LAYERS):
         size = _FOCAL / depth  # image heights per metre
-        x = (u - light.slant * v) / (_LANE_M * size)
+        x = (u - slant * v) / (_LANE_M * size)
         i = wp.int32(wp.floor(x))
         own = lattice(i, layer, seed)
         speed = light.fall_mps * (0.85 + 0.3 * own)
@@ -64,7 +64,7 @@ def _streak(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
 
 
 @wp.func
-def _flakes(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
+def _flakes(u: wp.float32, v: wp.float32, slant: wp.float32, light: SlotLight) -> wp.float32:
     """Share of the pixel that snowflakes hide [-]."""
     hidden = wp.float32(0.0)
     seed = wp.int32(light.key & _SEED_MASK) + 1048576
@@ -72,7 +72,7 @@ def _flakes(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
     grid = wp.float32(_FLAKE_GRID_M)
     for layer in range(_LAYERS):
         pitch = grid * _FOCAL / depth  # further layers are denser
-        x = (u - light.slant * v) / pitch
+        x = (u - slant * v) / pitch
         column = wp.int32(wp.floor(x))
         own = lattice(column, layer, seed)
         y = v / pitch - light.fallen_m * (0.8 + 0.4 * own) / grid + 64.0 * own
@@ -94,11 +94,15 @@ def _flakes(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
 
 
 @wp.func
-def cover(u: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
-    """Share of the pixel at (u, v), in image heights, that drops or flakes hide [-]."""
+def cover(u: wp.float32, v: wp.float32, right: wp.vec3, light: SlotLight) -> wp.float32:
+    """Share of the pixel at (u, v), in image heights, that drops or flakes hide [-].
+
+    ``right``: of the camera, world.
+    """
+    slant = light.slant[0] * right[0] + light.slant[1] * right[1]
     hidden = wp.float32(0.0)
     if light.rain > 0.0:
-        hidden = _streak(u, v, light)
+        hidden = _streak(u, v, slant, light)
     if light.snow > 0.0:
-        hidden = wp.max(hidden, _flakes(u, v, light))
+        hidden = wp.max(hidden, _flakes(u, v, slant, light))
     return hidden
