@@ -76,8 +76,11 @@ class RunOptions:
     json: bool = False
 
 
-class Interrupted(Exception):  # noqa: N818 - it is no error
-    """A signal asks the run to stop; ``number`` says which."""
+class Interrupted(BaseException):
+    """A signal asks the run to stop; ``number`` says which.
+
+    No :class:`Exception`: it may be raised in the middle of a library that catches those.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -91,9 +94,9 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
     started = time.monotonic()
     console = Console(stderr=True)
     cases = len(expand(campaign))
-    with _signals():
+    with _signals() as pending:
         try:
-            _execute(campaign, options, cases, console)
+            _execute(campaign, options, cases, console, pending)
             result = _conclude(campaign, options)
         except Interrupted as stop:
             console.print(
@@ -106,7 +109,13 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
     return _tell(campaign, options, outcomes, digest, time.monotonic() - started)
 
 
-def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Console) -> None:
+def _execute(
+    campaign: Campaign,
+    options: RunOptions,
+    cases: int,
+    console: Console,
+    pending: list[Interrupted],
+) -> None:
     """Serve and work until every case has ended."""
     conductor = Conductor(
         options.out,
@@ -153,7 +162,7 @@ def _execute(campaign: Campaign, options: RunOptions, cases: int, console: Conso
         ]
         workers = LocalWorkers(worker_options, conductor.folder, count)
         try:
-            _wait(conductor, campaign, workers, console)
+            _wait(conductor, campaign, workers, console, pending)
         finally:
             workers.stop()
             if not count:
@@ -170,7 +179,11 @@ def _dismiss(conductor: Conductor) -> None:
 
 
 def _wait(
-    conductor: Conductor, campaign: Campaign, workers: LocalWorkers, console: Console
+    conductor: Conductor,
+    campaign: Campaign,
+    workers: LocalWorkers,
+    console: Console,
+    pending: list[Interrupted],
 ) -> None:
     if not workers.count:
         console.print(
@@ -184,6 +197,8 @@ def _wait(
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
         while True:
+            if pending:  # somebody swallowed it
+                raise pending[0]
             workers.start()
             found = conductor.snapshot()
             row = found["campaigns"][campaign.campaign]
@@ -344,17 +359,22 @@ def _serving(conductor: Conductor) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _signals() -> Iterator[None]:
-    """SIGINT and SIGTERM raise :class:`Interrupted` once; a second one is not needed."""
+def _signals() -> Iterator[list[Interrupted]]:
+    """SIGINT and SIGTERM raise :class:`Interrupted` once; a second one is not needed.
+
+    Yields what was raised, for loops that look whether it got through.
+    """
+    pending: list[Interrupted] = []
 
     def on_signal(number: int, _frame: object) -> None:
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
-        raise Interrupted(number)
+        pending.append(Interrupted(number))
+        raise pending[0]
 
     previous = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield pending
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
