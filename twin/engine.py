@@ -22,7 +22,7 @@ from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
 from twin.sensors import exteroceptive
 from twin.sensors.data import SensorData
-from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites, lidar_sites
+from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
@@ -128,7 +128,7 @@ class Engine:
             stop_at_impact=True,
         )
         self.camera_sites = camera_sites(case, vehicle)
-        self.lidar_sites = lidar_sites(case, vehicle)
+        self.lidar_sites = self._eyes.lidar_sites
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
         needs_truth = self._suite.needs_truth or self._eyes.needs_truth
         self._truth = VehicleTruth(slots, warp_device) if needs_truth else None

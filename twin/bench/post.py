@@ -19,8 +19,6 @@ from twin.world.mirror import Mirror
 
 OUT_OF_FOCUS = Lens(sensor_width_mm=36.0, f_number=1.4, focus_m=8.0, shutter_s=0.025)
 """A full-frame lens, wide open, and a slow shutter: the dearest pictures in daily use."""
-TARGET_MS = 15.0
-"""All effects on 256 pictures of 640x360 on an H200."""
 _ROUNDS = 5
 _REPEATS = {"cpu": 1, "cuda": 10}
 

@@ -59,7 +59,7 @@ def _eye(recipe: Recipe, mount: CameraMount, index: int) -> Eye:
         width=recipe.width,
         height=recipe.height,
         hfov_deg=HFOV_DEG,
-        outputs=["instance", "semantic"],
+        outputs=["instance"],
     )
     if index == 0:
         return Eye(f"0 {mount.lens.model} {HFOV_DEG:.0f} none", camera, mount)

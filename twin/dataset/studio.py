@@ -12,7 +12,7 @@ import warp as wp
 
 from schemas.environment import Environment
 from schemas.identity import stream_key
-from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES, Lights
+from schemas.messages import OBJECT_CLASSES, Lights
 from twin.dataset.cameras import Eye
 from twin.dataset.cast import Street
 from twin.dataset.eyepoint import Eyepoint, Outline, View, eyepoint_of, outline_of
@@ -52,7 +52,6 @@ class _Places(Still):
     count = sum(PLACES.values())
 
 
-_ON_GROUND = np.isin(SEMANTIC_CLASSES, ("road", "marking", "sidewalk", "terrain"))
 _FIRST = dict(zip(PLACES, np.cumsum([0, *PLACES.values()]).tolist(), strict=False))
 """Number of the first object of each class."""
 
@@ -92,10 +91,7 @@ class Studio:
         assert all(shot.eye == shots[0].eye for shot in shots)
         camera, rays = self._camera(shots[0].eye)
         lights = self._expose(camera, shots)
-        # The shade below a vehicle belongs to the ground.
-        ground = _ON_GROUND[camera.outputs["semantic"]]
-        instances = np.where(ground, -1, camera.outputs["instance"])
-        found = self._annotations(shots, camera.image, instances, rays)
+        found = self._annotations(shots, camera.image, camera.outputs["instance"], rays)
         for slot, shot in enumerate(shots):
             yield Taken(shot, camera.image[slot], lights[slot], found[slot])
 

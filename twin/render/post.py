@@ -16,7 +16,7 @@ from schemas.lens import EFFECTS, Lens
 from schemas.lens_curve import check_lens
 from schemas.validation import suggest
 from twin.render import post_bloom, post_focus, post_motion
-from twin.render.post_bloom import Bloom, bloom_bytes, level_sizes
+from twin.render.post_bloom import Bloom, bloom_bytes
 from twin.render.post_film import falloff, film_kernel, film_of
 from twin.render.post_focus import FocusBlur, focus_bytes, focus_of
 from twin.render.post_motion import MotionBlur, motion_bytes
@@ -68,7 +68,7 @@ def bytes_needed(slots: int, height: int, width: int, effects: Iterable[str]) ->
         total += focus_bytes(slots, height, width)
     if "motion_blur" in on:
         total += motion_bytes(slots, height, width)
-    if "bloom" in on and level_sizes(height, width):
+    if "bloom" in on:
         total += bloom_bytes(slots, height, width)
     if "vignette" in on:
         total += height * width * 4
@@ -115,7 +115,7 @@ class PostEffects:
         if self.needs_flow:
             share = min(1.0, lens.shutter_s * hz)
             self._motion = MotionBlur(share, slots, height, width, device)
-        if "bloom" in self.effects and level_sizes(height, width):
+        if "bloom" in self.effects:
             self._bloom = Bloom(slots, height, width, device)
         passed = np.ones((1, 1), np.float32)
         if "vignette" in self.effects:

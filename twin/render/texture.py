@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from twin.world.srgb import linear, srgb
+
 
 @wp.struct
 class Image:
@@ -31,13 +33,12 @@ class Textures:
 
 def srgb_to_linear() -> np.ndarray:
     """float32 [256], IEC 61966-2-1."""
-    u = np.arange(256) / 255.0
-    return np.where(u <= 0.04045, u / 12.92, ((u + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return linear(np.arange(256) / 255.0).astype(np.float32)
 
 
 def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures:
     """Put ``textures``, uint8 [h, w, 3] sRGB with the first row on top, on a device."""
-    linear = srgb_to_linear()
+    values = srgb_to_linear()
     rows = np.zeros(max(1, len(textures)), Image.numpy_dtype())
     parts, first = [], 0
     for row, texture in zip(rows, textures, strict=False):
@@ -49,23 +50,22 @@ def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures
             first += level.size
             if max(level.shape[:2]) == 1:
                 break
-            level = _half(level, linear)
+            level = _half(level, values)
     packed = Textures()
     packed.images = wp.array(rows, dtype=Image, device=device)
     texels = np.concatenate(parts) if parts else np.zeros(3, np.uint8)
     packed.texels = wp.array(texels, dtype=wp.uint8, device=device)
-    packed.linear = wp.array(linear, dtype=wp.float32, device=device)
+    packed.linear = wp.array(values, dtype=wp.float32, device=device)
     return packed
 
 
-def _half(level: np.ndarray, linear: np.ndarray) -> np.ndarray:
+def _half(level: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Means of 2x2 texels in linear light; an odd edge stands for itself."""
     height, width = level.shape[:2]
-    light = linear[level]
+    light = values[level]
     light = np.pad(light, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     mean = light.reshape(light.shape[0] // 2, 2, light.shape[1] // 2, 2, 3).mean(axis=(1, 3))
-    high = 1.055 * np.power(mean, 1 / 2.4) - 0.055
-    return np.round(255.0 * np.where(mean <= 0.0031308, 12.92 * mean, high)).astype(np.uint8)
+    return np.round(255.0 * srgb(mean)).astype(np.uint8)
 
 
 @wp.func

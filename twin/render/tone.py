@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from twin.world.srgb import srgb
+
 TABLE_LEN = 8192
 """Entries of the tone table."""
 _TABLE_TOP = wp.constant(float(TABLE_LEN - 1))
@@ -19,10 +21,7 @@ def tone_table() -> np.ndarray:
     u = np.minimum(np.arange(TABLE_LEN) / (TABLE_LEN - 1), 1.0 - 1e-9)
     x = u / (1.0 - u)
     white = 6.0
-    linear = np.clip(x * (1.0 + x / white**2) / (1.0 + x), 0.0, 1.0)
-    low = 12.92 * linear
-    high = 1.055 * np.power(linear, 1.0 / 2.4) - 0.055
-    return np.round(255.0 * np.where(linear <= 0.0031308, low, high)).astype(np.uint8)
+    return np.round(255.0 * srgb(x * (1.0 + x / white**2) / (1.0 + x))).astype(np.uint8)
 
 
 @wp.func

@@ -188,7 +188,8 @@ class ExteroceptiveSuite:
             every = case.control_hz // camera.hz
             self._eyes.append(_Eye(camera, suffix, every, eye, boxes))
         self._scanners = []
-        for lidar, site in zip(case.lidars, lidar_sites(case, vehicle), strict=True):
+        self.lidar_sites = lidar_sites(case, vehicle)
+        for lidar, site in zip(case.lidars, self.lidar_sites, strict=True):
             mount = vehicle.lidar(lidar.name)
             profile = mounted_profile(mount)
             out = buffers.get(site.message)

@@ -8,6 +8,7 @@ import numpy as np
 
 from schemas.lidar import LidarProfile
 from twin.world import materials
+from twin.world.srgb import linear
 
 LONG_WAVE_NM = 1200.0
 """Lasers above are taken as 1550 nm, below as 905 nm."""
@@ -108,10 +109,7 @@ def face_colors(faces: np.ndarray, uv: np.ndarray, textures: tuple[np.ndarray, .
         height, width = image.shape[:2]
         column = np.minimum((middle[own, 0] * width).astype(int), width - 1)
         row = np.minimum(((1.0 - middle[own, 1]) * height).astype(int), height - 1)
-        texel = image[row, column] / 255.0
-        # IEC 61966-2-1.
-        linear = np.where(texel <= 0.04045, texel / 12.92, ((texel + 0.055) / 1.055) ** 2.4)
-        colors[own] *= linear
+        colors[own] *= linear(image[row, column] / 255.0)
     return colors
 
 

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from twin.world.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
+from twin.world.srgb import linear, srgb
 
 TEXTURE_SIDE_MAX = 2048
 """Longer sides of images are scaled down to this [px]."""
@@ -221,15 +222,3 @@ def _small(
         rgb = np.rint(255.0 * srgb(linear(rgb / 255.0) * factor)).astype(np.uint8)
     images[key] = rgb
     return rgb
-
-
-def linear(srgb_values: np.ndarray) -> np.ndarray:
-    """sRGB values 0..1 -> linear reflectance (IEC 61966-2-1)."""
-    v = np.clip(srgb_values, 0.0, 1.0)
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-
-
-def srgb(linear_values: np.ndarray) -> np.ndarray:
-    """Linear reflectance 0..1 -> sRGB values (IEC 61966-2-1)."""
-    v = np.clip(linear_values, 0.0, 1.0)
-    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
