@@ -10,6 +10,7 @@ import msgspec
 
 from schemas.assets import asset_digest, is_path
 from schemas.campaign import Campaign, Case, only, parse_cases
+from schemas.lidar import Lidar
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -134,16 +135,11 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
 
 def _missing_mounts(cases: list[Case]) -> list[Mistake]:
     """Cameras and lidars that the vehicle file does not have: no simulator would start."""
+    any_case = cases[0]  # which sensors there are is no axis
+    cameras = sorted(camera.name for camera in (any_case.camera, *any_case.cameras))
+    lidars = sorted(any_case.lidars, key=lambda lidar: lidar.name)
     mistakes = []
-    wanted = {
-        (case.scenario.vehicle, kind, name)
-        for case in cases
-        for kind, name in (
-            *(("cameras", c.name) for c in (case.camera, *case.cameras)),
-            *(("lidars", lidar.name) for lidar in case.lidars),
-        )
-    }
-    for vehicle, kind, name in sorted(wanted):
+    for vehicle in sorted({case.scenario.vehicle for case in cases}):
         path = Path(vehicle)
         if not is_path(vehicle):
             path = _simulator_folder("vehicle/models") / f"{vehicle}.yaml"
@@ -151,33 +147,43 @@ def _missing_mounts(cases: list[Case]) -> list[Mistake]:
             data = load_yaml(path)
         except YamlError:
             continue  # the simulator says what is wrong with the file
-        mounts = data.get(kind) if isinstance(data, dict) else None
-        known = list(mounts) if isinstance(mounts, dict) else []
-        if name not in known:
-            hint = suggest(name, known) if known else "it has none"
-            mistakes.append(Mistake(kind, f"vehicle '{vehicle}' has no '{name}'; {hint}"))
-        elif kind == "lidars":
-            mistakes += _sweep_rate(path, name, data[kind][name], cases)
+        names = {"cameras": cameras, "lidars": [lidar.name for lidar in lidars]}
+        for kind, wanted in names.items():
+            mounts = _inner(data, kind)
+            known = list(mounts) if isinstance(mounts, dict) else []
+            for name in wanted:
+                if name not in known:
+                    hint = suggest(name, known) if known else "it has none"
+                    mistakes.append(Mistake(kind, f"vehicle '{vehicle}' has no '{name}'; {hint}"))
+        for lidar in lidars:
+            mount = _inner(_inner(data, "lidars"), lidar.name)
+            if isinstance(mount, dict):
+                mistakes += _sweep_rate(path, lidar, mount, any_case.control_hz)
     return mistakes
 
 
-def _sweep_rate(path: Path, name: str, mount: Any, cases: list[Case]) -> list[Mistake]:
+def _inner(data: Any, key: str) -> Any:
+    """A value of something that should be a mapping, or None."""
+    return data.get(key) if isinstance(data, dict) else None
+
+
+def _sweep_rate(path: Path, lidar: Lidar, mount: dict[str, Any], control_hz: int) -> list[Mistake]:
     """A lidar that sweeps as often as its profile says must fit the control rate."""
-    profile = mount.get("inline") if isinstance(mount, dict) else None
-    named = mount.get("profile", "") if isinstance(mount, dict) else ""
+    profile = mount.get("inline")
+    named = mount.get("profile", "")
     if isinstance(named, str) and named:
         file = _simulator_folder("sensors/lidar_profiles") / f"{named}.yaml"
         try:
             profile = load_yaml(path.parent / named if is_path(named) else file)
         except YamlError as error:
             return [Mistake("lidars", str(error))]
-    hz = profile.get("hz") if isinstance(profile, dict) else None
+    hz = _inner(profile, "hz")
     if not isinstance(hz, int) or hz < 1:
         return []  # the simulator says what is wrong with the profile
-    lean = [lidar for case in cases[:1] for lidar in case.lidars if lidar.name == name]
-    control_hz = cases[0].control_hz
-    if lean and not lean[0].hz and control_hz % hz:
-        message = f"'{name}' sweeps at {hz} Hz, no divisor of control_hz {control_hz}; give its hz"
+    if not lidar.hz and control_hz % hz:
+        message = (
+            f"'{lidar.name}' sweeps at {hz} Hz, no divisor of control_hz {control_hz}; give its hz"
+        )
         return [Mistake("lidars", message)]
     return []
 
