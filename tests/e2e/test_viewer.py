@@ -154,13 +154,16 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
         def arrived():
             return [r for r in shown.client.get_state().recordings if r.timelines]
 
+        def laid_out():
+            # The blueprint may arrive after the data: a client that joins late
+            # is sent both, in no promised order.
+            names = {view.name for view in shown.client.get_state().views}
+            return names == {"Cases", "Running and latest"}
+
         recording = wait_for(arrived, "the overview in a native viewer")[0]
         assert [timeline.name for timeline in recording.timelines] == [naming.WALL]
         assert naming.OVERVIEW_APP in recording.location
-        assert {view.name for view in shown.client.get_state().views} == {
-            "Cases",
-            "Running and latest",
-        }
+        wait_for(laid_out, "the views of the overview")
     viewer.send_signal(signal.SIGINT)
     counts = said()
     assert viewer.wait(20) == 0
