@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import msgspec
@@ -15,6 +16,7 @@ from twin.world.buildings import add_buildings
 from twin.world.ground import add_ground
 from twin.world.imports import add_imports
 from twin.world.kept import kept
+from twin.world.lane import LanePath, straight
 from twin.world.layout import Hull, lay_out
 from twin.world.mesh import Mesh, MeshBuilder
 from twin.world.motion import Motion, ObjectKind, Still
@@ -39,6 +41,8 @@ class World:
     """World x of one right-hand lamp and world y of the row [m]."""
     lamps_left: tuple[float, float]
     """World x of one left-hand lamp and world y of the row [m]."""
+    lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
+    """Centre line of the ego's lane."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -68,6 +72,16 @@ class World:
         """int32 [I]: class of every instance."""
         static = self.static_classes or (0,) * self.instances
         return np.array([*static, *self.mover_classes], np.int32)
+
+    def before_obstacle(self, distance_m: float) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the obstacle's rear
+        bumper; along the lane."""
+        x, y, yaw, half_length, _ = self.colliders[0].tolist()
+        if not self.lane.closed:
+            return x - half_length - distance_m, 0.0, 0.0
+        rear = (x - half_length * math.cos(yaw), y - half_length * math.sin(yaw))
+        pose = self.lane.at(self.lane.locate(*rear).s_m - distance_m)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
 
     @property
     def obstacle_rear_m(self) -> float:
@@ -128,6 +142,7 @@ def _build(scene: Scene) -> World:
         instances=len(classes),
         lamps_right=lamps_right,
         lamps_left=lamps_left,
+        lane=straight(scene.road.start_m, scene.road.end_m),
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
