@@ -1,0 +1,110 @@
+"""Keeps track of the lane: markings of the last moments, carried along with the car's motion.
+
+A fixed-lag map. Every camera frame adds the markings it shows; between frames the map moves by
+speed and yaw rate; the lane is the curve through what is left. So a gap between dashes, a frame of
+glare or a stretch without paint changes nothing, and a lane that is seen no more fades from sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from devkit.lane_curve import LaneCurve, fit
+from devkit.lane_lines import Points, find_points
+from devkit.lane_view import LaneView
+
+MEMORY_S = 0.4
+"""Points lose 1/e of their weight in this time [s]."""
+WEIGHT_MIN = 0.03
+"""Lighter points are forgotten [-]."""
+BEHIND_M = 4.0
+"""Points further behind the rear axle are forgotten [m]."""
+GATES_M = (1.1, 0.5)
+"""How far from the expectation a marking is looked for, before and after the lane is known [m]."""
+SCALES_M = (0.4, 0.2, 0.12)
+"""Residual at which a point's say is quartered, one round of the fit after the other [m]."""
+SUPPORT_MIN = 8.0
+"""The lane is known while the points that agree with it weigh this much together [-]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How the car moves, from its own sensors."""
+
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+@dataclass(slots=True)
+class LaneTrack:
+    """One car's lane."""
+
+    lines_m: tuple[float, ...]
+    """Where markings are painted, left of the lane's centre [m]."""
+    curve: LaneCurve = LaneCurve()
+    """The lane's centre line, or the last that was known of it."""
+    known: bool = False
+    """Enough markings agree with the curve."""
+    _rows: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
+    """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
+
+    def move(self, before: Motion, now: Motion, period_s: float) -> None:
+        """Carry everything along while the car moves for ``period_s``."""
+        speed_mps = 0.5 * (before.speed_mps + now.speed_mps)
+        turn = 0.5 * (before.yaw_rate_radps + now.yaw_rate_radps) * period_s
+        # The car rolls along an arc; its chord lies halfway between the headings. Series of the
+        # functions of a small angle: the library's own differ between machines.
+        way_m = speed_mps * period_s
+        square = turn * turn
+        cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0)
+        sine = turn * (1.0 - square / 6.0 * (1.0 - square / 20.0))
+        ahead = self._rows[0] - way_m
+        left = self._rows[1] - way_m * turn / 2.0
+        weight = self._rows[3] * (1.0 / (1.0 + period_s / MEMORY_S))
+        rows = np.stack(
+            [cosine * ahead + sine * left, cosine * left - sine * ahead, self._rows[2], weight]
+        )
+        self._rows = rows[:, (rows[0] > -BEHIND_M) & (rows[3] > WEIGHT_MIN)]
+        self.curve = _moved(self.curve, way_m, turn)
+        self._fit(SCALES_M[-1:])
+
+    def look(self, image: np.ndarray, view: LaneView) -> None:
+        """Add what a camera frame shows; ``image`` is uint8 [H, W, 3], RGB."""
+        gate_m = GATES_M[self.known]
+        points = find_points(image, view, self.curve, self.lines_m, gate_m)
+        self._rows = np.concatenate([self._rows, _weighted(points)], axis=1)
+        self._fit(SCALES_M)
+
+    def _fit(self, scales_m: tuple[float, ...]) -> None:
+        """Fit the curve in rounds (iteratively reweighted least squares, Geman and McClure's
+        weights): from the curve as it was, points that lie far from it count less and less."""
+        ahead, left, line, weight = self._rows
+        if not weight.size:
+            self.known = False
+            return
+        curve = self.curve
+        for scale_m in scales_m:
+            centre = left - line * curve.stretch(ahead)
+            off = (centre - curve.left_m(ahead)) / scale_m
+            agreed = 1.0 / (1.0 + off * off)
+            trusted = weight * agreed * agreed
+            curve = fit(ahead, centre, trusted)
+        self.known = float(trusted.sum()) >= SUPPORT_MIN
+        if self.known:
+            self.curve = curve
+
+
+def _weighted(points: Points) -> np.ndarray:
+    """Rows of the map [4, P]; the further away, the less exact is a place on the road."""
+    share = 1.0 / (1.0 + 0.1 * points.ahead_m)
+    return np.stack([points.ahead_m, points.left_m, points.line_m, share * share])
+
+
+def _moved(curve: LaneCurve, way_m: float, turn: float) -> LaneCurve:
+    """The curve as seen from the new place, for small turns."""
+    a, b, c, d = curve.coefficients
+    left_m = curve.left_m(way_m) - way_m * turn / 2.0
+    slope = curve.slope(way_m)
+    return LaneCurve((left_m, (slope - turn) / (1.0 + slope * turn), c + d * way_m, d))
