@@ -12,6 +12,7 @@ from schemas.messages import OBJECT_CLASSES
 from twin.world import sidewalks
 from twin.world.actors import build_cast
 from twin.world.ambient import baked
+from twin.world.bends import add_bends
 from twin.world.buildings import add_buildings
 from twin.world.ground import add_ground
 from twin.world.imports import add_imports
@@ -112,20 +113,23 @@ _built: dict[bytes, World] = {}
 
 def _build(scene: Scene) -> World:
     mesh = MeshBuilder()
-    colliders: list[Hull] = [add_obstacle(mesh, scene)]
+    layout = lay_out(scene)
+    colliders: list[Hull] = [add_obstacle(mesh, scene, layout)]
     classes = ["car"]
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
     if scene.street:
-        layout = lay_out(scene)
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
         parked, bodies = add_parked(mesh, scene, layout, [(*stop, 1.0)] if stop else [])
         colliders += parked
         classes += bodies
         others += add_buildings(mesh, scene, layout)
+        others += add_bends(mesh, scene, layout)
         others += sidewalks.add_trees(mesh, scene, layout)
-        lamps_right, lamps_left, posts = sidewalks.add_lamps(mesh, scene, layout)
+        *lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
+        if not layout.lane.closed:
+            lamps_right, lamps_left = lamps
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
         others += posts + poles + sidewalks.add_pieces(mesh, scene, layout)
@@ -142,7 +146,7 @@ def _build(scene: Scene) -> World:
         instances=len(classes),
         lamps_right=lamps_right,
         lamps_left=lamps_left,
-        lane=straight(scene.road.start_m, scene.road.end_m),
+        lane=layout.lane,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
