@@ -45,7 +45,7 @@ class LaneCurve:
         return stretch
 
     def bend_per_m(self, ahead_m: float) -> float:
-        """Curvature of the arc that leaves the car along the lane and meets it again there [1/m]."""
+        """Curvature of the arc that leaves the car along the lane and meets it there [1/m]."""
         a, b, _, _ = self.coefficients
         return 2.0 * (self.left_m(ahead_m) - a - b * ahead_m) / (ahead_m * ahead_m)
 

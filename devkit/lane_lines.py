@@ -1,4 +1,4 @@
-"""Lane markings in one camera image: bright ridges of a marking's width, near where lines should be.
+"""Lane markings in one camera image: bright ridges of their width, near where they should be.
 
 On the road seen from above a marking is a stripe brighter than what lies on both sides of it (top
 hat; Bertozzi and Broggi 1998). Edges of shadows, kerbs and cars have one bright side only, so they

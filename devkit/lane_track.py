@@ -41,16 +41,37 @@ class Motion:
 class LaneTrack:
     """One car's lane."""
 
+    view: LaneView
     lines_m: tuple[float, ...]
     """Where markings are painted, left of the lane's centre [m]."""
-    curve: LaneCurve = LaneCurve()
+    curve: LaneCurve = field(default_factory=LaneCurve)
     """The lane's centre line, or the last that was known of it."""
     known: bool = False
     """Enough markings agree with the curve."""
     _rows: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
     """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
 
-    def move(self, before: Motion, now: Motion, period_s: float) -> None:
+    _motion: Motion | None = None
+
+    def update(self, motion: Motion, image: np.ndarray | None, period_s: float) -> LaneCurve | None:
+        """One control tick.
+
+        Args:
+            motion: of this tick.
+            image: a new camera frame, uint8 [H, W, 3], RGB; None when none is due.
+            period_s: control period, gone by since the last tick [s].
+
+        Returns:
+            The lane's centre line, None where it is not known.
+        """
+        if self._motion is not None:
+            self._move(self._motion, motion, period_s)
+        self._motion = motion
+        if image is not None:
+            self._look(image)
+        return self.curve if self.known else None
+
+    def _move(self, before: Motion, now: Motion, period_s: float) -> None:
         """Carry everything along while the car moves for ``period_s``."""
         speed_mps = 0.5 * (before.speed_mps + now.speed_mps)
         turn = 0.5 * (before.yaw_rate_radps + now.yaw_rate_radps) * period_s
@@ -70,10 +91,10 @@ class LaneTrack:
         self.curve = _moved(self.curve, way_m, turn)
         self._fit(SCALES_M[-1:])
 
-    def look(self, image: np.ndarray, view: LaneView) -> None:
-        """Add what a camera frame shows; ``image`` is uint8 [H, W, 3], RGB."""
+    def _look(self, image: np.ndarray) -> None:
+        """Add what a camera frame shows."""
         gate_m = GATES_M[self.known]
-        points = find_points(image, view, self.curve, self.lines_m, gate_m)
+        points = find_points(image, self.view, self.curve, self.lines_m, gate_m)
         self._rows = np.concatenate([self._rows, _weighted(points)], axis=1)
         self._fit(SCALES_M)
 
@@ -104,7 +125,7 @@ def _weighted(points: Points) -> np.ndarray:
 
 def _moved(curve: LaneCurve, way_m: float, turn: float) -> LaneCurve:
     """The curve as seen from the new place, for small turns."""
-    a, b, c, d = curve.coefficients
+    _, _, c, d = curve.coefficients
     left_m = curve.left_m(way_m) - way_m * turn / 2.0
     slope = curve.slope(way_m)
     return LaneCurve((left_m, (slope - turn) / (1.0 + slope * turn), c + d * way_m, d))
