@@ -20,6 +20,8 @@ Bend = Callable[[np.ndarray], np.ndarray]
 
 DECAL = -1
 """Tag of faces that darken or paint what lies under them."""
+STREET = -2
+"""Texture of ground whose patterns follow a road that bends: uv are its street coordinates [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +43,8 @@ class Mesh:
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none"""
+    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
+    :data:`STREET`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
     0 where there is no image"""
@@ -89,7 +92,8 @@ class MeshBuilder:
 
     @contextmanager
     def bent(self, bend: Bend | None) -> Iterator[None]:
-        """Let ``bend`` move the points that are added inside the block, after their places."""
+        """Let ``bend`` move the points that are added inside the block, after their places; where
+        they were before are then their street coordinates."""
         before, self._bend = self._bend, bend
         try:
             yield
@@ -157,7 +161,10 @@ class MeshBuilder:
         moved[:, 0] = cosine * points[:, 0] - sine * points[:, 1]
         moved[:, 1] = sine * points[:, 0] + cosine * points[:, 1]
         moved += self._offset
-        self._points.append(moved if self._bend is None else self._bend(moved))
+        if self._bend is not None:
+            uv, texture = moved[:, :2], STREET
+            moved = self._bend(moved)
+        self._points.append(moved)
         faces = np.asarray(faces, np.int32)
         self._faces.append(faces + self._count)
         self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))
