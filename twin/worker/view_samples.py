@@ -26,6 +26,7 @@ from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.worker.view_items import Began, Ended, Item, Seen, Ticked
 from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
+from twin.world.lane import LanePath
 from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
@@ -33,6 +34,8 @@ JPEG_QUALITY = 80
 
 THUMBNAIL_WIDTH_PX = 160
 """Widest thumbnail [px]."""
+
+_LANE_STEP_M = 3.0
 
 _BOX = {name: i for i, name in enumerate(BOX_COLUMNS)}
 
@@ -122,12 +125,12 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
     vehicle = load_vehicle(lease.case.scenario.vehicle)
     road = scene.road
     return Stage(
-        road_start_m=road.start_m,
-        road_end_m=road.end_m,
+        lane=_polyline(road.lane()),
         lane_width_m=road.lane_width_m,
         parking_width_m=road.parking_width_m,
         sidewalk_width_m=road.sidewalk_width_m,
         obstacle_center_m=[float(colliders[0, 0]), float(colliders[0, 1]), HEIGHT_M / 2],
+        obstacle_yaw_rad=float(colliders[0, 2]),
         obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
@@ -135,6 +138,16 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
         hulls=colliders[1:].tolist(),
         cars=cars - 1,
     )
+
+
+def _polyline(lane: LanePath) -> list[list[float]]:
+    """World x, y [m] and heading [rad] of places along a lane; of a straight one, its ends."""
+    s = np.array([0.0, lane.length_m])
+    if lane.closed:
+        s = np.append(np.arange(0.0, lane.length_m, _LANE_STEP_M), 0.0)
+    pose = lane.at(s)
+    places: list[list[float]] = np.stack([pose.x_m, pose.y_m, pose.yaw_rad], axis=1).tolist()
+    return places
 
 
 def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
