@@ -26,7 +26,6 @@ from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.worker.view_items import Began, Ended, Item, Seen, Ticked
 from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
-from twin.world.lane import LanePath
 from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
@@ -125,7 +124,7 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
     vehicle = load_vehicle(lease.case.scenario.vehicle)
     road = scene.road
     return Stage(
-        lane=_polyline(road.lane()),
+        lane=road.lane().places(_LANE_STEP_M).tolist(),
         lane_width_m=road.lane_width_m,
         parking_width_m=road.parking_width_m,
         sidewalk_width_m=road.sidewalk_width_m,
@@ -138,16 +137,6 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
         hulls=colliders[1:].tolist(),
         cars=cars - 1,
     )
-
-
-def _polyline(lane: LanePath) -> list[list[float]]:
-    """World x, y [m] and heading [rad] of places along a lane; of a straight one, its ends."""
-    s = np.array([0.0, lane.length_m])
-    if lane.closed:
-        s = np.append(np.arange(0.0, lane.length_m, _LANE_STEP_M), 0.0)
-    pose = lane.at(s)
-    places: list[list[float]] = np.stack([pose.x_m, pose.y_m, pose.yaw_rad], axis=1).tolist()
-    return places
 
 
 def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
