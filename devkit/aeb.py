@@ -1,4 +1,4 @@
-"""The reference stack: detect, plan, brake - the paper's three stages - keep the lane, and light."""
+"""The reference stack: the paper's detect, plan and brake; it keeps its lane, and has lights on."""
 
 from __future__ import annotations
 
@@ -79,6 +79,8 @@ class AebStack(Stack):
         marking_width_m: float = _STEERING.marking_width_m,
         preview_s: float = _STEERING.preview_s,
         wheelbase_m: float = _STEERING.wheelbase_m,
+        roll_rad_per_mps2: float = _STEERING.roll_rad_per_mps2,
+        sideslip_rad_per_mps2: float = _STEERING.sideslip_rad_per_mps2,
         steering_max_rad: float = _STEERING.steering_max_rad,
         steering_rate_radps: float = _STEERING.steering_rate_radps,
         fade_s: float = _STEERING.fade_s,
@@ -112,7 +114,9 @@ class AebStack(Stack):
             period_s=episode.control_period_ns * 1e-9,
             view=View.of_site(episode.cameras[0]),
             perception=build_perception(episode.perception),
-            lane=LaneTrack(LaneView.of_site(episode.cameras[0]), self.steering.lines_m),
+            lane=LaneTrack(
+                LaneView.of_site(episode.cameras[0]), self.steering.lines_m, self.steering.chassis
+            ),
         )
 
     def step(self, observation: Observation) -> list[Command]:

@@ -17,8 +17,8 @@ class Controller(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the controller."""
 
     cruise: Literal["speed", "throttle"] = "speed"
-    """``speed``: a proportional-integral throttle keeps the planner's speed. ``throttle``: constant,
-    as in the published script; only ``cruise_throttle`` applies to it."""
+    """``speed``: a proportional-integral throttle keeps the planner's speed. ``throttle``: a
+    constant one, as in the published script; only ``cruise_throttle`` applies to it."""
     cruise_throttle: Annotated[float, Meta(ge=0, le=1)] = 0.2
     """Throttle while cruising by throttle [-], 0 to 1; the published script's."""
     throttle_max: Annotated[float, Meta(ge=0, le=1)] = 0.6
@@ -37,11 +37,9 @@ class Controller(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Refuse parameters that the chosen way to cruise would not look at."""
         for name, default in zip(_FIELDS[1:], Controller.__struct_defaults__[1:], strict=True):
-            if (name == "cruise_throttle") == (self.cruise == "speed"):
-                if getattr(self, name) != default:
-                    raise ValueError(
-                        f"{name} is set, but cruise: {self.cruise} does not look at it"
-                    )
+            ignored = (name == "cruise_throttle") == (self.cruise == "speed")
+            if ignored and getattr(self, name) != default:
+                raise ValueError(f"{name} is set, but cruise: {self.cruise} does not look at it")
 
 
 _FIELDS = Controller.__struct_fields__

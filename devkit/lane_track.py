@@ -23,10 +23,12 @@ BEHIND_M = 4.0
 """Points further behind the rear axle are forgotten [m]."""
 GATES_M = (1.1, 0.5)
 """How far from the expectation a marking is looked for, before and after the lane is known [m]."""
-SCALES_M = (0.4, 0.2, 0.12)
+SCALES_M = (0.5, 0.3, 0.2)
 """Residual at which a point's say is quartered, one round of the fit after the other [m]."""
 SUPPORT_MIN = 8.0
 """The lane is known while the points that agree with it weigh this much together [-]."""
+AGREED_MIN = 0.5
+"""And while they are this share of all points, by weight [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,21 @@ class Motion:
     speed_mps: float
     yaw_rate_radps: float
 
+    @property
+    def lateral_mps2(self) -> float:
+        """Centripetal acceleration, to the left [m/s^2]."""
+        return self.speed_mps * self.yaw_rate_radps
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """How the car's body answers to lateral acceleration, in steady state."""
+
+    roll_rad_per_mps2: float
+    """Roll about x, positive: leans to the right, in a bend to the left [rad s^2/m]."""
+    sideslip_rad_per_mps2: float
+    """The rear axle moves this far to the right of where the car points, likewise [rad s^2/m]."""
+
 
 @dataclass(slots=True)
 class LaneTrack:
@@ -44,6 +61,7 @@ class LaneTrack:
     view: LaneView
     lines_m: tuple[float, ...]
     """Where markings are painted, left of the lane's centre [m]."""
+    chassis: Chassis
     curve: LaneCurve = field(default_factory=LaneCurve)
     """The lane's centre line, or the last that was known of it."""
     known: bool = False
@@ -68,7 +86,7 @@ class LaneTrack:
             self._move(self._motion, motion, period_s)
         self._motion = motion
         if image is not None:
-            self._look(image)
+            self._look(image, self.chassis.roll_rad_per_mps2 * motion.lateral_mps2)
         return self.curve if self.known else None
 
     def _move(self, before: Motion, now: Motion, period_s: float) -> None:
@@ -78,11 +96,12 @@ class LaneTrack:
         # The car rolls along an arc; its chord lies halfway between the headings. Series of the
         # functions of a small angle: the library's own differ between machines.
         way_m = speed_mps * period_s
+        drift_m = -self.chassis.sideslip_rad_per_mps2 * now.lateral_mps2 * way_m
         square = turn * turn
         cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0)
         sine = turn * (1.0 - square / 6.0 * (1.0 - square / 20.0))
         ahead = self._rows[0] - way_m
-        left = self._rows[1] - way_m * turn / 2.0
+        left = self._rows[1] - way_m * turn / 2.0 - drift_m
         weight = self._rows[3] * (1.0 / (1.0 + period_s / MEMORY_S))
         rows = np.stack(
             [cosine * ahead + sine * left, cosine * left - sine * ahead, self._rows[2], weight]
@@ -91,10 +110,12 @@ class LaneTrack:
         self.curve = _moved(self.curve, way_m, turn)
         self._fit(SCALES_M[-1:])
 
-    def _look(self, image: np.ndarray) -> None:
+    def _look(self, image: np.ndarray, roll_rad: float) -> None:
         """Add what a camera frame shows."""
         gate_m = GATES_M[self.known]
         points = find_points(image, self.view, self.curve, self.lines_m, gate_m)
+        ahead_m, left_m = self.view.rolled(points.ahead_m, points.left_m, roll_rad)
+        points = Points(ahead_m, left_m, points.line_m)
         self._rows = np.concatenate([self._rows, _weighted(points)], axis=1)
         self._fit(SCALES_M)
 
@@ -103,7 +124,7 @@ class LaneTrack:
         weights): from the curve as it was, points that lie far from it count less and less."""
         ahead, left, line, weight = self._rows
         if not weight.size:
-            self.known = False
+            self.known, self.curve = False, LaneCurve()
             return
         curve = self.curve
         for scale_m in scales_m:
@@ -112,9 +133,10 @@ class LaneTrack:
             agreed = 1.0 / (1.0 + off * off)
             trusted = weight * agreed * agreed
             curve = fit(ahead, centre, trusted)
-        self.known = float(trusted.sum()) >= SUPPORT_MIN
-        if self.known:
-            self.curve = curve
+        support, total = float(trusted.sum()), float(weight.sum())
+        self.known = support >= SUPPORT_MIN and support >= AGREED_MIN * total
+        # Whoever has lost the lane looks for it straight ahead.
+        self.curve = curve if self.known else LaneCurve()
 
 
 def _weighted(points: Points) -> np.ndarray:

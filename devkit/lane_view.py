@@ -24,8 +24,8 @@ PITCH_M = 0.04
 """Distance of its points across the road; a third of a marking's width [m]."""
 HALF_WIDTH_M = 10.0
 """The grid reaches this far to either side [m]."""
-AHEAD_MAX_M = 24.0
-"""It ends this far before the rear axle: further away a marking is narrower than a pixel [m]."""
+AHEAD_MAX_M = 16.0
+"""It ends this far before the rear axle: a cubic does not follow a narrow bend any further [m]."""
 ROW_MAX_M = 0.8
 """Or where one row of the image covers more of the road than this [m]."""
 
@@ -39,11 +39,31 @@ class LaneView:
     pixel: np.ndarray
     """int32 [N, M]: which pixel of the flattened image shows a point, -1: none. The points of a
     line go from :data:`HALF_WIDTH_M` on the right to as much on the left."""
+    position_m: tuple[float, float, float]
+    """Of the camera: before the rear axle, left of the centre line, above the road [m]."""
 
     @classmethod
     def of_site(cls, site: CameraSite) -> LaneView:
         """The grid of a camera; empty (N = 0) if it sees no road ahead."""
         return _view(msgspec.msgpack.encode(site))
+
+    def rolled(
+        self, ahead_m: np.ndarray, left_m: np.ndarray, roll_rad: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where places of the grid are while the car leans to its right by a small angle.
+
+        In bends the image turns about the camera's axis, and the camera moves to the side. For a
+        camera that looks ahead at height h, what seems to be Y to its left and z ahead is
+        z / (1 - Y roll / h) ahead and (Y + h roll) / (1 - Y roll / h) - h roll to the left.
+        """
+        forward_m, lateral_m, above_m = self.position_m
+        aside = left_m - lateral_m
+        factor = 1.0 / (1.0 - aside * (roll_rad / above_m))
+        shift_m = above_m * roll_rad
+        return (
+            forward_m + (ahead_m - forward_m) * factor,
+            lateral_m + (aside + shift_m) * factor - shift_m,
+        )
 
     def luma(self, image: np.ndarray, line: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Brightness of grid points, int32 of their shape, 256 units per level; -1: not seen.
@@ -84,7 +104,8 @@ def _view(encoded: bytes) -> LaneView:
     middle = _project(site, ends.ravel(), np.array([site.position_m[1]]))[0][:, 0, 1].reshape(2, -1)
     sharp = np.nan_to_num(middle[0] - middle[1]) >= 1.0
     kept = visible.any(axis=1) & sharp
-    return LaneView(ahead[kept], pixel[kept])
+    forward_m, lateral_m, above_m = site.position_m
+    return LaneView(ahead[kept], pixel[kept], (forward_m, lateral_m, above_m))
 
 
 def _project(

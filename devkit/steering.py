@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from devkit.lane_curve import LaneCurve
+from devkit.lane_track import Chassis
 
 AHEAD_MIN_M = 4.0
 """Shortest distance to the point that is driven to: at walking pace the gain stays finite [m]."""
@@ -33,6 +34,10 @@ class Steering(Struct, frozen=True, forbid_unknown_fields=True):
     """The point that is driven to lies this far ahead [s], 0.2 to 3, and never nearer than 4 m."""
     wheelbase_m: Annotated[float, Meta(ge=0.5, le=10)] = 3.09
     """Of the car [m], 0.5 to 10."""
+    roll_rad_per_mps2: Annotated[float, Meta(ge=0, le=0.1)] = 0.0125
+    """Roll of the body, and so of the camera, per lateral acceleration [rad s^2/m], 0 to 0.1."""
+    sideslip_rad_per_mps2: Annotated[float, Meta(ge=0, le=0.1)] = 0.006
+    """Slip angle of the rear axle per lateral acceleration [rad s^2/m], 0 to 0.1."""
     steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.6
     """Largest road-wheel angle that is asked for [rad], above 0 to 1.5."""
     steering_rate_radps: Annotated[float, Meta(gt=0, le=10)] = 0.5
@@ -47,6 +52,11 @@ class Steering(Struct, frozen=True, forbid_unknown_fields=True):
             for name, default in zip(names, Steering.__struct_defaults__[1:], strict=True):
                 if getattr(self, name) != default:
                     raise ValueError(f"{name} is set, but steering: straight looks at no lane")
+
+    @property
+    def chassis(self) -> Chassis:
+        """What the lane's track needs to know of the car."""
+        return Chassis(self.roll_rad_per_mps2, self.sideslip_rad_per_mps2)
 
     @property
     def lines_m(self) -> tuple[float, float]:

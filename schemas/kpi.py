@@ -91,9 +91,9 @@ HEADLIGHTS = (
     ("low beam, parking, fog", "low parking fog"),
     ("high beam, parking, fog", "high parking fog"),
 )
-"""Headlight codes 0 to 11 as AutoDRIVE publishes them (comments of ``opencav_aeb.py`` in
-AutoDRIVE-Simulator-HPC: 0 disabled, 1 low beam, 2 high beam, 3 parking, 4 fog, 5 = 1 + 3, 6 = 1 + 4,
-7 = 2 + 3, 8 = 2 + 4, 9 = 3 + 4, 10 = 1 + 3 + 4, 11 = 2 + 3 + 4): the name of each, and its lamps."""
+"""Headlight codes 0 to 11 as AutoDRIVE publishes them, in ``opencav_aeb.py`` of
+AutoDRIVE-Simulator-HPC (0 disabled, 1 low beam, 2 high beam, 3 parking, 4 fog, 5 = 1 + 3,
+6 = 1 + 4, 7 = 2 + 3, 8 = 2 + 4, 9 = 3 + 4, 10 = 1 + 3 + 4, 11 = 2 + 3 + 4): name and lamps."""
 
 INDICATORS = ("off", "left", "right", "hazard")
 """Indicator codes 0 to 3, of the same source."""

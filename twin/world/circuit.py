@@ -75,7 +75,7 @@ def closed_lane(start_x_m: float, segments: list[Segment], half_width_m: float) 
     pieces = [segment.piece() for segment in segments]
     length = sum(piece.length_m for piece in pieces)
     if length > LENGTH_MAX_M:
-        raise ValueError(f"path: {length:.0f} m long, allowed: {LENGTH_MAX_M:g} m")
+        raise ValueError(f"path: {length:.0f} m long, allowed: at most {LENGTH_MAX_M:g} m")
     x, y, heading = end_of(start, pieces)
     turn_deg = math.degrees(heading)
     if abs(abs(turn_deg) - 360.0) > _OPEN_DEG:
@@ -85,8 +85,8 @@ def closed_lane(start_x_m: float, segments: list[Segment], half_width_m: float) 
         )
     if math.hypot(x - start_x_m, y) > _OPEN_M:
         raise ValueError(
-            f"path: ends at x {x:.3f}, y {y:.3f}, needed: its start at x {start_x_m:g}, y 0; "
-            "change line_m of its straights"
+            f"path: ends at x {round(x, 3):g}, y {round(y, 3) + 0.0:g}, needed: its start at "
+            f"x {start_x_m:g}, y 0; change line_m of its straights"
         )
     lane = trace(start, pieces, closed=True)
     _refuse_meeting(lane, half_width_m)

@@ -84,6 +84,15 @@ class LanePath:
         y = y + chord * _sine(heading + half) + lateral * _cosine(yaw)
         return LanePose(_settled(x), _settled(y), _settled(_turned(yaw)), curvature)
 
+    def places(self, step_m: float) -> np.ndarray:
+        """World x, y [m] and heading [rad] along it [n, 3]: of a straight one its ends; of a
+        closed one places at most ``step_m`` apart, the last of which is the first again."""
+        assert self.closed or len(self.curvature) == 1
+        s = np.array([0.0, self.length_m])
+        if self.closed:
+            s = np.append(np.arange(0.0, self.length_m, step_m), 0.0)
+        return np.stack(self.at(s)[:3], axis=-1)
+
     def locate(self, x_m: float | np.ndarray, y_m: float | np.ndarray) -> LanePlace:
         """The nearest place on the centre line to the world points ``x_m``, ``y_m``; any shapes
         that broadcast. Exact in closed form; of equally near places the first counts.

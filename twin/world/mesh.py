@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.messages import SEMANTIC_CLASSES
+from twin.world import materials
 
 Color = tuple[float, float, float]
 """Linear RGB reflectance [-]."""
@@ -20,6 +21,9 @@ Bend = Callable[[np.ndarray], np.ndarray]
 
 DECAL = -1
 """Tag of faces that darken or paint what lies under them."""
+UV_METRES = -2
+"""Texture of what has its patterns not in world coordinates but at uv [m]: ground of a road that
+bends, in street coordinates, and walls askew to the world's axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +45,8 @@ class Mesh:
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none"""
+    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
+    :data:`UV_METRES`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
     0 where there is no image"""
@@ -89,7 +94,8 @@ class MeshBuilder:
 
     @contextmanager
     def bent(self, bend: Bend | None) -> Iterator[None]:
-        """Let ``bend`` move the points that are added inside the block, after their places."""
+        """Let ``bend`` move the points that are added inside the block, after their places; where
+        they were before are then their street coordinates."""
         before, self._bend = self._bend, bend
         try:
             yield
@@ -157,7 +163,12 @@ class MeshBuilder:
         moved[:, 0] = cosine * points[:, 0] - sine * points[:, 1]
         moved[:, 1] = sine * points[:, 0] + cosine * points[:, 1]
         moved += self._offset
-        self._points.append(moved if self._bend is None else self._bend(moved))
+        if self._bend is not None:
+            uv, texture = moved[:, :2], UV_METRES
+            moved = self._bend(moved)
+        elif material in materials.WALLS and abs(cosine * sine) > 1e-6:
+            uv, texture = np.stack([points[:, 0] + points[:, 1], points[:, 2]], axis=1), UV_METRES
+        self._points.append(moved)
         faces = np.asarray(faces, np.int32)
         self._faces.append(faces + self._count)
         self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))

@@ -50,25 +50,24 @@ def add_trees(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
 
 def add_lamps(
     mesh: MeshBuilder, scene: Scene, layout: Layout
-) -> tuple[tuple[float, float], tuple[float, float], list[Hull]]:
-    """Street lamps; x of one lamp and y of the row of luminaires, right and left; hulls.
-
-    The rows light a straight street; of one that bends they mean nothing.
-    """
+) -> tuple[list[np.ndarray], list[Hull]]:
+    """Street lamps; world x, y of the luminaires of the right and the left row [n, 2]; hulls."""
     spacing, height = scene.furniture.lamp_spacing_m, scene.furniture.lamp_height_m
     rows = []
     hulls: list[Hull] = []
     for (kerb, _, sign), shift in zip(layout.rows(), (0.0, 0.5), strict=True):
         y = kerb + sign * 0.6
         first = layout.start + 9.0 + shift * spacing
+        heads = []
         for x in np.arange(first, layout.end, spacing):
+            heads.append(layout.at(x, y - sign * 1.9)[:2])
             if any(abs(x - centre) < layout.half_side + 0.3 for centre in layout.sides):
                 continue  # it would stand in the roadway; choose the spacing so that none does
             with mesh.place(*layout.at(x, y, 0.0 if sign > 0 else np.pi)):
                 pieces.add_lamp(mesh, height)
             hulls.append((*layout.at(x, y), 0.1, 0.1))
-        rows.append((first, y - sign * 1.9))
-    return rows[0], rows[1], hulls
+        rows.append(np.array(heads))
+    return rows, hulls
 
 
 def add_signs(

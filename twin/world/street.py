@@ -42,6 +42,8 @@ class World:
     """World x of one right-hand lamp and world y of the row [m]."""
     lamps_left: tuple[float, float]
     """World x of one left-hand lamp and world y of the row [m]."""
+    lamps: np.ndarray | None = None
+    """World x, y of the street lamps of a road that bends, float64 [L, 2] [m]; None: the rows."""
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
     kinds: tuple[ObjectKind, ...] = ()
@@ -118,6 +120,7 @@ def _build(scene: Scene) -> World:
     classes = ["car"]
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
+    bent_lamps: np.ndarray | None = None
     if scene.street:
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
@@ -127,9 +130,11 @@ def _build(scene: Scene) -> World:
         others += add_buildings(mesh, scene, layout)
         others += add_bends(mesh, scene, layout)
         others += sidewalks.add_trees(mesh, scene, layout)
-        *lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
-        if not layout.lane.closed:
-            lamps_right, lamps_left = lamps
+        lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
+        if layout.lane.closed:
+            bent_lamps = np.concatenate(lamps)
+        else:
+            lamps_right, lamps_left = (tuple(row[0].tolist()) for row in lamps)
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
         others += posts + poles + sidewalks.add_pieces(mesh, scene, layout)
@@ -146,6 +151,7 @@ def _build(scene: Scene) -> World:
         instances=len(classes),
         lamps_right=lamps_right,
         lamps_left=lamps_left,
+        lamps=bent_lamps,
         lane=layout.lane,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,

@@ -106,6 +106,16 @@ def test_a_closed_lane_goes_round():
     assert steps == pytest.approx(np.full(len(steps), 0.001), abs=1e-7)
 
 
+def test_places_along_it():
+    lane = trace((-65.0, 0.0, 0.0), [Piece(410.0, 0.0)])
+    assert lane.places(3.0).tolist() == [[-65.0, 0.0, 0.0], [345.0, 0.0, 0.0]]
+    places = stadium().places(3.0)
+    assert places[0].tolist() == places[-1].tolist() == [0.0, 0.0, 0.0]
+    steps = np.hypot(*np.diff(places[:, :2], axis=0).T)
+    assert steps.max() <= 3.0
+    assert len(places) == int(stadium().length_m / 3.0) + 2
+
+
 def test_shapes_broadcast_and_each_point_stands_alone():
     lane = stadium()
     x, y = np.meshgrid(np.linspace(-20, 90, 5), np.linspace(-5, 55, 4))
