@@ -79,6 +79,7 @@ class AebStack(Stack):
         marking_width_m: float = _STEERING.marking_width_m,
         preview_s: float = _STEERING.preview_s,
         wheelbase_m: float = _STEERING.wheelbase_m,
+        understeer_rad_per_mps2: float = _STEERING.understeer_rad_per_mps2,
         roll_rad_per_mps2: float = _STEERING.roll_rad_per_mps2,
         sideslip_rad_per_mps2: float = _STEERING.sideslip_rad_per_mps2,
         steering_max_rad: float = _STEERING.steering_max_rad,

@@ -34,6 +34,9 @@ class Steering(Struct, frozen=True, forbid_unknown_fields=True):
     """The point that is driven to lies this far ahead [s], 0.2 to 3, and never nearer than 4 m."""
     wheelbase_m: Annotated[float, Meta(ge=0.5, le=10)] = 3.09
     """Of the car [m], 0.5 to 10."""
+    understeer_rad_per_mps2: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.003
+    """Road-wheel angle that a bend takes beyond the bicycle's, per lateral acceleration
+    [rad s^2/m], -0.1 to 0.1."""
     roll_rad_per_mps2: Annotated[float, Meta(ge=0, le=0.1)] = 0.0125
     """Roll of the body, and so of the camera, per lateral acceleration [rad s^2/m], 0 to 0.1."""
     sideslip_rad_per_mps2: Annotated[float, Meta(ge=0, le=0.1)] = 0.006
@@ -86,8 +89,8 @@ def steer(
 
     Pure pursuit (Coulter 1992): the arc that leaves the rear axle along the car and passes through
     a point of the lane's centre x ahead and y to the left has curvature 2 y / (x^2 + y^2); a
-    bicycle without slip drives it at the road-wheel angle atan(wheelbase x curvature). Without a
-    lane the last bend fades: first the curve is driven on, then straight ahead.
+    bicycle without slip drives it at the road-wheel angle atan(wheelbase x curvature), a car with
+    tyres at so much more as its understeer gradient says. Without a lane the last bend fades: first the curve is driven on, then straight ahead.
 
     Args:
         wheel: the state of the last tick.
@@ -107,7 +110,9 @@ def steer(
         curvature_per_m = 2.0 * left_m / (ahead_m * ahead_m + left_m * left_m)
         bend_per_m = curve.bend_per_m(BEND_AT_M)
     # Rounded: arc tangents of C libraries differ in their last bits.
-    wanted_rad = round(math.atan(steering.wheelbase_m * curvature_per_m), 9)
+    angle_rad = math.atan(steering.wheelbase_m * curvature_per_m)
+    lateral_mps2 = speed_mps * speed_mps * curvature_per_m
+    wanted_rad = round(angle_rad + steering.understeer_rad_per_mps2 * lateral_mps2, 9)
     wanted_rad = _within(wanted_rad, steering.steering_max_rad)
     step_rad = steering.steering_rate_radps * period_s
     angle_rad = wheel.angle_rad + _within(wanted_rad - wheel.angle_rad, step_rad)
