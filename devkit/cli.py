@@ -11,13 +11,15 @@ from typing import Annotated
 
 import typer
 
-from devkit.model_commands import darknet_cfg, detect, import_darknet, parity
+from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
 app.command("import-darknet")(import_darknet)
 app.command("darknet-cfg")(darknet_cfg)
+app.command("models")(models)
+app.command("check-models")(check_models)
 app.command("detect")(detect)
 app.command("parity")(parity)
 
