@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from devkit.model_commands import darknet_cfg, detect, import_darknet, parity
+from devkit.training_commands import evaluate, train
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
@@ -19,6 +20,8 @@ app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs 
 app.command("import-darknet")(import_darknet)
 app.command("darknet-cfg")(darknet_cfg)
 app.command("detect")(detect)
+app.command("train")(train)
+app.command("evaluate")(evaluate)
 app.command("parity")(parity)
 
 
