@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +12,7 @@ import yaml
 
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.errors import UsageError
 from twin.fabric.files import write_atomic
 
 HEAD = "dataset.yaml"
@@ -142,27 +138,6 @@ class Folder:
             for path in parts.iterdir():
                 path.unlink()
             parts.rmdir()
-
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Nobody else writes here meanwhile.
-
-        Raises:
-            InfrastructureError: somebody does.
-        """
-        self.path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self.path, os.O_RDONLY)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            raise InfrastructureError(
-                f"{self.path}: another process is writing to it; wait for it or give another folder"
-            ) from None
-        try:
-            yield
-        finally:
-            os.close(descriptor)
 
 
 def _shown(value: Any) -> str:

@@ -20,6 +20,7 @@ from twin.dataset.recipe import Recipe
 from twin.dataset.shot import plan_shot, where
 from twin.dataset.studio import Studio
 from twin.fabric.errors import UsageError
+from twin.fabric.files import only_writer
 from twin.fabric.software import device_class, software_digest
 from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -56,7 +57,7 @@ def make_dataset(
     streets = {s: streets_of(recipe, s) for s, n in recipe.counts().items() if n}
     folder = Folder(path)
     folder.read_head()  # before anything is made: a folder that is not ours stays as it is
-    with folder.alone():
+    with only_writer(path):
         if not folder.open(recipe, maker):
             try:
                 _render(folder, recipe, vehicle, eyes, streets, slots, device, report)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
+
+from twin.fabric.errors import InfrastructureError
 
 
 def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666) -> None:
@@ -35,3 +40,24 @@ def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int 
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+@contextlib.contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Nobody else writes to ``folder`` meanwhile; it is made if it is missing.
+
+    Raises:
+        InfrastructureError: somebody does.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InfrastructureError(
+                f"{folder}: another process is writing to it; wait for it or give another folder"
+            ) from None
+        yield
+    finally:
+        os.close(descriptor)
