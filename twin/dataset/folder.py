@@ -17,7 +17,7 @@ import yaml
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
 from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.files import write_atomic
+from twin.fabric.files import sync_files, write_atomic
 
 HEAD = "dataset.yaml"
 _PARTS = ".parts"
@@ -117,15 +117,20 @@ class Folder:
         return self.path / _PARTS / f"{split}-{index:06d}.json"
 
     def done(self, recipe: Recipe, split: str, index: int) -> bool:
-        """Whether an image and its labels are there; labels are written last."""
-        part = self.part_path(split, index)
-        return part.exists() and self.image_path(recipe, split, index).exists()
+        """Whether an image and its labels are there; labels are written last.
+
+        A file without a byte is what a power cut leaves.
+        """
+        with contextlib.suppress(FileNotFoundError):
+            paths = self.part_path(split, index), self.image_path(recipe, split, index)
+            return all(path.stat().st_size for path in paths)
+        return False
 
     def write(self, recipe: Recipe, split: str, index: int, image: bytes, part: Any) -> None:
         """Keep a finished image and its labels."""
-        write_atomic(self.image_path(recipe, split, index), image)
+        write_atomic(self.image_path(recipe, split, index), image, sync=False)
         text = json.dumps(part, separators=(",", ":"))
-        write_atomic(self.part_path(split, index), text.encode())
+        write_atomic(self.part_path(split, index), text.encode(), sync=False)
 
     def read_part(self, split: str, index: int) -> Any:
         """Labels of a finished image."""
@@ -133,6 +138,7 @@ class Folder:
 
     def finish(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
         """Say that everything is there, and tidy up."""
+        sync_files(self.path)
         self.write_head(recipe, maker, {"complete": True, **more})
         self._drop_parts()
 
