@@ -217,9 +217,18 @@ def dataset(
         list[str] | None,
         typer.Option(help="A rule of what is a label, KEY=NUMBER, repeatable; docs/dataset.md."),
     ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=256, help="Processes; default: cores. Changes no byte."),
+    ] = None,
     slots: Annotated[
-        int, typer.Option(min=1, max=4096, help="Images rendered together; changes no byte.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=1,
+            max=4096,
+            help="Images a process renders together; default: 1, on a GPU 64. Changes no byte.",
+        ),
+    ] = None,
     preview: Annotated[
         Path | None, typer.Option(help="Write a contact sheet with boxes, .png or .jpg.")
     ] = None,
@@ -246,6 +255,7 @@ def dataset(
         streets=streets,
         rules=tuple(rule or ()),
         slots=slots,
+        jobs=jobs,
         device=device,
         preview=preview,
     )

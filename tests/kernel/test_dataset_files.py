@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import signal
+from pathlib import Path
 
 import cv2
 import pytest
@@ -13,7 +16,7 @@ from schemas.messages import OBJECT_CLASSES
 from twin.dataset.command import DatasetRequest, run_dataset
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, Shares, Streets
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 
 RECIPE = Recipe(
     seed=6,
@@ -169,3 +172,61 @@ def test_a_sheet_shows_the_boxes(made, tmp_path):
     assert green.sum() > 100
     with pytest.raises(UsageError, match="ends in"):
         run_dataset(DatasetRequest(out=made, plain={}, preview=tmp_path / "sheet.gif"))
+
+
+def children():
+    """Processes that this one has started."""
+    found = []
+    for path in Path("/proc/self/task").glob("*/children"):
+        found += [int(pid) for pid in path.read_text().split()]
+    return found
+
+
+def test_the_same_bytes_by_several_processes(made, tmp_path):
+    seen = []
+    make_dataset(
+        tmp_path / "d", RECIPE, slots=2, jobs=3, device="cpu", report=lambda *a: seen.append(a)
+    )
+    assert seen == [(done, RECIPE.count) for done in range(RECIPE.count + 1)]
+    assert digests(tmp_path / "d") == digests(made)
+    assert not children()
+
+
+def test_interrupts_and_dead_processes_leave_nothing_and_it_goes_on(made, tmp_path):
+    folder = tmp_path / "d"
+
+    def interrupt(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=interrupt)
+    assert not children()
+    assert not list(folder.rglob(".*.tmp"))
+    first = []
+
+    def kill(done, total):
+        first.append(done)
+        if len(first) == 3:
+            os.kill(children()[0], signal.SIGKILL)
+
+    with pytest.raises(InfrastructureError, match="killed by SIGKILL") as caught:
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=kill)
+    assert "\n" not in str(caught.value)
+    assert first[0] >= 2
+    assert not children()
+    assert not list(folder.rglob(".*.tmp"))
+    make_dataset(folder, RECIPE, slots=1, device="cpu", report=quiet)
+    assert digests(folder) == digests(made)
+
+
+def test_what_a_process_cannot_do_is_one_line(tmp_path):
+    folder = tmp_path / "d"
+
+    def spoil(done, total):
+        (folder / "images" / "train").rmdir()
+
+    with pytest.raises(InfrastructureError, match="images/train") as caught:
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=spoil)
+    assert "\n" not in str(caught.value)
+    assert not children()

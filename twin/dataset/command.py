@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from twin.fabric.errors import UsageError
 
 LINES = 20
 """Lines of progress in a log file."""
+_GPU_SLOTS = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +38,10 @@ class DatasetRequest:
     streets: str | None = None
     rules: tuple[str, ...] = ()
     """``KEY=NUMBER`` each."""
-    slots: int = 1
+    slots: int | None = None
+    """Default: 1 on a CPU, 64 on a GPU."""
+    jobs: int | None = None
+    """Processes. Default: as many as there are cores."""
     device: str = "cpu"
     preview: Path | None = None
 
@@ -64,7 +69,12 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     recipe = parse_recipe(data, "dataset")
     with _progress() as report:
         found = make_dataset(
-            request.out, recipe, slots=request.slots, device=request.device, report=report
+            request.out,
+            recipe,
+            slots=request.slots or (1 if request.device == "cpu" else _GPU_SLOTS),
+            jobs=request.jobs or len(os.sched_getaffinity(0)),
+            device=request.device,
+            report=report,
         )
     if request.preview is not None:
         write_sheet(request.preview, request.out, columns=4, rows=5, seed=recipe.seed)

@@ -29,7 +29,14 @@ class Eyepoint:
 
     def camera_from_world(self, points_m: np.ndarray) -> np.ndarray:
         """World points [..., 3] in the camera's frame."""
-        return (points_m - self.eye_m) @ self.world_from_camera
+        return rotated(points_m - self.eye_m, self.world_from_camera.T)
+
+
+def rotated(points: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """``turn`` [3, 3] times each of ``points`` [N, 3]: the same bits for any N and any number of
+    threads, unlike a matrix product."""
+    x, y, z = points.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in turn], axis=1)
 
 
 def eyepoint_of(

@@ -88,9 +88,18 @@ class Folder:
             return True
         for folder in ("annotations", _PARTS, *(f"images/{split}" for split in recipe.counts())):
             (self.path / folder).mkdir(parents=True, exist_ok=True)
-        for left in self.path.rglob(".*.tmp"):
-            left.unlink()  # of a process that was killed while it wrote
+        with self._lock(_PARTS, fcntl.LOCK_EX):  # processes of a killed command are gone
+            self.sweep()
         return False
+
+    def sweep(self) -> None:
+        """Remove what processes left that ended while they wrote."""
+        for left in self.path.rglob(".*.tmp"):
+            left.unlink(missing_ok=True)
+
+    def writing(self) -> contextlib.AbstractContextManager[None]:
+        """In a process that writes images for the one that is :meth:`alone`."""
+        return self._lock(_PARTS, fcntl.LOCK_SH)
 
     def _check(self, head: dict[str, Any], recipe: Recipe, maker: Maker) -> None:
         stored = parse_recipe(head["recipe"], str(self.head_path))
@@ -157,15 +166,22 @@ class Folder:
             InfrastructureError: somebody does.
         """
         self.path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self.path, os.O_RDONLY)
+        with contextlib.ExitStack() as held:
+            try:
+                held.enter_context(self._lock("", fcntl.LOCK_EX | fcntl.LOCK_NB))
+            except BlockingIOError:
+                raise InfrastructureError(
+                    f"{self.path}: another process is writing to it; wait for it or give another "
+                    "folder"
+                ) from None
+            yield
+
+    @contextlib.contextmanager
+    def _lock(self, name: str, how: int) -> Iterator[None]:
+        """Hold a lock on one of the folders; it goes with the process."""
+        descriptor = os.open(self.path / name, os.O_RDONLY)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            raise InfrastructureError(
-                f"{self.path}: another process is writing to it; wait for it or give another folder"
-            ) from None
-        try:
+            fcntl.flock(descriptor, how)
             yield
         finally:
             os.close(descriptor)

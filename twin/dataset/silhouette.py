@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from twin.dataset.eyepoint import Eyepoint, Outline, Shape, View
+from twin.dataset.eyepoint import Eyepoint, Outline, Shape, View, rotated
 from twin.render import bvh, traverse
 from twin.render.geometry import turned
 from twin.world.materials import SIGN
@@ -138,7 +138,7 @@ class Subject:
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         body = bodies[self.body]
-        world = body.points_m @ turn.T + self.position_m
+        world = rotated(body.points_m, turn) + self.position_m
         return self.eyepoint.camera_from_world(world), body.faces
 
 
