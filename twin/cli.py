@@ -233,16 +233,18 @@ def dataset(
         Path | None, typer.Option(help="Write a contact sheet with boxes, .png or .jpg.")
     ] = None,
     device: Device = "cpu",
+    output: OutputOption = Output.human,
 ) -> None:
     """Render labelled images for detectors into a folder, or go on where it was stopped.
 
-    On a folder that is there, options left away are what it was begun with.
+    On a folder that is there, options left away are what it was begun with. Ends with a table of
+    what the dataset holds.
     """
     from twin.world.kernel_cache import prepare_kernels
 
     prepare_kernels()  # before the modules that define kernels
 
-    from twin.dataset.command import DatasetRequest, run_dataset
+    from twin.dataset.command import DatasetRequest, show_dataset
 
     plain = {"count": count, "seed": seed, "format": file_format, "quality": quality}
     plain |= {"scene": scene, "other_scene": other_scene, "vehicle": vehicle}
@@ -259,11 +261,7 @@ def dataset(
         device=device,
         preview=preview,
     )
-    found = run_dataset(request)
-    for split, counts in found["counts"].items():
-        labels = ", ".join(f"{number} {name}" for name, number in counts["labels"].items())
-        print(f"{split}: {counts['images']} images; labels: {labels}")
-    print(out)
+    show_dataset(request, as_json=output is Output.json)
 
 
 @app.command()

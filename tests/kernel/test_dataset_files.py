@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from schemas.messages import OBJECT_CLASSES
-from twin.dataset.command import DatasetRequest, run_dataset
+from twin.dataset.command import DatasetRequest, run_dataset, show_dataset
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, Shares, Streets
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -163,6 +163,30 @@ def test_the_head_counts_what_is_there(made):
         total = sum(counts["labels"].values()) + sum(counts["ignored"].values())
         assert total == len(document["annotations"])
     assert len(head["software"]) == 64
+
+
+def test_the_tally_is_that_of_the_annotations(made, capsys):
+    show_dataset(DatasetRequest(out=made, plain={}), as_json=True)
+    found = json.loads(capsys.readouterr().out)
+    head = yaml.safe_load((made / "dataset.yaml").read_text())["counts"]
+    assert found["images"] == {split: head[split]["images"] for split in SPLITS}
+    for kind in ("labels", "ignored"):
+        assert found[kind]["split"] == {split: head[split][kind] for split in SPLITS}
+        for groups in found[kind].values():
+            for name in OBJECT_CLASSES:
+                total = sum(counts[name] for counts in groups.values())
+                assert total == sum(head[split][kind][name] for split in SPLITS)
+    rows = []
+    for split in SPLITS:
+        rows += json.loads((made / "annotations" / f"{split}.json").read_text())["annotations"]
+    low = [r for r in rows if r["category_id"] == 1 and not r["ignore"] and r["bbox"][3] < 8]
+    assert found["labels"]["height_px"].get("< 8", {}).get("car", 0) == len(low)
+    small = [r for r in rows if r["category_id"] == 6 and "small" in r["ignored_for"]]
+    assert found["ignored_for"]["traffic_sign"]["small"] == len(small) > 0
+    show_dataset(DatasetRequest(out=made, plain={}), as_json=False)
+    text = capsys.readouterr().out
+    assert "ignored for small" in text
+    assert text.splitlines()[-1] == str(made)
 
 
 def test_a_sheet_shows_the_boxes(made, tmp_path):

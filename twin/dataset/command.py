@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from twin.dataset.folder import Folder
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, parse_recipe
 from twin.dataset.sheet import write_sheet
+from twin.dataset.tally import print_tally, tally
 from twin.fabric.errors import UsageError
 
 LINES = 20
@@ -79,6 +81,21 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     if request.preview is not None:
         write_sheet(request.preview, request.out, columns=4, rows=5, seed=recipe.seed)
     return found
+
+
+def show_dataset(request: DatasetRequest, *, as_json: bool) -> None:
+    """Make the dataset and print what it holds: a table, or one JSON object.
+
+    Raises:
+        TwinError: as :func:`run_dataset`.
+    """
+    run_dataset(request)
+    found = tally(request.out)
+    if as_json:
+        print(json.dumps({"dataset": str(request.out), **found}))
+        return
+    print_tally(found)
+    print(request.out)
 
 
 def _numbers(option: str, text: str, mark: str, count: int, type_: type) -> list[Any]:
