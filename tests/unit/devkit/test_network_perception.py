@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import onnx
 import pytest
+from camera_sites import camera_site
 from darknet_oracle import random_weights
 from tiny_networks import write_dark_spot_detector
 
@@ -80,6 +81,7 @@ def episode(slot: int, token: int, perception, **changes) -> Episode:
         height=90,
         hfov_deg=70.0,
         control_period_ns=50_000_000,
+        cameras=[camera_site(160, 90)],
         **changes,
     )
 
