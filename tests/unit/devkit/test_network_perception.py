@@ -97,7 +97,7 @@ def observe(pictures: np.ndarray, tokens: list[int]) -> Observation:
         sensors={
             "camera": pictures,
             "boxes": np.zeros((slots, BOXES_MAX, 7), np.float32),
-            "vehicle": np.zeros((slots, 7)),
+            "vehicle": np.tile([8.0, 0, 0, 0, 0, 0, 0], (slots, 1)),
             "environment": np.zeros((slots, 2)),
         },
         counts={"boxes": np.zeros(slots, np.int32)},
