@@ -6,13 +6,20 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from devkit import control, lights, planning
+from devkit.eyes import Eyes
 from devkit.lane_track import LaneTrack, Motion
 from devkit.lane_view import LaneView
-from devkit.perception import Perception, build_perception
 from devkit.stack import Observation, Stack
 from devkit.steering import Steering, Wheel, steer
 from devkit.view import View
-from schemas.messages import ENVIRONMENT_COLUMNS, VEHICLE_COLUMNS, Command, Detection, Episode
+from schemas.messages import (
+    ENVIRONMENT_COLUMNS,
+    VEHICLE_COLUMNS,
+    Command,
+    Detection,
+    Episode,
+    PerceptionCost,
+)
 from schemas.validation import convert_all
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
@@ -39,7 +46,6 @@ class _Car:
     token: int
     period_s: float
     view: View
-    perception: Perception
     lane: LaneTrack
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
@@ -50,8 +56,8 @@ class _Car:
 class AebStack(Stack):
     """Drives its lane and brakes for a vehicle that stands in it.
 
-    Works on one slot at a time with that slot's own state and nothing else, so its commands do not
-    depend on the number of slots or on the neighbours.
+    Works with each slot's own state and nothing else, and what is seen in a frame does not depend
+    on frames beside it, so its commands do not depend on the number of slots or on the neighbours.
     """
 
     def __init__(
@@ -107,14 +113,16 @@ class AebStack(Stack):
         if cruise == "throttle" and cruise_speed_mps != _PLANNER.cruise_speed_mps:
             raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
         self._cars: list[_Car | None] = [None] * slots
+        self._eyes = Eyes(slots)
+        self._drove: list[int] = []
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Put a fresh car into ``slot``."""
+        self._eyes.reset(slot, episode)
         self._cars[slot] = _Car(
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
             view=View.of_site(episode.cameras[0]),
-            perception=build_perception(episode.perception),
             lane=LaneTrack(
                 LaneView.of_site(episode.cameras[0]), self.steering.lines_m, self.steering.chassis
             ),
@@ -122,14 +130,24 @@ class AebStack(Stack):
 
     def step(self, observation: Observation) -> list[Command]:
         """One command per active slot, ascending."""
-        return [self._drive(slot, observation) for slot in observation.active_slots()]
+        self._drove = slots = observation.active_slots()
+        cars = [self._car(slot, observation) for slot in slots]
+        seen = self._eyes.look(slots, observation)
+        return [
+            self._drive(car, slot, observation, seen.get(slot))
+            for car, slot in zip(cars, slots, strict=True)
+        ]
 
-    def _drive(self, slot: int, observation: Observation) -> Command:
-        car = self._car(slot, observation)
+    def costs(self) -> list[PerceptionCost | None]:
+        """See :meth:`devkit.stack.Stack.costs`."""
+        return self._eyes.costs(self._drove)
+
+    def _drive(
+        self, car: _Car, slot: int, observation: Observation, detections: list[Detection] | None
+    ) -> Command:
         speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
 
         self._keep_lane(car, slot, observation)
-        detections = _perceive(car, slot, observation)
         car.state, plan = planning.plan(
             car.state, detections, speed_mps, car.view, self.planner, car.wheel.bend_per_m
         )
@@ -176,14 +194,6 @@ class AebStack(Stack):
             float(environment[_EXTINCTION]),
             self.switch,
         )
-
-
-def _perceive(car: _Car, slot: int, observation: Observation) -> list[Detection] | None:
-    """Detections of a new camera frame; None when none is due."""
-    camera, boxes = observation.sensors.get("camera"), observation.boxes(slot)
-    if camera is None or boxes is None:
-        return None
-    return car.perception.detect(camera[slot], boxes)
 
 
 def _checked(type_: type[T], given: dict[str, Any]) -> T:

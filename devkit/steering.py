@@ -88,9 +88,10 @@ def steer(
     """One control tick.
 
     Pure pursuit (Coulter 1992): the arc that leaves the rear axle along the car and passes through
-    a point of the lane's centre x ahead and y to the left has curvature 2 y / (x^2 + y^2); a
+    a point of the lane's centre x ahead and y to the left has curvature 2 y / (x^2 + y^2). A
     bicycle without slip drives it at the road-wheel angle atan(wheelbase x curvature), a car with
-    tyres at so much more as its understeer gradient says. Without a lane the last bend fades: first the curve is driven on, then straight ahead.
+    tyres at so much more as its understeer gradient says. Without a lane the last bend fades:
+    first the bend is driven on, then straight ahead.
 
     Args:
         wheel: the state of the last tick.

@@ -61,7 +61,8 @@ def vehicle_from_camera(rotation_deg: list[float]) -> Floats:
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     level = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    return about_z @ about_y @ about_x @ level
+    matrix: Floats = about_z @ about_y @ about_x @ level
+    return matrix
 
 
 def distorted(lens: Lens, x: Floats, y: Floats) -> tuple[Floats, Floats]:

@@ -56,10 +56,10 @@ def box_of(
         if z <= 0.1:
             continue
         for y in (right_m, left_m):
-            u = view.focal_px * (view.lateral_m - y) / z
+            u = view.lens.fx_px * (view.lateral_m - y) / z
             if abs(u) <= half_width:
                 us.append(u)
-                vs += [view.focal_px * h / z for h in (view.above_m, -0.1)]
+                vs += [view.lens.fx_px * h / z for h in (view.above_m, -0.1)]
     left, right = min(us) + half_width, max(us) + half_width
     top, bottom = min(vs) + half_height, min(max(vs), half_height) + half_height
     if whole_pixels:
@@ -131,8 +131,8 @@ def test_a_longer_road_user_is_granted_a_longer_flank():
 def test_the_camera_sits_where_the_episode_says():
     box = Detection("car", 0.9, 270.0, 150.0, 100.0, 100.0)  # 70 px below the horizon, on the axis
     view = view_of(position_m=(2.0, -0.5, 1.4))
-    ahead_m = view.focal_px * 1.4 / 70.0
-    half_m = 50.0 / view.focal_px * ahead_m
+    ahead_m = view.lens.fx_px * 1.4 / 70.0
+    half_m = 50.0 / view.lens.fx_px * ahead_m
     assert extent_m(box, view) == pytest.approx((ahead_m, -0.5 - half_m, -0.5 + half_m))
 
 
