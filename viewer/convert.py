@@ -31,7 +31,13 @@ LABEL_SHARE = 0.05
 POST_M = 1.0
 """A hull with a smaller half length is a tree or a post [m]."""
 
-VERDICT_COLORS: dict[str, Color] = {"pass": GREEN, "collision": RED, "false_braking": ORANGE}
+VERDICT_COLORS: dict[str, Color] = {
+    "pass": GREEN,
+    "collision": RED,
+    "lane_departure": RED,
+    "false_braking": ORANGE,
+    "time_up": ORANGE,
+}
 
 
 def verdict_color(verdict: str) -> Color:
