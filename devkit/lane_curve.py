@@ -10,9 +10,9 @@ import numpy as np
 
 Coefficients = tuple[float, float, float, float]
 
-_PRIOR = (0.7, 0.2, 0.05, 0.02)
+PRIOR = (1.5, 0.3, 0.03, 0.005)
 """Deviations of the coefficients before anything was seen [m, 1, 1/m, 1/m^2]: a car that stands
-somewhere in its lane, on streets of a radius from 20 m on."""
+anywhere in its lane is more usual than a narrow bend."""
 _NOISE_M = 0.1
 """Deviation of a point of weight 1 [m]."""
 
@@ -62,7 +62,7 @@ def fit(ahead_m: np.ndarray, left_m: np.ndarray, weight: np.ndarray) -> LaneCurv
     sides = [float((power * left_m).sum()) for power in powers[:4]]
     scale = [1.0, 1.0, 2.0, 6.0]
     matrix = [[moments[i + j] / (scale[i] * scale[j]) for j in range(4)] for i in range(4)]
-    for i, deviation in enumerate(_PRIOR):
+    for i, deviation in enumerate(PRIOR):
         matrix[i][i] += (_NOISE_M / deviation) ** 2
     return LaneCurve(_solved(matrix, [sides[i] / scale[i] for i in range(4)]))
 

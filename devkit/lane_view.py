@@ -52,13 +52,14 @@ class LaneView:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where places of the grid are while the car leans to its right by a small angle.
 
-        In bends the image turns about the camera's axis, and the camera moves to the side. For a
-        camera that looks ahead at height h, what seems to be Y to its left and z ahead is
-        z / (1 - Y roll / h) ahead and (Y + h roll) / (1 - Y roll / h) - h roll to the left.
+        In bends the image turns about the camera's axis, and the camera at height h and e to the
+        left of the centre line moves down by e roll and aside by h roll. For one that looks ahead,
+        what seems to be Y to its left and z ahead is f z ahead and f (Y + h roll) - h roll to the
+        left, with f = (h + e roll) / (h - Y roll).
         """
         forward_m, lateral_m, above_m = self.position_m
         aside = left_m - lateral_m
-        factor = 1.0 / (1.0 - aside * (roll_rad / above_m))
+        factor = (above_m + lateral_m * roll_rad) / (above_m - aside * roll_rad)
         shift_m = above_m * roll_rad
         return (
             forward_m + (ahead_m - forward_m) * factor,

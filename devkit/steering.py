@@ -16,7 +16,7 @@ from devkit.lane_track import Chassis
 
 AHEAD_MIN_M = 4.0
 """Shortest distance to the point that is driven to: at walking pace the gain stays finite [m]."""
-BEND_AT_M = 15.0
+BEND_AT_M = 14.0
 """Where the bend of the lane is taken from: as far as markings are seen well [m]."""
 
 

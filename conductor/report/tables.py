@@ -41,7 +41,7 @@ class SystemRow:
     stops_m: tuple[float, float, float] | None
     """Smallest, median and largest of the smallest distances of passed cases [m]."""
     lateral_rms_m: tuple[float, float, float] | None
-    """Smallest, median and largest lateral error (RMS) of cases with a verdict; lane keeping [m]."""
+    """Smallest, median and largest lateral error (RMS) of decided cases; lane keeping [m]."""
 
     @property
     def rate(self) -> float:

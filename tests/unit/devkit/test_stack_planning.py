@@ -93,7 +93,7 @@ def test_the_area_limit_is_one_of_distance_for_every_label(label):
     width_m, height_m, _ = SHAPES[label]
     relevant = []
     for ahead_m in (25.0, 34.0, 36.0, 50.0):
-        scale = VIEW.focal_px / ahead_m
+        scale = VIEW.lens.fx_px / ahead_m
         box = Detection(label, 0.9, 300.0, 150.0, width_m * scale, height_m * scale)
         relevant.append(is_relevant(box, VIEW, PLANNER))
     assert relevant == [True, True, False, False]
@@ -143,14 +143,14 @@ def test_the_camera_sits_where_the_episode_says():
 def test_a_turned_camera_sees_the_same_place_elsewhere(rotation_deg, shift_px):
     turned = view_of(rotation_deg=rotation_deg)
     angle = math.radians(max(rotation_deg))
-    down = VIEW.focal_px * 1.32 / 12.0
+    down = VIEW.lens.fx_px * 1.32 / 12.0
     if shift_px[1]:  # looking down: the ground moves up in the image
-        level = math.atan(down / VIEW.focal_px)
-        y = 180.0 + VIEW.focal_px * math.tan(level - angle)
+        level = math.atan(down / VIEW.lens.fx_px)
+        y = 180.0 + VIEW.lens.fx_px * math.tan(level - angle)
         assert turned.ground_m(320.0, y) == pytest.approx(12.0)
         assert turned.across_m(320.0, y, 12.0) == pytest.approx(-0.35)
     else:  # looking left: straight ahead is right of the middle
-        x = 320.0 + VIEW.focal_px * math.tan(angle)
+        x = 320.0 + VIEW.lens.fx_px * math.tan(angle)
         y = 180.0 + down / math.cos(angle)
         assert turned.ground_m(x, y) == pytest.approx(12.0)
         assert turned.across_m(x, y, 12.0) == pytest.approx(-0.35)
