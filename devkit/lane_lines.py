@@ -20,7 +20,7 @@ FLANK = 5
 """From the middle of a stripe to the middle of either flank: 0.20 m [points]."""
 LEVELS_MIN = 3.0
 """Least brightness above the flanks [image levels of 255]."""
-NOISE_FACTOR = 4.0
+NOISE_FACTOR = 3.0
 """Or this many times the median response of everything that was looked at [-]."""
 
 _REACH = FLANK + CORE

@@ -25,11 +25,12 @@ GATES_M = (1.1, 0.5)
 """How far from the expectation a marking is looked for, before and after the lane is known [m]."""
 SCALES_M = (0.5, 0.3, 0.2)
 """Residual at which a point's say is quartered, one round of the fit after the other [m]."""
-SUPPORT_MIN = 5.0
-"""The lane is known while the points that agree with it weigh this much together [-]."""
+SUPPORT_MIN = (5.0, 1.5)
+"""The lane is known while the points that agree with it weigh this much together, to find it and
+to keep it; one clear frame weighs 15 [-]."""
 AGREED_MIN = (0.8, 0.35)
-"""And they must be this share of all points, by weight, before and after it is known. On wrong
-curves through rain streaks and glare at most 0.75 of them agreed, on the right ones 0.81 [-]."""
+"""And they must be this share of all points, by weight, to find it and to keep it. On wrong curves
+through rain streaks and glare at most 0.75 of them agreed, on the right ones 0.81 [-]."""
 BENDS_PER_M = (0.0, 0.02, -0.02, 0.045, -0.045)
 """Whoever has lost the lane looks for it along these, one camera frame after the other [1/m]."""
 
@@ -143,7 +144,8 @@ class LaneTrack:
             trusted = weight * agreed * agreed
             curve = fit(ahead, centre, trusted)
         support, total = float(trusted.sum()), float(weight.sum())
-        self.known = support >= SUPPORT_MIN and support >= AGREED_MIN[self.known] * total
+        known = self.known
+        self.known = support >= max(SUPPORT_MIN[known], AGREED_MIN[known] * total)
         self.curve = curve if self.known else LaneCurve()
 
 
