@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from devkit import control, lights, planning
 from devkit.eyes import Eyes
 from devkit.stack import Observation, Stack
+from devkit.view import View
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
     VEHICLE_COLUMNS,
@@ -39,7 +40,7 @@ class _Car:
 
     token: int
     period_s: float
-    view: planning.View
+    view: View
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
     surroundings: lights.Surroundings = field(default_factory=lights.Surroundings)
@@ -60,11 +61,10 @@ class AebStack(Stack):
         cruise_speed_mps: float = _PLANNER.cruise_speed_mps,
         confidence_min: float = _PLANNER.confidence_min,
         area_min_ratio: float = _PLANNER.area_min_ratio,
+        ttc_max_s: float = _PLANNER.ttc_max_s,
         frames_min: int = _PLANNER.frames_min,
+        frames_window: int = _PLANNER.frames_window,
         corridor_half_m: float = _PLANNER.corridor_half_m,
-        camera_height_m: float = _PLANNER.camera_height_m,
-        camera_lateral_m: float = _PLANNER.camera_lateral_m,
-        flank_length_m: float = _PLANNER.flank_length_m,
         throttle_max: float = _CONTROLLER.throttle_max,
         throttle_gain: float = _CONTROLLER.throttle_gain,
         throttle_integral_gain: float = _CONTROLLER.throttle_integral_gain,
@@ -99,7 +99,7 @@ class AebStack(Stack):
         self._cars[slot] = _Car(
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
-            view=planning.View.from_fov(episode.width, episode.height, episode.hfov_deg),
+            view=View.of_site(episode.cameras[0]),
         )
 
     def step(self, observation: Observation) -> list[Command]:
