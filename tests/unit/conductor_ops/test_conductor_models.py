@@ -77,6 +77,7 @@ def test_a_worker_with_a_gpu_needs_its_runtime(asked, tmp_path):
     ("code", "words"),
     [
         ("import sys; print('out of sorts', file=sys.stderr); sys.exit(3)", "exit code 3): out of"),
+        ("print('nothing of the kind')", "without an answer (exit code 0): it said nothing"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "killed by SIGKILL"),
     ],
 )
