@@ -58,6 +58,7 @@ class FrameNetwork:
         self._kind, _, index = device.partition(":")
         self._index = int(index or 0)
         self._sessions: dict[tuple[int, int], _Session] = {}
+        self._heads = list(dict.fromkeys(head.output for head in description.heads))
         self.outputs = [output.name for output in model.graph.output]
         self.runtime = f"onnxruntime {self._kind}"
 
@@ -82,7 +83,7 @@ class FrameNetwork:
                 arrays = session.binding.copy_outputs_to_cpu()
             parts.append([array[: len(rows)] for array in arrays])
         joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        return dict(zip(self.outputs, joined, strict=True))
+        return dict(zip(self._heads, joined, strict=True))
 
     def _place(self, session: _Session, images: Images, rows: Sequence[int]) -> None:
         """Say where the pictures lie. What fills the batch up matters to nobody: the first."""
@@ -109,7 +110,7 @@ class FrameNetwork:
         model = with_frames(self._model, self._input, self._description, size_px)
         session = open_session(self._path, model, self._device)
         binding = session.io_binding()
-        for name in self.outputs:
+        for name in self._heads:
             binding.bind_output(name, "cpu")
         return _Session(session, binding, np.zeros(self._batch, np.int64))
 
