@@ -35,7 +35,7 @@ from devkit.training.parameters import TrainingParameters, parse_parameters, par
 from devkit.training.steps import Trainer
 from devkit.training.validation import validate
 from twin.fabric.errors import UsageError
-from twin.fabric.files import only_writer
+from twin.fabric.folder_lock import only_writer
 from twin.fabric.progress import Report, progress
 from twin.fabric.software import device_class, software_digest
 

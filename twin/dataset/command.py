@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,11 @@ from twin.dataset.folder import Folder
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, parse_recipe
 from twin.dataset.sheet import write_sheet
+from twin.dataset.tally import print_tally, tally
 from twin.fabric.errors import UsageError
 from twin.fabric.progress import progress
+
+_GPU_SLOTS = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +34,10 @@ class DatasetRequest:
     streets: str | None = None
     rules: tuple[str, ...] = ()
     """``KEY=NUMBER`` each."""
-    slots: int = 1
+    slots: int | None = None
+    """Default: 1 on a CPU, 64 on a GPU."""
+    jobs: int | None = None
+    """Processes. Default: as many as there are cores."""
     device: str = "cpu"
     preview: Path | None = None
 
@@ -57,11 +65,31 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     recipe = parse_recipe(data, "dataset")
     with progress("dataset", "rendering", "images") as report:
         found = make_dataset(
-            request.out, recipe, slots=request.slots, device=request.device, report=report
+            request.out,
+            recipe,
+            slots=request.slots or (1 if request.device == "cpu" else _GPU_SLOTS),
+            jobs=request.jobs or len(os.sched_getaffinity(0)),
+            device=request.device,
+            report=report,
         )
     if request.preview is not None:
         write_sheet(request.preview, request.out, columns=4, rows=5, seed=recipe.seed)
     return found
+
+
+def show_dataset(request: DatasetRequest, *, as_json: bool) -> None:
+    """Make the dataset and print what it holds: a table, or one JSON object.
+
+    Raises:
+        TwinError: as :func:`run_dataset`.
+    """
+    run_dataset(request)
+    found = tally(request.out)
+    if as_json:
+        print(json.dumps({"dataset": str(request.out), **found}))
+        return
+    print_tally(found)
+    print(request.out)
 
 
 def _numbers(option: str, text: str, mark: str, count: int, type_: type) -> list[Any]:

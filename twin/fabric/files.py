@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
+import ctypes
 import os
 import secrets
-from collections.abc import Iterator
 from pathlib import Path
 
-from twin.fabric.errors import InfrastructureError
 
-
-def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666) -> None:
+def write_atomic(
+    path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666, sync: bool = True
+) -> None:
     """Write a file that is complete or absent, also after a power cut; its folder must exist.
 
     Args:
         path: the file.
         data: its content.
         mode: who may read and write it, less the umask, from the first byte on.
+        sync: False for many files: whoever writes them calls :func:`sync_files` when all are
+            there; after a power cut before that one of them may be empty.
 
     Raises:
         OSError: it cannot be written; what stood there before still stands.
@@ -29,12 +29,15 @@ def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int 
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
+    if not sync:
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -42,22 +45,17 @@ def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int 
         os.close(folder)
 
 
-@contextlib.contextmanager
-def only_writer(folder: Path) -> Iterator[None]:
-    """Nobody else writes to ``folder`` meanwhile; it is made if it is missing.
+def sync_files(folder: Path) -> None:
+    """Bring everything written to the file system of ``folder`` to the disk.
 
     Raises:
-        InfrastructureError: somebody does.
+        OSError: it cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InfrastructureError(
-                f"{folder}: another process is writing to it; wait for it or give another folder"
-            ) from None
-        yield
+        library = ctypes.CDLL(None, use_errno=True)
+        if library.syncfs(descriptor) != 0:
+            number = ctypes.get_errno()
+            raise OSError(number, os.strerror(number), str(folder))
     finally:
         os.close(descriptor)
