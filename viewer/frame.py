@@ -18,7 +18,7 @@ from rerun.error_utils import RerunWarning
 
 from twin.fabric.errors import InfrastructureError, UsageError
 from viewer import naming
-from viewer.convert import CYAN, ORANGE, Color
+from viewer.convert import CYAN, LABEL_SHARE, ORANGE, Color
 from viewer.folder import Moment
 
 WIDTH_MIN_PX = 640
@@ -26,7 +26,6 @@ WIDTH_MIN_PX = 640
 
 _LABEL_PX = 14
 _INK = (20, 22, 26)
-_FAR_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ def draw(frame: Frame) -> np.ndarray:
     for mark in order:
         _box(picture, mark, scale, ORANGE, 2)
     for mark in order:
-        if mark.width_px >= _FAR_SHARE * frame.image.shape[1] or len(order) == 1:
+        if mark.width_px >= LABEL_SHARE * frame.image.shape[1] or len(order) == 1:
             _label(picture, mark, scale)
     return picture
 

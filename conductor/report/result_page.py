@@ -66,6 +66,7 @@ class Section:
     perception: str
     passed: int
     clean: int
+    ended: int
     total: int
     text_name: str
     statuses: list[str]
@@ -195,6 +196,7 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
                 perception=perception_text(own[0].case),
                 passed=sum(row.passed is True for row in own),
                 clean=sum(row.status == "pass" for row in own),
+                ended=sum(bool(row.end.outcome) for row in own),
                 total=len(own),
                 text_name=model_block(model),
                 statuses=[status for status in statuses(dossier) if status in found],

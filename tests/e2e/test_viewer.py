@@ -139,6 +139,33 @@ def look(marked, folder):
     return viewer, lambda: json.loads(viewer.stdout.readline())
 
 
+def test_the_camera_picture_of_a_moment_and_the_result_page(marked, recorded, tmp_path):
+    folder = recorded["folder"]
+    rows = outcomes(folder)
+    braked = next(c for c, row in rows.items() if row["scalars"]["aeb_time_s"] is not None)
+    out = tmp_path / "pictures" / "aeb.png"
+    done = marked.run("viewer", "frame", str(folder), braked, "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    assert f"AEB trigger at {rows[braked]['scalars']['aeb_time_s']:.2f} s" in done.stdout
+    picture = cv2.imread(str(out))
+    assert picture.shape == (360, 640, 3)
+    assert (picture == (35, 166, 245)).all(axis=-1).sum() > 100, "the box that braked"
+    page = tmp_path / "docs" / "chaos.md"
+    done = marked.run("conductor", "report", str(folder), "--markdown", str(page))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(page)
+    text = page.read_text()
+    assert recorded["fingerprint"] in text
+    assert "No picture" not in text
+    shown = sorted(path.name for path in page.with_suffix("").glob("case-*.jpg"))
+    lost = [c for c, row in rows.items() if row["verdict"] != "pass"]
+    assert shown
+    assert {f"case-{case}.jpg" for case in lost} >= set(shown)
+    for name in shown:
+        assert f"](chaos/{name})" in text
+        assert cv2.imread(str(page.with_suffix("") / name)).shape == (360, 640, 3)
+
+
 @needs_vulkan
 def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     from viewer.window import window
