@@ -70,6 +70,7 @@ def run_command(
     The same command again resumes where it stopped. With --workers 0 only workers that you start
     yourself (`twin worker --state OUT`) do the work.
     """
+    from conductor.models import check_models
     from conductor.run import RunOptions, run_campaign
     from conductor.source import load, only_case
     from twin.fabric.key_file import load_key
@@ -77,6 +78,7 @@ def run_command(
     loaded = load(campaign, seed=seed)
     if case:
         loaded = only_case(loaded, case)
+    check_models(loaded, campaign, "cpu" if workers == 0 else device)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
         workers=workers,
@@ -141,9 +143,11 @@ def submit(
 ) -> None:
     """Submit a campaign to a conductor that serves."""
     from conductor.client import Client
+    from conductor.models import check_models
     from conductor.source import load
 
     loaded = load(campaign, seed=seed)
+    check_models(loaded, campaign)
     with Client(connect, state, namespace, key) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -238,11 +242,13 @@ def validate(
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file and explain every mistake in one line; lists its cases."""
+    from conductor.models import check_models
     from conductor.source import load
     from schemas.campaign import expand
 
     try:
         loaded = load(campaign)
+        check_models(loaded, campaign)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))

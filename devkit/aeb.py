@@ -6,9 +6,17 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from devkit import control, lights, planning
-from devkit.perception import Perception, build_perception
+from devkit.eyes import Eyes
 from devkit.stack import Observation, Stack
-from schemas.messages import ENVIRONMENT_COLUMNS, VEHICLE_COLUMNS, Command, Detection, Episode
+from devkit.view import View
+from schemas.messages import (
+    ENVIRONMENT_COLUMNS,
+    VEHICLE_COLUMNS,
+    Command,
+    Detection,
+    Episode,
+    PerceptionCost,
+)
 from schemas.validation import convert_all
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
@@ -32,8 +40,7 @@ class _Car:
 
     token: int
     period_s: float
-    view: planning.View
-    perception: Perception
+    view: View
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
     surroundings: lights.Surroundings = field(default_factory=lights.Surroundings)
@@ -42,8 +49,8 @@ class _Car:
 class AebStack(Stack):
     """Drives its lane and brakes for a vehicle that stands in it.
 
-    Works on one slot at a time with that slot's own state and nothing else, so its commands do not
-    depend on the number of slots or on the neighbours.
+    Works with each slot's own state and nothing else, and what is seen in a frame does not depend
+    on frames beside it, so its commands do not depend on the number of slots or on the neighbours.
     """
 
     def __init__(
@@ -54,11 +61,10 @@ class AebStack(Stack):
         cruise_speed_mps: float = _PLANNER.cruise_speed_mps,
         confidence_min: float = _PLANNER.confidence_min,
         area_min_ratio: float = _PLANNER.area_min_ratio,
+        ttc_max_s: float = _PLANNER.ttc_max_s,
         frames_min: int = _PLANNER.frames_min,
+        frames_window: int = _PLANNER.frames_window,
         corridor_half_m: float = _PLANNER.corridor_half_m,
-        camera_height_m: float = _PLANNER.camera_height_m,
-        camera_lateral_m: float = _PLANNER.camera_lateral_m,
-        flank_length_m: float = _PLANNER.flank_length_m,
         throttle_max: float = _CONTROLLER.throttle_max,
         throttle_gain: float = _CONTROLLER.throttle_gain,
         throttle_integral_gain: float = _CONTROLLER.throttle_integral_gain,
@@ -84,25 +90,37 @@ class AebStack(Stack):
         self.controller = _checked(control.Controller, given)
         self.switch = _checked(lights.LightsSwitch, given)
         self._cars: list[_Car | None] = [None] * slots
+        self._eyes = Eyes(slots)
+        self._drove: list[int] = []
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Put a fresh car into ``slot``."""
+        self._eyes.reset(slot, episode)
         self._cars[slot] = _Car(
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
-            view=planning.View.from_fov(episode.width, episode.height, episode.hfov_deg),
-            perception=build_perception(episode.perception),
+            view=View.of_site(episode.cameras[0]),
         )
 
     def step(self, observation: Observation) -> list[Command]:
         """One command per active slot, ascending."""
-        return [self._drive(slot, observation) for slot in observation.active_slots()]
+        self._drove = slots = observation.active_slots()
+        cars = [self._car(slot, observation) for slot in slots]
+        seen = self._eyes.look(slots, observation)
+        return [
+            self._drive(car, slot, observation, seen.get(slot))
+            for car, slot in zip(cars, slots, strict=True)
+        ]
 
-    def _drive(self, slot: int, observation: Observation) -> Command:
-        car = self._car(slot, observation)
+    def costs(self) -> list[PerceptionCost | None]:
+        """See :meth:`devkit.stack.Stack.costs`."""
+        return self._eyes.costs(self._drove)
+
+    def _drive(
+        self, car: _Car, slot: int, observation: Observation, detections: list[Detection] | None
+    ) -> Command:
         speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
 
-        detections = _perceive(car, slot, observation)
         car.state, plan = planning.plan(car.state, detections, speed_mps, car.view, self.planner)
         car.throttle_integral, actuation = control.control(
             car.throttle_integral, plan, speed_mps, car.period_s, self.controller
@@ -138,14 +156,6 @@ class AebStack(Stack):
             float(environment[_EXTINCTION]),
             self.switch,
         )
-
-
-def _perceive(car: _Car, slot: int, observation: Observation) -> list[Detection] | None:
-    """Detections of a new camera frame; None when none is due."""
-    camera, boxes = observation.sensors.get("camera"), observation.boxes(slot)
-    if camera is None or boxes is None:
-        return None
-    return car.perception.detect(camera[slot], boxes)
 
 
 def _checked(type_: type[T], given: dict[str, Any]) -> T:

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from devkit.planning import Cruise, Planner, View, plan
+from devkit.planning import Cruise, Planner, plan
 from devkit.planning_autodrive import HEIGHT_PX, WIDTH_PX
+from devkit.view import View
 from schemas.messages import Detection
 from twin.fabric.errors import UsageError
 
@@ -31,7 +32,7 @@ LOG_BYTES_MAX = 64 << 20
 """A larger log is refused [bytes]; the published ones have 60 kB."""
 
 PLANNER = Planner(rules="autodrive")
-VIEW = View.from_fov(WIDTH_PX, HEIGHT_PX, 70.0)
+VIEW = View(WIDTH_PX, HEIGHT_PX, focal_px=500.0, forward_m=0.0, lateral_m=0.0, above_m=1.0)
 """The image of the script; its field of view plays no part in these rules."""
 
 

@@ -1,9 +1,9 @@
 """The planner: a finite-state machine that drives, brakes for what stands in its way, and holds.
 
-Pure: :func:`plan` takes the state and returns the next one. Two rule sets: ``default``, whose
-trigger needs an object of a vehicle class, seen with enough confidence, large enough in the image,
-standing in the ego's path, on several camera frames in a row, and which brakes until standstill;
-and ``autodrive``, the rule of the published AEB script (:mod:`devkit.planning_autodrive`).
+Pure: :func:`plan` takes the state and returns the next one. Two rule sets. ``default`` looks at the
+nearest road user in the ego's path that is seen with enough confidence and large enough; a time to
+collision below the limit, in enough of the last camera frames, brakes until standstill.
+``autodrive`` is the rule of the published AEB script (:mod:`devkit.planning_autodrive`).
 """
 
 from __future__ import annotations
@@ -11,15 +11,33 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from msgspec import Meta, Struct
 
 from devkit import planning_autodrive
+from devkit.view import View
 from schemas.messages import Detection
 
-VEHICLE_CLASSES = frozenset({"car", "truck", "bus"})
-"""Labels that can trigger emergency braking in v1."""
+
+class Shape(NamedTuple):
+    """What is known of a road user by its label."""
+
+    width_m: float
+    height_m: float
+    flank_m: float
+    """Length granted to it when seen from the side. Shorter than real ones on purpose: too short
+    moves an object towards the path, so the error is on the side of braking."""
+
+
+SHAPES = {
+    "car": Shape(1.8, 1.5, 3.0),
+    "truck": Shape(2.5, 3.2, 5.0),
+    "bus": Shape(2.5, 3.2, 8.0),
+    "pedestrian": Shape(0.5, 1.7, 0.2),
+    "bicycle": Shape(0.6, 1.7, 1.2),
+}
+"""Labels that can trigger emergency braking; typical sizes."""
 
 STANDSTILL_MPS = 0.05
 """Below this speed the ego has come to rest [m/s]."""
@@ -34,25 +52,27 @@ class Planner(Struct, frozen=True, forbid_unknown_fields=True):
     """Speed on a free road [m/s], 0 to 60."""
     confidence_min: Annotated[float, Meta(ge=0, le=1)] = 0.5
     """Least confidence that counts [-], 0 to 1."""
-    area_min_ratio: Annotated[float, Meta(ge=0, le=1)] = 0.0043
-    """Least box area relative to the image [-], 0 to 1; 1000 px^2 of 640x360 in the original."""
-    frames_min: Annotated[int, Meta(ge=1, le=1000)] = 2
-    """Consecutive camera frames that must agree, 1 to 1000."""
+    area_min_ratio: Annotated[float, Meta(ge=0, le=1)] = 0.002
+    """Least area of a car's box relative to the image [-], 0 to 1; of other labels in proportion to
+    their size. The default is 460 px^2 of 640x360: a car at about 35 m."""
+    ttc_max_s: Annotated[float, Meta(gt=0, le=60)] = 3.5
+    """Time to collision that triggers [s], above 0 to 60; objects are taken to stand. A stop
+    from 8 m/s on packed snow (friction 0.2) takes 2.0 s of it, reaction and bonnet the rest."""
+    frames_min: Annotated[int, Meta(ge=1, le=100)] = 2
+    """Of the last ``frames_window`` camera frames so many must agree, 1 to 100: a flash of one
+    frame does not brake, a miss of one frame does not start the count again."""
+    frames_window: Annotated[int, Meta(ge=1, le=100)] = 3
+    """1 to 100, not below ``frames_min``."""
     corridor_half_m: Annotated[float, Meta(gt=0, le=10)] = 1.1
     """Half width of the ego's path around its centre line [m], above 0 to 10."""
-    camera_height_m: Annotated[float, Meta(gt=0, le=5)] = 1.4
-    """Camera above the road [m], above 0 to 5."""
-    camera_lateral_m: Annotated[float, Meta(ge=-5, le=5)] = -0.35
-    """Camera left of the ego's centre line [m], -5 to 5; right is negative."""
-    flank_length_m: Annotated[float, Meta(ge=0, le=30)] = 3.0
-    """Length granted to an object that is seen from the side [m], 0 to 30.
-
-    Its inner edge in the image is its far corner. Shorter than real cars on purpose: too short
-    moves an object towards the path, so the error is on the side of braking.
-    """
 
     def __post_init__(self) -> None:
-        """Refuse limits that the chosen rules would not look at."""
+        """Refuse what contradicts itself, and limits that the chosen rules would not look at."""
+        if self.frames_window < self.frames_min:
+            raise ValueError(
+                f"frames_window: given {self.frames_window}, "
+                f"allowed: at least frames_min {self.frames_min}"
+            )
         if self.rules == "autodrive":
             for name in _DEFAULT_RULES_ONLY:
                 if getattr(self, name) != Planner.__struct_defaults__[_FIELDS.index(name)]:
@@ -66,25 +86,10 @@ _DEFAULT_RULES_ONLY = tuple(name for name in _FIELDS if name not in ("rules", "c
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """A pinhole camera that looks straight ahead along a flat road."""
-
-    width_px: int
-    height_px: int
-    focal_px: float
-
-    @classmethod
-    def from_fov(cls, width_px: int, height_px: int, hfov_deg: float) -> View:
-        """View of a camera with square pixels and horizontal field of view ``hfov_deg`` [deg]."""
-        focal_px = 0.5 * width_px / math.tan(0.5 * math.radians(hfov_deg))
-        return cls(width_px, height_px, focal_px)
-
-
-@dataclass(frozen=True, slots=True)
 class Cruise:
-    """Drives; ``frames`` consecutive camera frames have shown something to brake for."""
+    """Drives; ``recent``: whether the last camera frames showed a threat, newest last."""
 
-    frames: int = 0
+    recent: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +128,20 @@ def plan(
     speed_mps: float,
     view: View,
     planner: Planner,
+    curvature_per_m: float = 0.0,
 ) -> tuple[State, Plan]:
     """One control tick.
 
     Args:
         state: the state of the last tick, :class:`Cruise` at reset for either rule set.
-        detections: those of a new camera frame; None when no frame is due (the count of frames
-            that agree is kept, neither raised nor reset).
+        detections: those of a new camera frame; None when no frame is due (what the last frames
+            showed is kept).
         speed_mps: forward speed of the ego [m/s].
         view: the camera that the detections come from.
         planner: parameters.
+        curvature_per_m: of the ego's path, left positive [1/m].
     """
-    state = _next_state(state, detections, speed_mps, view, planner)
+    state = _next_state(state, detections, speed_mps, view, planner, curvature_per_m)
     if isinstance(state, Cruise) or (isinstance(state, React) and not state.aeb):
         return state, Plan(planner.cruise_speed_mps, aeb=False)
     return state, Plan(0.0, aeb=True)
@@ -146,6 +153,7 @@ def _next_state(
     speed_mps: float,
     view: View,
     planner: Planner,
+    curvature_per_m: float,
 ) -> State:
     if planner.rules == "autodrive":
         if detections is None:
@@ -157,54 +165,82 @@ def _next_state(
         return Hold() if speed_mps < STANDSTILL_MPS else state
     if detections is None:
         return state
-    if not any(is_threat(detection, view, planner) for detection in detections):
-        return Cruise(frames=0)
-    frames = state.frames + 1
-    return Brake() if frames >= planner.frames_min else Cruise(frames)
+    ahead_m = nearest_m(detections, view, planner, curvature_per_m)
+    threat = ahead_m <= planner.ttc_max_s * speed_mps
+    recent = (*state.recent, threat)[-planner.frames_window :]
+    return Brake() if sum(recent) >= planner.frames_min else Cruise(recent)
 
 
-def is_threat(detection: Detection, view: View, planner: Planner) -> bool:
-    """Whether one detection, seen once, is something to brake for. All limits are inclusive."""
-    area_px2 = detection.width_px * detection.height_px
-    return (
-        detection.label in VEHICLE_CLASSES
-        and detection.confidence >= planner.confidence_min
-        and area_px2 >= planner.area_min_ratio * (view.width_px * view.height_px)
-        and is_in_path(detection, view, planner)
-    )
+def nearest_m(
+    detections: Sequence[Detection], view: View, planner: Planner, curvature_per_m: float = 0.0
+) -> float:
+    """How far ahead the nearest relevant object in the ego's path stands [m]; infinite if none.
+
+    All limits are inclusive.
+    """
+    ahead_m = math.inf
+    for detection in detections:
+        if is_relevant(detection, view, planner):
+            extent = extent_m(detection, view, curvature_per_m)
+            if extent is not None and extent.touches(planner.corridor_half_m):
+                ahead_m = min(ahead_m, extent.ahead_m)
+    return ahead_m
 
 
-def is_in_path(detection: Detection, view: View, planner: Planner) -> bool:
-    """Whether the object's lateral extent touches the ego's corridor."""
-    extent = lateral_extent_m(detection, view, planner)
-    if extent is None:
+def is_relevant(detection: Detection, view: View, planner: Planner) -> bool:
+    """Whether one detection is of a road user, confident and large enough; wherever it stands."""
+    shape, car = SHAPES.get(detection.label), SHAPES["car"]
+    if shape is None or detection.confidence < planner.confidence_min:
         return False
-    right_m, left_m = extent
-    return left_m >= -planner.corridor_half_m and right_m <= planner.corridor_half_m
+    share = shape.width_m * shape.height_m / (car.width_m * car.height_m)
+    least_px2 = planner.area_min_ratio * share * (view.width_px * view.height_px)
+    return detection.width_px * detection.height_px >= least_px2
 
 
-def lateral_extent_m(
-    detection: Detection, view: View, planner: Planner
-) -> tuple[float, float] | None:
-    """Where an object stands across the road, from its box alone.
+class Extent(NamedTuple):
+    """Where an object stands."""
 
-    On a flat road the box's bottom edge, d px below the horizon, is the near end of the object at
-    z = focal x camera height / d; a column u px right of the axis is u z / focal to the right. A
-    box that lies on one side of the axis shows the object's flank: the edge nearer to the axis is
-    the far corner, at z + flank length. (Without this, a parked car that leaves the image seems to
-    reach into the lane.)
+    ahead_m: float
+    """Its near end before the camera [m]."""
+    right_m: float
+    """Its right end, left of the middle of the ego's path [m]."""
+    left_m: float
+    """Its left end, likewise [m]."""
+
+    def touches(self, half_m: float) -> bool:
+        """Whether it reaches into a path of this half width [m]."""
+        return self.left_m >= -half_m and self.right_m <= half_m
+
+
+def extent_m(detection: Detection, view: View, curvature_per_m: float = 0.0) -> Extent | None:
+    """Where an object stands on a flat road, from its box alone.
+
+    The bottom edge of the box is the object's near end. A box that lies on one side of straight
+    ahead shows the object's flank: the edge nearer to that is the far corner, one flank further
+    away. (Without this, a parked car that leaves the image seems to reach into the lane.) The
+    middle of the path lies k x^2 / 2 to the left, with curvature k and x from the rear axle.
 
     Returns:
-        (right end, left end) in the ego's frame, left positive [m]; None if the box ends at or
-        above the horizon, so that it stands nowhere on a flat road.
+        None if the box ends at or above the horizon, so that it stands nowhere, or if its label has
+        no shape.
     """
-    below_horizon_px = detection.y_px + detection.height_px - 0.5 * view.height_px
-    if below_horizon_px <= 0.0:
+    shape = SHAPES.get(detection.label)
+    bottom_px = detection.y_px + detection.height_px
+    ends_px = detection.x_px, detection.x_px + detection.width_px
+    ahead_m = view.ground_m(0.5 * (ends_px[0] + ends_px[1]), bottom_px)
+    if shape is None or ahead_m is None:
         return None
-    near_m = view.focal_px * planner.camera_height_m / below_horizon_px
-    far_m = near_m + planner.flank_length_m
-    left_px = detection.x_px - 0.5 * view.width_px
-    right_px = left_px + detection.width_px
-    left_m = -left_px * (far_m if left_px > 0.0 else near_m) / view.focal_px
-    right_m = -right_px * (far_m if right_px < 0.0 else near_m) / view.focal_px
-    return planner.camera_lateral_m + right_m, planner.camera_lateral_m + left_m
+    far_m = ahead_m + shape.flank_m
+
+    def across_m(end_px: float, distance_m: float) -> float:
+        x_m = view.forward_m + distance_m
+        middle_m = 0.5 * curvature_per_m * x_m * x_m
+        return view.across_m(end_px, bottom_px, distance_m) - middle_m
+
+    def is_left(end_px: float) -> bool:
+        return view.ray(end_px, bottom_px)[1] > 0.0
+
+    left_px, right_px = ends_px
+    left_m = across_m(left_px, ahead_m if is_left(left_px) else far_m)
+    right_m = across_m(right_px, far_m if is_left(right_px) else ahead_m)
+    return Extent(ahead_m, right_m, left_m)

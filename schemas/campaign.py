@@ -20,6 +20,9 @@ from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.names import TimeOfDay, minutes
 from schemas.names import Weather as Weather
+from schemas.perception import GroundTruthPerception as GroundTruthPerception
+from schemas.perception import NetworkPerception as NetworkPerception
+from schemas.perception import Perception, file_fields
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
 
@@ -84,15 +87,6 @@ class Scenario(_Spec, frozen=True):
     """Coming to rest further than this from the obstacle is false braking [m]."""
 
 
-class GroundTruthPerception(_Spec, frozen=True, tag_field="type", tag="ground_truth"):
-    """The box sensor seen through a contrast threshold: fog, night and rain make it miss."""
-
-    contrast_min: Annotated[float, Meta(gt=0, le=1)] = 0.05
-    """Contrast of object against surroundings at which confidence is 0.5 [-]."""
-    pixels_min: Annotated[int, Meta(ge=1)] = 24
-    """Fewest visible pixels of an object that can be detected [px]."""
-
-
 class Autonomy(_Spec, frozen=True):
     """The stack under test and its perception variants."""
 
@@ -104,7 +98,7 @@ class Autonomy(_Spec, frozen=True):
     """Delay between a frame and the effect of its command, in sim time [ms]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
-    perception: dict[Name, GroundTruthPerception] = msgspec.field(
+    perception: dict[Name, Perception] = msgspec.field(
         default_factory=lambda: {"default": GroundTruthPerception()}
     )
     """Perception variants by name; the matrix axis ``model`` chooses one."""
@@ -171,8 +165,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Points removed from the matrix; an axis left out matches every value."""
     batch: Batch | None = None
     files: dict[str, str] = {}
-    """SHA-256 of scene and vehicle files given by path, with the files that those name; filled in
-    at submission, so that a file that changes meanwhile is noticed."""
+    """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
+    filled in at submission, so that a file that changes meanwhile is noticed."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -197,7 +191,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     parameters: dict[str, bool | int | float | str]
     model: str
     """Name of the perception variant."""
-    perception: GroundTruthPerception
+    perception: Perception
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
     """Local time [minutes after midnight]."""
     weather: Name
@@ -207,6 +201,16 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Label only, from 1; 0 without batches."""
     files: dict[str, str] = {}
     """Those of :attr:`Campaign.files` that the case uses."""
+
+    def simulator_files(self) -> dict[str, str]:
+        """Digests of the files that the simulator reads: scene and vehicle."""
+        names = (self.scenario.scene, self.scenario.vehicle)
+        return {name: self.files[name] for name in names if name in self.files}
+
+    def model_files(self) -> dict[str, str]:
+        """Digests of the files that the stack reads: those of the perception variant."""
+        names = file_fields(self.perception).values()
+        return {name: self.files[name] for name in names if name in self.files}
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -421,7 +425,10 @@ def _case(
             batch=batch,
             files={
                 name: campaign.files[name]
-                for name in (scenario.scene, scenario.vehicle)
+                for name in (
+                    *(scenario.scene, scenario.vehicle),
+                    *file_fields(variants[str(model)]).values(),
+                )
                 if name in campaign.files
             },
         ),

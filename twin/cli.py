@@ -157,6 +157,10 @@ def snapshot(
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
+    at_m: Annotated[
+        float | None,
+        typer.Option(help="Stand so far along the lane instead, from the road's start [m]."),
+    ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",
 ) -> None:
@@ -171,6 +175,7 @@ def snapshot(
         scene=scene,
         vehicle=vehicle,
         distance_m=distance,
+        at_m=at_m,
         width_px=width,
         device=device,
     )

@@ -347,7 +347,7 @@ def frame_channels(case: Case, slots: int) -> list[Channel]:
 
 def _check_files(case: Case) -> None:
     """Refuse scene and vehicle files that are not those of the submission."""
-    for name, digest in case.files.items():
+    for name, digest in case.simulator_files().items():
         if asset_digest(Path(name)) != digest:
             raise ValueError(
                 f"{name}: it, or a file it names, is not what the campaign was submitted with; "

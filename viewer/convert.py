@@ -162,7 +162,8 @@ class CaseConverter:
         x_m = sample.x_m + nose * math.cos(sample.yaw_rad)
         y_m = sample.y_m + nose * math.sin(sample.yaw_rad)
         center = stage.obstacle_center_m
-        rear = [center[0] - stage.obstacle_size_m[0] / 2, center[1], 0.3]
+        half, yaw = stage.obstacle_size_m[0] / 2, stage.obstacle_yaw_rad
+        rear = [center[0] - half * math.cos(yaw), center[1] - half * math.sin(yaw), 0.3]
         return rr.LineStrips3D(
             [[[x_m, y_m, 0.3], rear]],
             colors=[RED if braking else GREEN],
@@ -179,11 +180,10 @@ def _pose(sample: StateSample) -> rr.Transform3D:
 
 def _street(stage: Stage) -> list[Logged]:
     """Lane edges, kerbs, the obstacle, parked cars and buildings."""
-    start, end, lane = stage.road_start_m, stage.road_end_m, stage.lane_width_m
+    lane = stage.lane_width_m
     right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
     edges = [-lane / 2, lane / 2, 1.5 * lane]
-    strips = [[[start, y, 0.02], [end, y, 0.02]] for y in edges]
-    strips += [[[start, y, 0.02], [end, y, 0.02]] for y in (right, left)]
+    strips = [_beside(stage.lane, y) for y in (*edges, right, left)]
     colors = [GREY, (225, 190, 80), GREY, (80, 84, 92), (80, 84, 92)]
     cars = stage.hulls[: stage.cars]
     walls = [hull for hull in stage.hulls[stage.cars :] if hull[3] >= POST_M]
@@ -195,6 +195,9 @@ def _street(stage: Stage) -> list[Logged]:
             rr.Boxes3D(
                 centers=[stage.obstacle_center_m],
                 sizes=[stage.obstacle_size_m],
+                rotation_axis_angles=[
+                    rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=stage.obstacle_yaw_rad))
+                ],
                 colors=[RED],
                 fill_mode="solid",
             ),
@@ -205,6 +208,11 @@ def _street(stage: Stage) -> list[Logged]:
     if walls:
         logged.append((naming.BUILDINGS, _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57))))
     return logged
+
+
+def _beside(lane: list[list[float]], y_m: float) -> list[list[float]]:
+    """The line ``y_m`` to the left of a lane, a little above the ground."""
+    return [[x - y_m * math.sin(yaw), y + y_m * math.cos(yaw), 0.02] for x, y, yaw in lane]
 
 
 def _hulls(hulls: list[list[float]], height_m: float, color: Color) -> rr.Boxes3D:

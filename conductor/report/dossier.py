@@ -11,6 +11,7 @@ from conductor.folders import CAMPAIGN_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
+from schemas.perception import file_fields
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -100,13 +101,14 @@ def open_dossier(folder: Path) -> Dossier:
 
 def perception_text(case: Case) -> str:
     """What the perception variant of ``case`` really is, e.g. ``ground_truth stand-in,
-    contrast_min 0.05``: the name of a network alone would claim too much."""
+    contrast_min 0.05``: the name of a network alone would claim too much. Files by their name."""
     spec = case.perception
     kind = str(spec.__struct_config__.tag or "")
     defaults = dict(
         zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
     )
     values = msgspec.to_builtins(spec)
+    values.update((name, Path(path).name) for name, path in file_fields(spec).items())
     stand_in = kind == "ground_truth" and case.model != kind
     shown = [
         f"{name} {values[name]}"

@@ -21,6 +21,7 @@ from conductor.report.dossier import Dossier
 from conductor.report.evidence import commands, versions
 from conductor.report.figures import curve_frame, heat_maps
 from conductor.report.palette import line_styles, status_color, status_symbol
+from conductor.report.perception_cost import perception_costs
 from conductor.report.resources_figure import resource_figure
 from conductor.report.tables import statuses, verdict_table, without_verdict
 
@@ -44,6 +45,7 @@ def render(content: Content) -> str:
         outcomes=dossier.outcomes,
         evidence=content.evidence,
         resources=content.resources,
+        perception=perception_costs(dossier),
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -248,7 +249,7 @@ def test_what_a_process_cannot_do_is_one_line(tmp_path):
     folder = tmp_path / "d"
 
     def spoil(done, total):
-        (folder / "images" / "train").rmdir()
+        shutil.rmtree(folder / "images" / "train", ignore_errors=True)
 
     with pytest.raises(InfrastructureError, match="images/train") as caught:
         make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=spoil)

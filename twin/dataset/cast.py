@@ -86,10 +86,10 @@ def _base(name: str) -> Scene:
         scene = load_scene(name)
     except ValueError as error:
         raise UsageError(f"dataset: {error}") from None
-    if not scene.street or scene.terrain is not None:
+    if not scene.street or scene.terrain is not None or scene.road.path:
         raise UsageError(
-            f"dataset: scene '{name}': it has no generated street on level ground; "
-            "give a scene with street: true and no terrain"
+            f"dataset: scene '{name}': it has no straight generated street on level ground; "
+            "give a scene with street: true, without road.path and terrain"
         )
     return scene
 

@@ -1,18 +1,13 @@
-"""``twin dataset``: what the command line says, and how it is told how far things are."""
+"""``twin dataset``: what the command line says."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
-import sys
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from twin.dataset.folder import Folder
 from twin.dataset.making import make_dataset
@@ -20,9 +15,8 @@ from twin.dataset.recipe import SPLITS, parse_recipe
 from twin.dataset.sheet import write_sheet
 from twin.dataset.tally import print_tally, tally
 from twin.fabric.errors import UsageError
+from twin.fabric.progress import progress
 
-LINES = 20
-"""Lines of progress in a log file."""
 _GPU_SLOTS, _GPU_JOBS = 64, 4
 
 
@@ -70,7 +64,7 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
         data["rules"] = {**data.get("rules", {}), **dict(_rule(text) for text in request.rules)}
     recipe = parse_recipe(data, "dataset")
     on_cpu, cores = request.device == "cpu", len(os.sched_getaffinity(0))
-    with _progress() as report:
+    with progress("dataset", "rendering", "images") as report:
         found = make_dataset(
             request.out,
             recipe,
@@ -115,35 +109,3 @@ def _rule(text: str) -> tuple[str, Any]:
         whole = key.strip().endswith("_px_min") and value.is_integer()
         return key.strip(), int(value) if whole else value
     raise UsageError(f"--rule '{text}': give KEY=NUMBER, as in visibility_min=0.3")
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """A bar on a terminal, otherwise a line on stderr now and then."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield _Lines()
-        return
-    columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("images"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("rendering", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-class _Lines:
-    """A line whenever another twentieth is done."""
-
-    def __init__(self) -> None:
-        self._step = -1
-
-    def __call__(self, done: int, total: int) -> None:
-        step = done * LINES // total
-        if step != self._step:
-            self._step = step
-            print(f"dataset: {done} of {total} images", file=sys.stderr, flush=True)

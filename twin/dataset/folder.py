@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +13,9 @@ import yaml
 
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.errors import UsageError
 from twin.fabric.files import sync_files, write_atomic
+from twin.fabric.folder_lock import after_all_writers, one_of_the_writers
 
 HEAD = "dataset.yaml"
 _PARTS = ".parts"
@@ -88,7 +86,7 @@ class Folder:
             return True
         for folder in ("annotations", _PARTS, *(f"images/{split}" for split in recipe.counts())):
             (self.path / folder).mkdir(parents=True, exist_ok=True)
-        with self._lock(_PARTS, fcntl.LOCK_EX):  # processes of a killed command are gone
+        with after_all_writers(self.path / _PARTS):  # processes of a killed command are gone
             self.sweep()
         return False
 
@@ -98,8 +96,8 @@ class Folder:
             left.unlink(missing_ok=True)
 
     def writing(self) -> contextlib.AbstractContextManager[None]:
-        """In a process that writes images for the one that is :meth:`alone`."""
-        return self._lock(_PARTS, fcntl.LOCK_SH)
+        """In a process that writes images for the only writer."""
+        return one_of_the_writers(self.path / _PARTS)
 
     def _check(self, head: dict[str, Any], recipe: Recipe, maker: Maker) -> None:
         stored = parse_recipe(head["recipe"], str(self.head_path))
@@ -157,34 +155,6 @@ class Folder:
             for path in parts.iterdir():
                 path.unlink()
             parts.rmdir()
-
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Nobody else writes here meanwhile.
-
-        Raises:
-            InfrastructureError: somebody does.
-        """
-        self.path.mkdir(parents=True, exist_ok=True)
-        with contextlib.ExitStack() as held:
-            try:
-                held.enter_context(self._lock("", fcntl.LOCK_EX | fcntl.LOCK_NB))
-            except BlockingIOError:
-                raise InfrastructureError(
-                    f"{self.path}: another process is writing to it; wait for it or give another "
-                    "folder"
-                ) from None
-            yield
-
-    @contextlib.contextmanager
-    def _lock(self, name: str, how: int) -> Iterator[None]:
-        """Hold a lock on one of the folders; it goes with the process."""
-        descriptor = os.open(self.path / name, os.O_RDONLY)
-        try:
-            fcntl.flock(descriptor, how)
-            yield
-        finally:
-            os.close(descriptor)
 
 
 def _shown(value: Any) -> str:

@@ -14,6 +14,7 @@ from twin.dataset.recipe import Recipe
 from twin.dataset.renderer import Renderer
 from twin.dataset.shot import where
 from twin.dataset.task import Agenda, Task, divided
+from twin.fabric.folder_lock import only_writer
 from twin.fabric.software import device_class, software_digest
 from twin.world.kernel_cache import prepare_kernels
 
@@ -38,7 +39,7 @@ def make_dataset(
     folder = Folder(path)
     renderer = Renderer(folder, recipe, slots, device)
     folder.read_head()  # before anything is made: a folder that is not ours stays as it is
-    with folder.alone():
+    with only_writer(path):
         if not folder.open(recipe, maker):
             tasks = list(_missing(folder, recipe, slots))
             done = recipe.count - sum(len(task.indices) for task in tasks)

@@ -17,7 +17,7 @@ _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *("onnxruntime", "onnxruntime-gpu"),
 )
-_SUFFIXES = {".py", ".yaml", ".cfg"}
+_SUFFIXES = {".py", ".yaml", ".cfg", ".onnx"}
 
 
 def software_digest() -> str:

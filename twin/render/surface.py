@@ -120,7 +120,7 @@ def _shopfront(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: S
 
 
 @wp.func
-def _ground(s: Surface, material: wp.int32, p: wp.vec3, distance: wp.float32, light: SlotLight):
+def _ground(s: Surface, material: wp.int32, p: wp.vec2, distance: wp.float32, light: SlotLight):
     """Road, paving and paint: texture, water, snow."""
     patch = value_noise(p[0] * 0.22, p[1] * 0.9, 5)
     if material == _PAVING:
@@ -238,12 +238,14 @@ def surface_at(
     albedo: wp.vec3,
     on: wp.vec2,
     p: wp.vec3,
+    ground: wp.vec2,
     normal: wp.vec3,
     distance: wp.float32,
     light: SlotLight,
 ) -> Surface:
     """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m].
 
+    ``ground``: x along the street and y across it, where patterns of the ground lie [m];
     ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
     brake lamps are on.
     """
@@ -252,7 +254,7 @@ def surface_at(
     s.retro = 1.0
     m = face.material
     if m <= _LAST_GROUND and m != _PLAIN:
-        return _ground(s, m, p, distance, light)
+        return _ground(s, m, ground, distance, light)
     u = p[0]
     if wp.abs(normal[0]) > 0.7:
         u = p[1] + 0.7

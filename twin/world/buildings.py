@@ -21,28 +21,32 @@ _CLOSING_M = 12.0
 
 
 def add_buildings(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
-    """Add all buildings; returns the hulls of those that a vehicle can reach."""
+    """Add all buildings but those along curves (:mod:`twin.world.bends`); returns the hulls of
+    those that a vehicle can reach."""
     rng = generator(scene, 1)
     hulls: list[Hull] = []
     with mesh.label("building"):
         for block in layout.blocks:
             for _, wall, sign in layout.rows():
-                hulls += _main_row(mesh, scene, block, wall, sign, rng)
+                if block.curvature == 0.0:
+                    hulls += _main_row(mesh, scene, layout, block, (wall, sign), rng)
         for centre in layout.sides:
             for _, wall, sign in layout.rows():
                 hulls += _side_rows(mesh, scene, layout, centre, (wall, sign), rng)
-        hulls += _closing_rows(mesh, scene, layout, rng)
+        if not layout.lane.closed:
+            hulls += _closing_rows(mesh, scene, layout, rng)
     return hulls
 
 
 def _main_row(
     mesh: MeshBuilder,
     scene: Scene,
+    layout: Layout,
     block: Block,
-    wall: float,
-    sign: float,
+    row: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Hull]:
+    wall, sign = row
     low, high = scene.buildings.width_m
     start, end = block.walls
     depth = scene.buildings.depth_m
@@ -54,13 +58,25 @@ def _main_row(
         size = (right - x, depth, rng.uniform(*scene.buildings.height_m))
         # In the building's own axes its front is at y = 0 and its depth at +y.
         corner = (x, wall, 0.0) if sign > 0 else (right, wall, np.pi)
-        first, last = x == start and block.opens, right == end and block.closes
+        opens = block.opens or layout.square_beside(block, -1, sign)
+        closes = block.closes or layout.square_beside(block, 1, sign)
+        first, last = x == start and opens, right == end and closes
         flanks = (first, last) if sign > 0 else (last, first)
-        near = x - NEAR_M[1] < scene.obstacle.x_m < right + NEAR_M[0]
-        add_building(mesh, corner, size, flanks, rng, relief=near)
-        hulls.append(_hull(x, right, wall, wall + sign * depth))
+        relief = near_obstacle(scene, layout, x, right)
+        add_building(mesh, layout.at(*corner), size, flanks, rng, relief)
+        middle = layout.at((x + right) / 2, wall + sign * depth / 2)
+        hulls.append((*middle, (right - x) / 2, depth / 2))
         x = right
     return hulls
+
+
+def near_obstacle(scene: Scene, layout: Layout, x0: float, x1: float) -> bool:
+    """Whether the ego comes past what stands along the street from ``x0`` to ``x1`` on its way to
+    the obstacle, or sees it from there."""
+    first, last = x0 - NEAR_M[1], x1 + NEAR_M[0]
+    if layout.lane.closed:
+        return (scene.obstacle.x_m - first) % layout.lane.length_m < last - first
+    return first < scene.obstacle.x_m < last
 
 
 def _side_rows(

@@ -7,6 +7,7 @@ import inspect
 import msgspec
 import numpy as np
 import pytest
+from camera_sites import camera_site
 
 from devkit.aeb import AebStack
 from devkit.control import Controller
@@ -36,6 +37,7 @@ def episode(slot: int, token: int, contrast_min: float = 0.05) -> Episode:
         height=HEIGHT,
         hfov_deg=70.0,
         control_period_ns=50_000_000,
+        cameras=[camera_site(WIDTH, HEIGHT)],
     )
 
 

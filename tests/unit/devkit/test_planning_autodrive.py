@@ -6,12 +6,14 @@ import math
 
 import msgspec
 import pytest
+from camera_sites import camera_site
 
-from devkit.planning import Brake, Cruise, Plan, Planner, React, View, plan
+from devkit.planning import Brake, Cruise, Plan, Planner, React, plan
 from devkit.planning_autodrive import brakes
+from devkit.view import View
 from schemas.messages import Detection
 
-VIEW = View.from_fov(640, 360, 70.0)
+VIEW = View.of_site(camera_site())
 PLANNER = Planner(rules="autodrive", cruise_speed_mps=5.0)
 CAR = Detection("car", 0.5, 0.0, 0.0, 40.0, 25.0)
 
@@ -69,7 +71,7 @@ def test_the_default_rules_need_two_frames_and_latch():
 
 
 @pytest.mark.parametrize(
-    "limits", [{"frames_min": 3}, {"confidence_min": 0.4}, {"area_min_ratio": 0.1}]
+    "limits", [{"ttc_max_s": 2.0}, {"confidence_min": 0.4}, {"area_min_ratio": 0.1}]
 )
 def test_limits_that_would_have_no_effect_are_refused(limits):
     with pytest.raises(ValueError, match=f"{next(iter(limits))} is set, but rules: autodrive"):
