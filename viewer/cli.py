@@ -39,10 +39,7 @@ Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-dem
 Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
 At = Annotated[
     str,
-    typer.Option(
-        help="aeb (without a trigger: closest approach), end (a second before it), "
-        "or seconds of sim time."
-    ),
+    typer.Option(help="aeb (without a trigger: closest approach), or seconds of sim time."),
 ]
 
 
@@ -66,31 +63,6 @@ def shot(
     if not found.complete:
         tell(f"{found.path}: the recording is incomplete")
     print(f"{out}: {case}, {moment.label}")
-
-
-@app.command()
-def frame(
-    folder: Folder,
-    case: Case,
-    out: Annotated[Path, typer.Option(help=".png or .jpg file to write.")] = Path("frame.png"),
-    at: At = "aeb",
-) -> None:
-    """Take the camera's picture of a moment out of a recording, with the boxes of stack and truth.
-
-    Orange boxes with confidence are what the stack saw, thin cyan ones the truth.
-    """
-    from viewer.folder import find_moment, find_recording
-    from viewer.frame import read_frame, write_frame
-    from viewer.shot import check_out
-
-    check_out(out, (".png", ".jpg"))
-    found = find_recording(folder, case)
-    moment = find_moment(found, at)
-    picture = read_frame(found.path, moment)
-    write_frame(picture, out)
-    if not found.complete:
-        tell(f"{found.path}: the recording is incomplete")
-    print(f"{out}: {case}, {moment.label}, picture of {picture.sim_time_ns / 1e9:.2f} s")
 
 
 @app.command()

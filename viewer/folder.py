@@ -14,9 +14,6 @@ from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import read_kpi
 from viewer import naming
 
-BEFORE_END_NS = 1_000_000_000
-"""How long before the end of a case the moment ``end`` is [ns]."""
-
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -63,30 +60,26 @@ def find_recording(folder: Path, case: str) -> Found:
 
 
 def find_moment(found: Found, at: str) -> Moment:
-    """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``end`` (a second before
-    the case ended), or seconds of sim time.
+    """The moment ``at``: ``aeb`` (without a trigger: closest approach), or seconds of sim time.
 
     Raises:
         UsageError: neither, or the case has not got that far.
     """
-    if at not in ("aeb", "end"):
+    if at != "aeb":
         try:
             seconds = float(at)
         except ValueError:
             seconds = -1.0
         if not 0 <= seconds <= 1e6:
-            raise UsageError(f"--at {at}: expected aeb, end, or seconds of sim time such as 2.5")
+            raise UsageError(f"--at {at}: expected aeb, or seconds of sim time such as 2.5")
         return Moment(round(seconds * 1e9), f"{seconds:g} s")
     if not found.kpi.is_file():
         raise UsageError(
-            f"{found.kpi}: the attempt did not end, so nothing says when that was; "
+            f"{found.kpi}: the attempt did not end, so nothing says where AEB was; "
             "give --at SECONDS"
         )
     columns: dict[str, list[Any]] = read_kpi(found.kpi).to_pydict()
     times = columns["sim_time_ns"]
-    if at == "end":
-        time = max(0, times[-1] - BEFORE_END_NS)
-        return Moment(time, f"{time / 1e9:.2f} s, a second before the end")
     for row, braking in enumerate(columns["aeb"]):
         if braking:
             return Moment(times[row], f"AEB trigger at {times[row] / 1e9:.2f} s")

@@ -29,11 +29,10 @@ def parse_size(text: str) -> tuple[int, int]:
     return size
 
 
-def check_out(out: Path, suffixes: tuple[str, ...] = (".png",)) -> None:
-    """Raise UsageError unless ``out`` can become a picture of these kinds; makes its folder."""
-    if out.suffix.lower() not in suffixes:
-        allowed = " or ".join(suffixes)
-        raise UsageError(f"--out {out}: expected a file name that ends in {allowed}")
+def check_out(out: Path) -> None:
+    """Raise UsageError unless ``out`` can become a PNG file; makes its folder."""
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"--out {out}: expected a file name that ends in .png")
     try:
         out.absolute().parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

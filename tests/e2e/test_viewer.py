@@ -224,7 +224,7 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
             (["shot", str(tmp_path), case], "not a campaign folder"),
             (
                 ["shot", str(recorded["folder"]), case, "--at", "soon"],
-                "expected aeb, end, or seconds",
+                "expected aeb, or seconds",
             ),
             (["live"], "give one of --connect"),
             (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
