@@ -39,7 +39,9 @@ Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-dem
 Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
 At = Annotated[
     str,
-    typer.Option(help="aeb (without a trigger: closest approach), or seconds of sim time."),
+    typer.Option(
+        help="aeb (without a trigger: closest approach), closest, or seconds of sim time."
+    ),
 ]
 
 
@@ -63,6 +65,28 @@ def shot(
     if not found.complete:
         tell(f"{found.path}: the recording is incomplete")
     print(f"{out}: {case}, {moment.label}")
+
+
+@app.command()
+def frame(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("frame.png"),
+    at: At = "aeb",
+) -> None:
+    """Write the camera's picture of a moment with its boxes; needs no graphics driver."""
+    from viewer.folder import find_moment, find_recording
+    from viewer.frames import read_case
+    from viewer.shot import check_out
+    from viewer.still import write_still
+
+    check_out(out)
+    found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    seconds = write_still(read_case(found.path), moment, out)
+    if not found.complete:
+        tell(f"{found.path}: the recording is incomplete")
+    print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
 
 
 @app.command()

@@ -195,7 +195,10 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
             (["shot", str(recorded["folder"]), f"{case}x"], f"did you mean '{case}'?"),
             (["replay", str(quiet["folder"]), case], "--view record"),
             (["shot", str(tmp_path), case], "not a campaign folder"),
-            (["shot", str(recorded["folder"]), case, "--at", "soon"], "expected aeb, or seconds"),
+            (
+                ["shot", str(recorded["folder"]), case, "--at", "soon"],
+                "expected aeb, closest, or seconds",
+            ),
             (["live"], "give one of --connect"),
             (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
             (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),

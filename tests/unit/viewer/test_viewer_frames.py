@@ -1,34 +1,15 @@
 """Reading a recording back: what was logged, tick by tick."""
 
-import numpy as np
 import pytest
 import rerun as rr
-from view_messages import camera, controls, detection, end, start, state
+from recorded_case import PICTURES, write
+from view_messages import end, start, state
 
-from schemas.view import Box
 from twin.fabric.errors import UsageError
-from twin.worker.view_samples import jpeg
 from viewer import naming
+from viewer.folder import find_moment, find_recording
 from viewer.frames import Mark, read_case
 from viewer.recording import Recording
-
-PICTURES = [jpeg(np.full((36, 64, 3), shade, np.uint8)) for shade in (10, 120, 230)]
-
-
-def write(folder, ended=True):
-    """Pictures at ticks 0, 2, 4; braking from tick 3 on; one near and one far detection."""
-    recording = Recording(start(folder))
-    seq = 1
-    for tick in range(6):
-        boxes = [Box("car", 10.0, 12.0, 20.0, 8.0, 21.0)] if tick % 2 == 0 else None
-        if tick % 2 == 0:
-            recording.camera(camera(seq, tick), PICTURES[tick // 2])
-            seq += 1
-        asked = controls(tick >= 3, [detection(20.0), detection(2.0)]) if tick < 5 else None
-        recording.state(state(seq, tick, controls=asked, boxes=boxes, ttc_s=None if tick else 2.0))
-        seq += 1
-    recording.close(end(seq, tick=5) if ended else None)
-    return folder / naming.RECORDING_FILE
 
 
 def test_every_tick_comes_back_in_order_with_what_was_seen(tmp_path):
@@ -62,11 +43,21 @@ def test_the_picture_of_a_time_is_the_latest_until_then(tmp_path, time_ms, index
 def test_a_killed_recorder_leaves_what_it_wrote(tmp_path):
     whole = write(tmp_path, ended=False).read_bytes()
     cut = tmp_path / "cut.rrd"
-    cut.write_bytes(whole[: len(whole) // 5])
+    cut.write_bytes(whole[: len(whole) * 3 // 10])
     case = read_case(cut)
     assert case.properties["case"]["case"] == "clear-1"
     assert "verdict" not in case.properties
     assert case.path == cut
+
+
+def test_moments_of_an_attempt_that_left_no_kpi_rows(tmp_path):
+    for name, brakes in (("braked", True), ("not", False)):
+        write(tmp_path / "cases" / name / "attempt-1", ended=False, brakes=brakes)
+    braked = find_recording(tmp_path, "braked")
+    assert not braked.complete
+    assert find_moment(braked, "aeb").sim_time_ns == 150_000_000
+    assert find_moment(braked, "closest").sim_time_ns == 200_000_000
+    assert "no AEB trigger" in find_moment(find_recording(tmp_path, "not"), "aeb").label
 
 
 def test_what_is_no_recording_of_a_case_is_refused_in_one_line(tmp_path):
