@@ -37,6 +37,7 @@ def record(
 
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
+AnyCase = Annotated[str, typer.Argument(help="Case id; none: all cases that were recorded.")]
 At = Annotated[
     str,
     typer.Option(
@@ -90,15 +91,35 @@ def frame(
 
 
 @app.command()
-def replay(folder: Folder, case: Case, at: At = "aeb") -> None:
-    """Open a recorded case in the native viewer, paused at a moment."""
+def replay(
+    folder: Folder,
+    case: AnyCase = "",
+    at: At = "aeb",
+    output: OutputOption = Output.human,
+) -> None:
+    """Open a recorded case in the native viewer, paused at a moment; or the table of all cases.
+
+    With --output json nothing is opened.
+    """
+    from viewer.catalogue import read_catalogue
     from viewer.folder import find_moment, find_recording
+    from viewer.replay import print_catalogue, replay_all
     from viewer.replay import replay as show
 
-    found = find_recording(folder, case)
-    if not found.complete:
-        tell(f"{found.path}: the recording is incomplete")
-    show(found, find_moment(found, at))
+    if case:
+        if output is Output.json:
+            raise UsageError("--output json lists all recordings; leave out the case")
+        found = find_recording(folder, case)
+        if not found.complete:
+            tell(f"{found.path}: the recording is incomplete")
+        show(found, find_moment(found, at))
+        return
+    catalogue = read_catalogue(folder, at)
+    for line in catalogue.remarks():
+        tell(line)
+    print_catalogue(catalogue, output)
+    if output is Output.human:
+        replay_all(catalogue)
 
 
 @app.command()

@@ -41,12 +41,9 @@ def find_recording(folder: Path, case: str) -> Found:
     Raises:
         UsageError: no such folder or case, or it was not recorded.
     """
-    cases = folder / "cases"
-    if not cases.is_dir():
-        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    names = case_names(folder)
     attempts = _attempts(folder, case)
     if not attempts:
-        names = sorted(path.name for path in cases.iterdir())
         close = difflib.get_close_matches(case, names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
         raise UsageError(f"{folder}: no case '{case}'; {hint}")
@@ -58,6 +55,18 @@ def find_recording(folder: Path, case: str) -> Found:
     raise UsageError(
         f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
     )
+
+
+def case_names(folder: Path) -> list[str]:
+    """Cases of a campaign folder that have begun, sorted.
+
+    Raises:
+        UsageError: it is not one.
+    """
+    cases = folder / "cases"
+    if not cases.is_dir():
+        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    return sorted(path.name for path in cases.iterdir() if path.is_dir())
 
 
 def find_moment(found: Found, at: str) -> Moment:

@@ -116,16 +116,30 @@ def read_case(path: Path) -> RecordedCase:
     Raises:
         UsageError: it is not there, damaged from the start, or no case's recording.
     """
+    return _read(path, None)
+
+
+def read_cover(path: Path) -> RecordedCase:
+    """What a recording says about itself: no frames and no events, but in milliseconds.
+
+    Raises:
+        UsageError: as `read_case`.
+    """
+    return _read(path, f"/{_PROPERTIES}**")
+
+
+def _read(path: Path, content: str | None) -> RecordedCase:
+    """``content``: only these entities; None: all of them."""
     if not path.is_file():
         raise UsageError(f"{path}: no such file")
     try:
-        return _read(path)
+        return _read_whole(path, content)
     except (OSError, ValueError, RuntimeError):
         # A power cut leaves half a message at the end.
-        return _read_repaired(path)
+        return _read_repaired(path, content)
 
 
-def _read(path: Path) -> RecordedCase:
+def _read_whole(path: Path, content: str | None) -> RecordedCase:
     with warnings.catch_warnings():
         # The file of a killed recorder has no footer; that is what this reader says about it.
         warnings.simplefilter("ignore", RerunWarning)
@@ -135,7 +149,7 @@ def _read(path: Path) -> RecordedCase:
             raise UsageError(f"{path}: not the recording of a case")
         case = RecordedCase(path, store.recording_id)
         frames: dict[int, Frame] = {}
-        for chunk in reader.stream(store=store):
+        for chunk in reader.stream(store=store).filter(content=content):
             _take(case, frames, chunk)
     case.frames = [frames[time_ns] for time_ns in sorted(frames)]
     for frame in case.frames:
@@ -145,7 +159,7 @@ def _read(path: Path) -> RecordedCase:
     return case
 
 
-def _read_repaired(path: Path) -> RecordedCase:
+def _read_repaired(path: Path, content: str | None) -> RecordedCase:
     """Read what Rerun's own tool saves of a damaged file."""
     with tempfile.TemporaryDirectory(prefix="viewer-") as folder:
         whole = Path(folder, path.name)
@@ -154,8 +168,8 @@ def _read_repaired(path: Path) -> RecordedCase:
         done = subprocess.run(command, env=environment, capture_output=True, check=False)
         try:
             if done.returncode:
-                raise ValueError(done.stderr.decode(errors="replace").strip()[:200])
-            case = _read(whole)
+                raise ValueError(done.stderr.decode(errors="replace"))
+            case = _read_whole(whole, content)
         except (OSError, ValueError, RuntimeError, UsageError):
             raise UsageError(f"{path}: damaged, or not the recording of a case") from None
     case.path = path
