@@ -10,6 +10,7 @@ from twin.fabric.errors import UsageError
 from viewer.drawing import drawn
 from viewer.folder import Moment
 from viewer.frames import RecordedCase
+from viewer.outputs import write_whole
 
 
 def write_still(case: RecordedCase, moment: Moment, out: Path) -> float:
@@ -25,8 +26,5 @@ def write_still(case: RecordedCase, moment: Moment, out: Path) -> float:
         )
     frame = case.picture_at(moment.sim_time_ns)
     _, data = cv2.imencode(".png", drawn(frame, frame))
-    try:
-        out.write_bytes(bytes(data))
-    except OSError as error:
-        raise UsageError(f"--out {out}: {error.strerror}") from None
+    write_whole(out, bytes(data))
     return frame.sim_time_ns / 1e9

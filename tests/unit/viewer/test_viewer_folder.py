@@ -9,7 +9,8 @@ from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import kpi_table, write_kpi
 from viewer import native
 from viewer.folder import find_moment, find_recording
-from viewer.shot import check_out, parse_size
+from viewer.outputs import check_out
+from viewer.shot import parse_size
 
 
 def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=True):
@@ -79,7 +80,7 @@ def test_errors_are_one_line_and_say_what_to_do(tmp_path):
         (lambda: find_moment(found, "aeb"), "not the recording of a case"),
         (lambda: parse_size("12"), "expected WIDTHxHEIGHT"),
         (lambda: parse_size("9000x10"), "expected WIDTHxHEIGHT"),
-        (lambda: check_out(tmp_path / "a.jpg"), "ends in .png"),
+        (lambda: check_out(tmp_path / "a.jpg", ".png"), "ends in .png"),
     ]:
         with pytest.raises(UsageError) as error:
             call()
