@@ -11,6 +11,8 @@ from conductor.report.dossier import Dossier, Row
 
 EXAMPLES_MAX = 6
 """Cases of a model that are shown with a picture."""
+BEFORE_END_S = 1.0
+"""How long before the end one looks at a case without AEB [s]."""
 EXTREMES_MAX = 5
 """Lines of a table of extremes."""
 
@@ -49,7 +51,10 @@ def kind_of(row: Row) -> str:
 
 def moment_of(row: Row) -> str:
     """When to look, for ``viewer frame --at``: the AEB trigger, else a second before the end."""
-    return "aeb" if _triggered(row) else "end"
+    end_s = row.scalar("sim_time_s")
+    if _triggered(row) or end_s is None:
+        return "aeb"
+    return f"{max(0.0, end_s - BEFORE_END_S):.3f}"
 
 
 def _triggered(row: Row) -> bool:

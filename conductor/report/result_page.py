@@ -5,10 +5,12 @@ What people have written into it is kept when it is made again (:mod:`conductor.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,7 @@ from typing import Any
 
 import jinja2
 import msgspec
+from PIL import Image
 
 from conductor.folders import CAMPAIGN_FILE
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
@@ -42,6 +45,8 @@ from twin.fabric.files import write_atomic
 
 _ASSETS = Path(__file__).parent / "assets"
 _RECORDING = "recording.rrd"
+_QUALITY = 88
+"""Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
 
 
@@ -231,20 +236,26 @@ def _take_picture(dossier: Dossier, row: Row, beside: Path) -> str:
     attempt = dossier.folder / row.end.attempt_dir
     if not row.end.attempt_dir or not (attempt / _RECORDING).is_file():
         return "the case was not recorded"
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "viewer", "frame", str(dossier.folder), row.case.id),
-            *("--at", moment_of(row), "--out", str(beside / _picture(row))),
-        ],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode == 0:
-        return ""
-    said = done.stderr.strip().splitlines()
-    return said[-1] if said else f"viewer frame ended with exit code {done.returncode}"
+    with tempfile.TemporaryDirectory() as scratch:
+        frame = Path(scratch) / "frame.png"
+        done = subprocess.run(
+            [
+                *(sys.executable, "-m", "viewer", "frame", str(dossier.folder), row.case.id),
+                *("--at", moment_of(row), "--out", str(frame)),
+            ],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines()
+            return said[-1] if said else f"viewer frame ended with exit code {done.returncode}"
+        data = io.BytesIO()
+        with Image.open(frame) as picture:
+            picture.convert("RGB").save(data, "JPEG", quality=_QUALITY)
+    write_atomic(beside / _picture(row), data.getvalue())
+    return ""
 
 
 def escaped(text: object) -> str:

@@ -130,6 +130,42 @@ def test_replay_without_a_display_says_what_to_do(marked, recorded, monkeypatch)
     assert "0.5 s" in done.stdout
 
 
+def test_the_recordings_of_a_campaign_as_a_table(marked, recorded, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    folder, rows = recorded["folder"], outcomes(recorded["folder"])
+    done = marked.run("viewer", "replay", str(folder), "--output", "json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["missing"] == []
+    assert [row["case"] for row in found["cases"]] == sorted(rows)
+    for row in found["cases"]:
+        kept = rows[row["case"]]
+        assert (row["verdict"], row["passed"]) == (kept["verdict"], kept["passed"])
+        if (aeb_time_s := kept["scalars"]["aeb_time_s"]) is not None:
+            assert row["moment_s"] == pytest.approx(aeb_time_s)
+    done = marked.run("viewer", "replay", str(folder))
+    assert done.returncode == 0, done.stderr
+    assert all(case in done.stdout for case in rows)
+    assert "viewer web" in done.stdout
+
+
+@needs_vulkan
+def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
+    from viewer.catalogue import read_catalogue
+    from viewer.replay import open_catalogue
+    from viewer.window import window
+
+    catalogue = read_catalogue(recorded["folder"], "aeb")
+    moments = {row.recording_id: row.moment.sim_time_ns for row in catalogue.rows}
+    with window([str(row.found.path) for row in catalogue.rows], headless=True) as shown:
+        open_catalogue(shown, catalogue)
+        wait_for(lambda: "/dataset/" in shown.client.get_location(), "the table")
+        state = shown.client.get_state()
+        times = {r.store_id.rpartition(":")[2]: r.current_time for r in state.recordings}
+        assert times == moments
+
+
 def look(marked, folder):
     """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
     viewer = marked.start(
@@ -139,17 +175,9 @@ def look(marked, folder):
     return viewer, lambda: json.loads(viewer.stdout.readline())
 
 
-def test_the_camera_picture_of_a_moment_and_the_result_page(marked, recorded, tmp_path):
+def test_the_result_page_shows_what_the_camera_saw(marked, recorded, tmp_path):
     folder = recorded["folder"]
     rows = outcomes(folder)
-    braked = next(c for c, row in rows.items() if row["scalars"]["aeb_time_s"] is not None)
-    out = tmp_path / "pictures" / "aeb.png"
-    done = marked.run("viewer", "frame", str(folder), braked, "--out", str(out))
-    assert done.returncode == 0, done.stderr
-    assert f"AEB trigger at {rows[braked]['scalars']['aeb_time_s']:.2f} s" in done.stdout
-    picture = cv2.imread(str(out))
-    assert picture.shape == (360, 640, 3)
-    assert (picture == (35, 166, 245)).all(axis=-1).sum() > 100, "the box that braked"
     page = tmp_path / "docs" / "chaos.md"
     done = marked.run("conductor", "report", str(folder), "--markdown", str(page))
     assert done.returncode == 0, done.stderr
@@ -163,7 +191,7 @@ def test_the_camera_picture_of_a_moment_and_the_result_page(marked, recorded, tm
     assert {f"case-{case}.jpg" for case in lost} >= set(shown)
     for name in shown:
         assert f"](chaos/{name})" in text
-        assert cv2.imread(str(page.with_suffix("") / name)).shape == (360, 640, 3)
+        assert cv2.imread(str(page.with_suffix("") / name)).shape[1] == 640
 
 
 @needs_vulkan
@@ -224,7 +252,7 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
             (["shot", str(tmp_path), case], "not a campaign folder"),
             (
                 ["shot", str(recorded["folder"]), case, "--at", "soon"],
-                "expected aeb, or seconds",
+                "expected aeb, closest, or seconds",
             ),
             (["live"], "give one of --connect"),
             (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
