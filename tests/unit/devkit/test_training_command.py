@@ -121,7 +121,7 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_it_learns_its_images_by_heart(train, data, cfgs, tmp_path):
     settings = (*STILL, "ema_decay=0.9", "learning_rate=0.01")
     trained = train(
-        tmp_path / "out", model=str(cfgs / "small.cfg"), epochs=120, batch=16,
+        tmp_path / "out", model=str(cfgs / "small.cfg"), epochs=120, batch=8,
         validate_every=0, settings=settings,
     )  # fmt: skip
     detector = Detector(Path(trained.model), SELECTION, runtime="onnxruntime")
@@ -131,7 +131,7 @@ def test_it_learns_its_images_by_heart(train, data, cfgs, tmp_path):
     assert classes["car"].truths >= 30
     assert classes["pedestrian"].truths >= 10
     # What two objects want of one place, or suppress of each other, is lost for good.
-    assert card.evaluation.all.mean_ap > 0.85
+    assert card.evaluation.all.mean_ap > 0.9
     found = [f for g in card.recalls["size_px"].values() for f in g.values() if f.objects]
     assert sum(f.found for f in found) > 0.8 * sum(f.objects for f in found)
 
