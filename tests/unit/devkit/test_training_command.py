@@ -149,7 +149,6 @@ def test_the_folder_of_a_finished_training(finished, data):
     rows = list(csv.DictReader((finished / "log.csv").read_text().splitlines()))
     assert [row["epoch"] for row in rows] == ["1", "2", "3", "4"]
     assert [bool(row["map50"]) for row in rows] == [False, True, False, True]
-    assert float(rows[-1]["loss"]) < float(rows[0]["loss"])
     parts = [float(rows[0][part]) for part in ("box", "objectness", "background", "class")]
     assert sum(parts) == pytest.approx(float(rows[0]["loss"]), rel=1e-4)
     card = (finished / "MODEL.md").read_text()
