@@ -167,10 +167,19 @@ def test_anchors_are_those_of_the_data(finished, data):
     assert sorted(anchors, key=lambda a: a[0] * a[1]) == list(anchors)
 
 
-def test_log_and_exported_file_agree_about_the_last_epoch(finished):
-    rows = list(csv.DictReader((finished / "log.csv").read_text().splitlines()))
-    scores = json.loads((finished / "scores.json").read_text())
-    assert float(rows[-1]["map50"]) == pytest.approx(scores["held_out"]["map50"], abs=1e-4)
+@pytest.mark.parametrize("size", [None, "96x64"])
+def test_log_and_exported_file_agree_about_the_last_epoch(train, data, tmp_path, size):
+    # Enough epochs to see something; also where images and boxes are resized.
+    trained = train(
+        tmp_path / "out", epochs=25, validate_every=25, size=size,
+        settings=("learning_rate=0.02", "ema_decay=0.5"),
+    )  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "out" / "log.csv").read_text().splitlines()))
+    assert float(rows[-1]["map50"]) == pytest.approx(trained.scores["held_out"]["map50"], abs=1e-3)
+    assert float(rows[-1]["map50"]) > 0
+    assert float(rows[-1]["loss"]) < float(rows[0]["loss"])
+    description = Detector(Path(trained.model)).description
+    assert (description.width, description.height) == ((160, 96) if size is None else (96, 64))
 
 
 def test_half_the_file(train, finished, tmp_path):
