@@ -25,8 +25,9 @@ CLEAR_NOON, FOG, NIGHT_CLEAR = (12.5, "clear"), (13.9, "light_fog"), (1.0, "clea
 
 
 def images(conditions, rows) -> LabelledImages:
-    """Rows (image, class, x, y, width, height, ignored, visibility, distance)."""
-    data = np.array(rows, np.float64).reshape(-1, 9)
+    """Rows (image, class, x, y, width, height, ignored, visibility, distance, truncation)."""
+    rows = [(*row, 0.0) if len(row) == 9 else row for row in rows]
+    data = np.array(rows, np.float64).reshape(-1, 10)
     count = len(conditions)
     return LabelledImages(
         names=NAMES,
@@ -39,6 +40,7 @@ def images(conditions, rows) -> LabelledImages:
         box_px=data[:, 2:6],
         ignored=data[:, 6].astype(bool),
         visibility=data[:, 7],
+        truncation=data[:, 9],
         distance_m=data[:, 8],
     )
 
@@ -95,7 +97,9 @@ def test_the_figure_of_merit(card):
     assert "100.0 (2 objects in 1 images)" in merit_line(card)
     nobody = score(images([FOG], [(0, 0, *BOX, 0, 1.0, 8.0)]), found())
     assert nobody.noon is None
-    assert plain(nobody)["car_clear_noon"] == {"ap": None, "objects": 0, "images": 0}
+    assert plain(nobody)["car_clear_noon"] == {
+        "ap": None, "objects": 0, "detections": 0, "images": 0
+    }  # fmt: skip
     assert "no such object" in merit_line(nobody)
 
 
@@ -122,6 +126,28 @@ def test_a_box_of_no_class_is_ignored_in_every_class(card):
     # The two boxes on the cyclist count neither way; the person seen in the fog's car does.
     assert (classes["car"].truths, classes["car"].detections) == (3, 2)
     assert (classes["pedestrian"].truths, classes["pedestrian"].detections) == (1, 2)
+
+
+def test_large_and_visible_objects_alone(card):
+    # The car 30 px high at noon and in fog, the person; not the one of 6 px.
+    assert card.moderate.classes["car"].truths == 2
+    assert card.moderate.classes["car"].ap == pytest.approx(0.5)
+    assert (card.noon_moderate.truths, card.noon_moderate.ap) == (1, pytest.approx(1.0))
+    assert plain(card)["moderate"]["car_clear_noon"]["objects"] == 1
+    assert "car 50.0 of 2, pedestrian" in report(card)
+    assert "car at clear noon 100.0 of 1" in report(card)
+
+
+@pytest.mark.parametrize(
+    ("height", "visibility", "truncation", "counts"),
+    [(12.8, 0.5, 0.3, True), (12.7, 1.0, 0.0, False), (40, 0.49, 0.0, False),
+     (40, 1.0, 0.31, False)],
+)  # fmt: skip
+def test_what_is_moderate(height, visibility, truncation, counts):
+    data = images([FOG], [(0, 0, 5, 5, 9, height, 0, visibility, 9.0, truncation)])
+    assert data.moderate.tolist() == [counts]
+    ignored = images([FOG], [(0, 0, 5, 5, 9, height, 1, visibility, 9.0, truncation)])
+    assert not ignored.moderate.any()
 
 
 def test_recalls_are_of_what_is_reported(card):

@@ -121,7 +121,7 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_it_learns_its_images_by_heart(train, data, cfgs, tmp_path):
     settings = (*STILL, "ema_decay=0.9", "learning_rate=0.01")
     trained = train(
-        tmp_path / "out", model=str(cfgs / "small.cfg"), epochs=120, batch=16,
+        tmp_path / "out", model=str(cfgs / "small.cfg"), epochs=120, batch=8,
         validate_every=0, settings=settings,
     )  # fmt: skip
     detector = Detector(Path(trained.model), SELECTION, runtime="onnxruntime")
@@ -131,7 +131,7 @@ def test_it_learns_its_images_by_heart(train, data, cfgs, tmp_path):
     assert classes["car"].truths >= 30
     assert classes["pedestrian"].truths >= 10
     # What two objects want of one place, or suppress of each other, is lost for good.
-    assert card.evaluation.all.mean_ap > 0.85
+    assert card.evaluation.all.mean_ap > 0.9
     found = [f for g in card.recalls["size_px"].values() for f in g.values() if f.objects]
     assert sum(f.found for f in found) > 0.8 * sum(f.objects for f in found)
 
@@ -149,7 +149,6 @@ def test_the_folder_of_a_finished_training(finished, data):
     rows = list(csv.DictReader((finished / "log.csv").read_text().splitlines()))
     assert [row["epoch"] for row in rows] == ["1", "2", "3", "4"]
     assert [bool(row["map50"]) for row in rows] == [False, True, False, True]
-    assert float(rows[-1]["loss"]) < float(rows[0]["loss"])
     parts = [float(rows[0][part]) for part in ("box", "objectness", "background", "class")]
     assert sum(parts) == pytest.approx(float(rows[0]["loss"]), rel=1e-4)
     card = (finished / "MODEL.md").read_text()
@@ -168,10 +167,19 @@ def test_anchors_are_those_of_the_data(finished, data):
     assert sorted(anchors, key=lambda a: a[0] * a[1]) == list(anchors)
 
 
-def test_log_and_exported_file_agree_about_the_last_epoch(finished):
-    rows = list(csv.DictReader((finished / "log.csv").read_text().splitlines()))
-    scores = json.loads((finished / "scores.json").read_text())
-    assert float(rows[-1]["map50"]) == pytest.approx(scores["held_out"]["map50"], abs=1e-4)
+@pytest.mark.parametrize("size", [None, "96x64"])
+def test_log_and_exported_file_agree_about_the_last_epoch(train, data, tmp_path, size):
+    # Enough epochs to see something; also where images and boxes are resized.
+    trained = train(
+        tmp_path / "out", epochs=25, validate_every=25, size=size,
+        settings=("learning_rate=0.02", "ema_decay=0.5"),
+    )  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "out" / "log.csv").read_text().splitlines()))
+    assert float(rows[-1]["map50"]) == pytest.approx(trained.scores["held_out"]["map50"], abs=1e-3)
+    assert float(rows[-1]["map50"]) > 0
+    assert float(rows[-1]["loss"]) < float(rows[0]["loss"])
+    description = Detector(Path(trained.model)).description
+    assert (description.width, description.height) == ((160, 96) if size is None else (96, 64))
 
 
 def test_half_the_file(train, finished, tmp_path):
