@@ -18,7 +18,7 @@ from devkit.evaluate import Evaluation, Score, Truth, evaluate, overlaps, pairs
 from devkit.image_files import read_images
 from devkit.labelled_images import LabelledImages
 
-SELECTION = Selection(confidence_min=0.005, overlap_max=0.45)
+SELECTION = Selection(confidence_min=0.005, overlap_max=0.45, candidates_max=300)
 """Boxes that are scored: Darknet's own limits for average precision (``detector map``)."""
 
 CONFIDENCE_SHOWN = 0.25
