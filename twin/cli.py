@@ -233,7 +233,7 @@ def dataset(
         typer.Option(
             min=1,
             max=4096,
-            help="Images a process renders together; default: 1, on a GPU 64. Changes no byte.",
+            help="Images a process renders together; default: by their size. Changes no byte.",
         ),
     ] = None,
     preview: Annotated[

@@ -37,7 +37,9 @@ from conductor.report.losses import (
     page_axes,
     wilson,
 )
+from conductor.report.perception_cost import perception_costs
 from conductor.report.prose import SUMMARY, block, check_known, model_block, read_texts
+from conductor.report.provenance import file_digests, text_digest
 from conductor.report.tables import statuses, verdict_table
 from schemas.yaml_file import dump_yaml
 from twin.fabric.errors import UsageError, storage_error
@@ -126,14 +128,17 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
     environment.filters |= {"md": escaped, "number": _number, "words": _words}
     rows = dossier.rows
     passed = [row for row in rows if row.passed is True]
+    autonomy = dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)).strip()
     text = environment.get_template("result.md.j2").render(
         dossier=dossier,
         outcomes=dossier.outcomes,
         evidence=content.evidence,
         versions=versions(),
         commands=_commands(dossier, folder),
-        files=sorted(dossier.campaign.files.items()),
-        autonomy=fenced(dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)), "yaml"),
+        files=file_digests(dossier),
+        autonomy=fenced(autonomy, "yaml"),
+        autonomy_digest=text_digest(autonomy),
+        costs=perception_costs(dossier),
         systems=verdict_table(dossier),
         other_statuses=[status for status in statuses(dossier) if status != "pass"],
         models=[section.model for section in sections],

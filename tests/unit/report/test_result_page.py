@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,10 @@ from conductor.report.losses import EXAMPLES_MAX, examples, extremes, kind_of, l
 from conductor.report.palette import status_color
 from conductor.report.prose import block
 from conductor.report.result_page import escaped, fenced
+from schemas.assets import file_digest
+from schemas.messages import PerceptionCost
 from twin.fabric.errors import UsageError
+from twin.fabric.software import software_digest
 
 replace = msgspec.structs.replace
 HOSTILE = "a | b\n# c <img src=x> [d](e) `f` *g* <!-- end of text summary -->"
@@ -223,3 +229,37 @@ def test_nothing_is_overwritten_that_is_not_ours(tmp_path: Path) -> None:
     assert page.read_text() == foreign
     with pytest.raises(UsageError, match=r"ends in \.md"):
         write_result_page(run, tmp_path / "a.txt")
+
+
+def test_files_and_shipped_models_are_named_with_their_digests(tmp_path: Path) -> None:
+    data = campaign_data(files={"/home/someone/net.onnx": "a" * 64, "scenes/mine.yaml": "b" * 64})
+    data["autonomy"]["perception"] = {
+        "yolov3": {"type": "network", "model": "yolov3-w25"},
+        "yolov2-tiny": {"type": "network", "model": "/home/someone/net.onnx"},
+    }
+    make_campaign(tmp_path / "run", data)
+    path = tmp_path / "run" / "outcomes.json"
+    path.write_text(path.read_text().replace("5" * 64, software_digest()))
+    rows = {row[0]: row[1] for row in table(_page(tmp_path), "")}
+    assert rows["net.onnx"] == f"`{'a' * 64}`"
+    assert rows["scenes/mine.yaml"] == f"`{'b' * 64}`"
+    listed = [sys.executable, "-m", "devkit", "models", "--output", "json"]
+    shipped = json.loads(subprocess.run(listed, capture_output=True, check=True).stdout)
+    expected = {name: file_digest(Path(shipped[name])) for name in shipped if name == "yolov3-w25"}
+    assert {k: v for k, v in rows.items() if k.startswith("model ")} == {
+        f"model {name}": f"`{digest}`" for name, digest in expected.items()
+    }
+
+
+def test_what_perception_cost_is_told(tmp_path: Path) -> None:
+    def change(case: Any, end: Any) -> Any:
+        cost = PerceptionCost(runtime="opencv, 1 thread", frames=50, wall_s=0.8)
+        return replace(end, perception=cost, rig_wall_s=4.0)
+
+    make_campaign(tmp_path / "run", change=change)
+    cost = next(t for t in tables(_page(tmp_path)) if "per frame \\[ms\\]" in t[0])
+    assert cost[2] == ["yolov3", "opencv, 1 thread", "4", "200", "16.00", "20.0"]
+
+
+def _page(folder: Path) -> str:
+    return write_result_page(folder / "run", folder / "a.md").read_text()
