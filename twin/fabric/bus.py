@@ -33,6 +33,9 @@ class Bus(Protocol):
     def wanted(self, key: str) -> bool:
         """Whether somebody subscribes to ``key`` (may hold ``*`` and ``**``); cheap to ask."""
 
+    def release(self, key: str) -> None:
+        """Forget what :meth:`wanted` keeps about ``key``; for keys that will not be asked again."""
+
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
         """Call ``handler`` with each message on ``key`` (may hold ``*`` and ``**``)."""
 

@@ -249,6 +249,11 @@ class _ZenohBus:
             self._publishers[key] = self._session.declare_publisher(key)
         return bool(self._publishers[key].matching_status.matching)
 
+    def release(self, key: str) -> None:
+        publisher = self._publishers.pop(key, None)
+        if publisher is not None and not self._closed:
+            publisher.undeclare()
+
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
         def receive(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
