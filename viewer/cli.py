@@ -86,11 +86,16 @@ def live(
         Path | None,
         typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
     ] = None,
+    case: Annotated[
+        list[str] | None,
+        typer.Option(help="Show this case in full as well; up to 8 times."),
+    ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
     wait: Annotated[
-        float, typer.Option(min=0, help="With --run: wait this long for a conductor [s].")
-    ] = 0.0,
+        float | None,
+        typer.Option(min=0, help="Give up without a conductor after this long [s]; default: wait."),
+    ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the hub; 0: a free one.")
     ] = 0,
@@ -99,18 +104,24 @@ def live(
     ] = True,
     output: OutputOption = Output.human,
 ) -> None:
-    """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
-    from twin.fabric.discovery import await_conductor, choose_target
+    """Show the running cases, here or on a laptop behind ssh, until Ctrl-C.
+
+    It may be started before the conductor, and finds one again that was restarted or cut off.
+    """
     from viewer.live import LiveOptions, run_live
 
     if bool(connect) == (run_folder is not None):
         raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
-    if run_folder is not None:
-        target = await_conductor(run_folder, wait, key)
-    else:
-        target = choose_target(connect, None, namespace, key)
     options = LiveOptions(
-        target.endpoint, target.namespace, target.key, port, window, output is Output.json
+        connect=connect,
+        run=run_folder,
+        namespace=namespace,
+        key=key,
+        cases=tuple(case or ()),
+        wait_s=wait,
+        port=port,
+        show=window,
+        json=output is Output.json,
     )
     raise typer.Exit(run_live(options))
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from twin.fabric.bus import Respond, Sample
+from twin.fabric.bus import Cancel, Respond, Sample
 
 
 @dataclass(slots=True)
@@ -180,9 +180,11 @@ class MemoryBus:
     def release(self, key: str) -> None:
         """See :class:`twin.fabric.bus.Bus`; nothing is kept."""
 
-    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
+    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> Cancel:
         """See :class:`twin.fabric.bus.Bus`."""
-        self._subscribers.append((key, handler))
+        entry = (key, handler)
+        self._subscribers.append(entry)
+        return lambda: self._subscribers.remove(entry)
 
     def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
         """See :class:`twin.fabric.bus.Bus`."""

@@ -11,7 +11,7 @@ from twin.fabric.errors import UsageError
 from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.view_feed import NoFeed, ViewOptions, open_feed
-from viewer.live import open_hub
+from viewer.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
 THUMBNAIL = "view/*/*/thumbnail"
