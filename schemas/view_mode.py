@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Literal
+
+View = Literal["none", "live", "record", "record+live"]
+"""As files say it."""
 
 
 class ViewMode(StrEnum):

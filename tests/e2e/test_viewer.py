@@ -147,8 +147,9 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     case = "yolov3-1300-heavy_rain"
     viewer, said = look(marked, folder, "--case", case)
     hello = said()
-    found = finish(start(marked, folder, "--workers", "2"))
+    found = finish(start(marked, folder, "--workers", "2", "--view", "record+live"))
     assert found["fingerprint"] == quiet["fingerprint"]
+    assert note(folder, case)["complete"] is True, "the viewer took nothing from the recorder"
     assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
     with window(["--connect", hello["hub"]], headless=True) as shown:
 
