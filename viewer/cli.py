@@ -86,6 +86,13 @@ def live(
         Path | None,
         typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
     ] = None,
+    ssh: Annotated[
+        str,
+        typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login."),
+    ] = "",
+    node: Annotated[
+        str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
+    ] = "",
     case: Annotated[
         list[str] | None,
         typer.Option(help="Show this case in full as well; up to 8 times."),
@@ -112,9 +119,13 @@ def live(
 
     if bool(connect) == (run_folder is not None):
         raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
+    if node and not ssh:
+        raise UsageError("--node is reached through --ssh me@login; give both")
     options = LiveOptions(
         connect=connect,
         run=run_folder,
+        ssh=ssh,
+        node=node,
         namespace=namespace,
         key=key,
         cases=tuple(case or ()),

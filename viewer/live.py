@@ -26,6 +26,7 @@ from viewer.link import Ended, Event, Link, Said, Scene, Status
 from viewer.overview import Overview
 from viewer.pulse import Pulse
 from viewer.slots import Slots
+from viewer.tunnel import Far, Tunnel
 from viewer.window import Window, window
 
 TURN_S = 0.05
@@ -46,6 +47,10 @@ class LiveOptions:
     """The conductor's endpoint; or:"""
     run: Path | None = None
     """State or campaign folder, whose ``conductor.json`` may change meanwhile."""
+    ssh: str = ""
+    """Both are meant as this host sees them, which ssh reaches."""
+    node: str = ""
+    """Host behind it that the tunnel ends at."""
     namespace: str = "twin"
     key: Path | None = None
     """The fabric's key, for an endpoint with TLS."""
@@ -62,7 +67,19 @@ class LiveOptions:
     @property
     def where(self) -> str:
         """For people."""
-        return self.connect or str(self.run)
+        place = self.connect or str(self.run)
+        return f"{self.ssh}:{place}" if self.ssh else place
+
+    def tunnel(self) -> Tunnel | None:
+        """The way there, not opened yet; None: straight.
+
+        Raises:
+            UsageError: there is no ssh here, or its host is none.
+        """
+        if not self.ssh:
+            return None
+        far = Far(self.ssh, self.node, self.connect, str(self.run or ""))
+        return Tunnel(far, self.namespace, self.key)
 
     def target(self) -> Target:
         """Where the conductor is now.
@@ -90,15 +107,18 @@ def run_live(options: LiveOptions) -> int:
     """
     if len(options.cases) > FOCUS_MAX:
         raise UsageError(f"{len(options.cases)} cases given, at most {FOCUS_MAX} are shown in full")
-    if options.run is None:
+    tunnel = options.tunnel()
+    if options.run is None and tunnel is None:
         options.target()  # what is wrong with the endpoint or the key is said at once
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     port = options.port or native.free_port()
-    live = Live(options, open_hub(port))
+    live = Live(options, open_hub(port), tunnel)
     with ExitStack() as stack:
         stack.callback(live.close)
+        if tunnel is not None:
+            stack.callback(tunnel.close)  # first: the link may be waiting for it
         _tell(live.hub, port, options)
         shown = None
         if options.show and native.has_display():
@@ -114,14 +134,15 @@ def run_live(options: LiveOptions) -> int:
 class Live:
     """What one viewer process shows; one thread calls :meth:`turn` again and again."""
 
-    def __init__(self, options: LiveOptions, hub: Hub) -> None:
+    def __init__(self, options: LiveOptions, hub: Hub, tunnel: Tunnel | None = None) -> None:
         self.hub = hub
         self.overview = Overview()
         self.slots = Slots()
         self.strangers = 0
         """Messages of another version, or damaged."""
         self._pulse = Pulse()
-        self._link = Link(options.target, options.wait_s, self.slots)
+        resolve = options.target if tunnel is None else tunnel.target
+        self._link = Link(resolve, options.wait_s, self.slots)
         self._scenes = Scenes(self._link.send_for)
         self._focuses: dict[str, Focus] = {}
         self._waiting: dict[str, Sample] = {}
