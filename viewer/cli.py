@@ -137,6 +137,34 @@ def live(
     raise typer.Exit(run_live(options))
 
 
+@app.command("bench")
+def bench_command(
+    cases: Annotated[int, typer.Option(min=1, max=1000, help="Synthetic live cases.")] = 64,
+    focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
+    seconds: Annotated[
+        float, typer.Option(min=0, help="How long the viewer is measured; 0: not [s].")
+    ] = 60.0,
+    campaign: Annotated[
+        str, typer.Option(help="Campaign that is run with and without viewers.")
+    ] = "aeb-demo",
+    rounds: Annotated[
+        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen viewer.")
+    ] = 3,
+    workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
+    slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,
+    device: Annotated[str, typer.Option(help="Of these runs.")] = "cpu",
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
+    from viewer.bench import BenchOptions, bench
+
+    options = BenchOptions(cases, focus, seconds, campaign, rounds, workers, slots, device)
+    raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
+
+
 def tell(line: str) -> None:
     """One line for people, on standard error."""
     print(f"viewer: {line}", file=sys.stderr)
