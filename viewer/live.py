@@ -24,6 +24,7 @@ from viewer.focus import Focus, Scenes, open_stream
 from viewer.hub import Hub, open_hub
 from viewer.link import Ended, Event, Link, Said, Scene, Status
 from viewer.overview import Overview
+from viewer.prompt import HINT, choose, typed
 from viewer.pulse import Pulse
 from viewer.slots import Slots
 from viewer.tunnel import Far, Tunnel
@@ -123,7 +124,10 @@ def run_live(options: LiveOptions) -> int:
         shown = None
         if options.show and native.has_display():
             shown = stack.enter_context(window(["--connect", live.hub.url]))
+        lines = typed()
         while not stop.wait(TURN_S):
+            while not lines.empty():
+                live.choose(lines.get())
             live.turn(time.time())
             if shown is not None and _closed(shown):
                 break
@@ -150,6 +154,7 @@ class Live:
         self._pending = False
         """The wall has changed."""
         self._shown_s = 0.0
+        self._asked = options.cases
         for case in options.cases:
             self.look_at(case)
         self._link.start()
@@ -163,6 +168,23 @@ class Live:
         """Show a case in full."""
         self._focuses[case] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
         self._link.look_at(case)
+
+    def choose(self, text: str) -> None:
+        """Show the case that ``text`` means in full; of those chosen so, the first makes room."""
+        running = [case for _, case in self.overview.tiles]
+        case, line = choose(text, running)
+        if line:
+            say(line)
+        if not case or case in self._focuses:
+            return
+        if len(self._focuses) >= FOCUS_MAX:
+            oldest = next((c for c in self._focuses if c not in self._asked), None)
+            if oldest is None:
+                say(f"{FOCUS_MAX} cases are shown in full already, as --case asks")
+                return
+            self._link.look_away(oldest)
+            self._focuses.pop(oldest).close()
+        self.look_at(case)
 
     def turn(self, now_s: float) -> None:
         """Take in what came, and log it if viewers keep up.
@@ -261,6 +283,8 @@ def _tell(hub: Hub, port: int, options: LiveOptions) -> None:
     print(f"cases of {options.where} on {hub.url}; Ctrl-C ends")
     if options.show and not native.has_display():
         print("no display here to open a window on")
+    if sys.stdin.isatty():
+        print(HINT)
     print("on a laptop behind ssh, with the same rerun-sdk:")
     for line in native.tunnel_commands(port):
         print(f"  {line}", flush=True)

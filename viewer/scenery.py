@@ -39,8 +39,16 @@ IMAGE_PLANE_M = 6.0
 SCENE_BYTES_MAX = 256 << 20
 """Largest world that is unpacked [bytes]."""
 
-_INTENSITY = np.array([(52, 84, 186), (60, 190, 190), (240, 210, 90), (250, 250, 250)], float)
-"""Colours of reflectivity 0, 33, 66 and from 100 on, where retro-reflectors begin."""
+_STEPS = ((0, (52, 84, 186)), (33, (60, 190, 190)), (66, (240, 210, 90)), (100, (250, 250, 250)))
+"""Reflectivities and their colours; from 100 on are retro-reflectors."""
+_INTENSITY = np.stack(
+    [
+        np.interp(np.arange(256), [s for s, _ in _STEPS], [c[i] for _, c in _STEPS])
+        for i in range(3)
+    ],
+    axis=1,
+).astype(np.uint8)
+"""uint8 [256, 3]: colour of every intensity."""
 
 
 def verdict_color(verdict: str) -> Color:
@@ -129,12 +137,9 @@ def points(payload: bytes) -> rr.Points3D:
         ValueError: not of that form.
     """
     rows = np.frombuffer(payload, "<i2").reshape(-1, 4)
-    level = np.clip(rows[:, 3] / 100 * (len(_INTENSITY) - 1), 0, len(_INTENSITY) - 1)
-    steps = np.arange(len(_INTENSITY))
-    colors = np.stack([np.interp(level, steps, _INTENSITY[:, i]) for i in range(3)], axis=1)
     return rr.Points3D(
         rows[:, :3] * np.float32(POINT_CM),
-        colors=colors.astype(np.uint8),
+        colors=_INTENSITY[np.clip(rows[:, 3], 0, 255)],
         radii=rr.Radius.ui_points(1.5),
     )
 
