@@ -55,7 +55,7 @@ def case_blueprint(
     street = _chase(lidars) if live else _street(stage)
     seen = [rrb.Grid(*views)] if len(views) > 1 else views
     left = rrb.Vertical(*seen, street)
-    play_state: Literal["following"] | None = "following" if live else None
+    play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[1.7, 1]),
         rrb.TopPanel(state="hidden"),
