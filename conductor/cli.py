@@ -34,6 +34,13 @@ Listen = Annotated[
         "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
     ),
 ]
+View = Annotated[
+    ViewMode | None,
+    typer.Option(
+        help="live: `viewer live` may look; record: an .rrd per case; default: as the campaign's "
+        "`view` says, which is live."
+    ),
+]
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
 ]
@@ -55,10 +62,7 @@ def run_command(
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
-    view: Annotated[
-        ViewMode,
-        typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
-    ] = ViewMode.live,
+    view: View = None,
     memory_gb: Annotated[
         float | None,
         typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
@@ -103,6 +107,7 @@ def serve(
         float,
         typer.Option(min=0.5, max=3600, help="A silent worker's cases are given to others [s]."),
     ] = 15.0,
+    view: View = None,
     metrics: Annotated[
         str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
     ] = "",
@@ -119,6 +124,7 @@ def serve(
             key=load_key(key) if key else None,
             by_batch=by_batch,
             ttl_s=ttl_s,
+            view=view,
             metrics=metrics,
         )
     )

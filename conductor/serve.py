@@ -13,6 +13,7 @@ from pathlib import Path
 
 from conductor.shell import Conductor
 from conductor.state import Config
+from schemas.view_mode import ViewMode
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
 from twin.fabric.key_file import Key
 
@@ -25,6 +26,7 @@ def serve_folder(
     key: Key | None = None,
     by_batch: bool = False,
     ttl_s: float | None = None,
+    view: ViewMode | None = None,
     metrics: str = "",
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
@@ -36,10 +38,11 @@ def serve_folder(
         key: the fabric's key, if one was given.
         by_batch: run a campaign's batches one after the other.
         ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
+        view: what is shown of cases submitted from now on; None: what their campaign says.
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
-    config = Config(by_batch=by_batch)
+    config = Config(by_batch=by_batch, view=view)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
     conductor = Conductor(folder, listen=listen, namespace=namespace, key=key, config=config)
@@ -81,6 +84,7 @@ def _announce(conductor: Conductor, namespace: str) -> None:
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"
         f"  worker:  twin worker {where}\n"
-        f"  status:  conductor status {where}",
+        f"  status:  conductor status {where}\n"
+        f"  look:    viewer live {where}",
         flush=True,
     )

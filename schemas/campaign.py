@@ -22,6 +22,7 @@ from schemas.names import TimeOfDay, minutes
 from schemas.names import Weather as Weather
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
+from schemas.view_mode import View
 
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
@@ -152,6 +153,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     device: Literal["same", "any"] = "same"
     """``same``: all cases on one device class; ``any``: mixed, and the fingerprint says so."""
     requires: Requirements = Requirements()
+    view: View = "live"
+    """What is shown of its cases, and recorded; no result depends on it."""
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
@@ -207,6 +210,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Label only, from 1; 0 without batches."""
     files: dict[str, str] = {}
     """Those of :attr:`Campaign.files` that the case uses."""
+    view: View = "live"
+    """What its simulator shows."""
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -424,6 +429,7 @@ def _case(
                 for name in (scenario.scene, scenario.vehicle)
                 if name in campaign.files
             },
+            view=campaign.view,
         ),
         [],
     )

@@ -49,9 +49,12 @@ def worker(
         typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
     ] = "",
     view: Annotated[
-        ViewMode,
-        typer.Option(help="live: viewers may look; record: one .rrd per attempt beside its KPIs."),
-    ] = ViewMode.live,
+        ViewMode | None,
+        typer.Option(
+            help="live: viewers may look; record: one .rrd per attempt beside its KPIs; "
+            "default: as the campaign says."
+        ),
+    ] = None,
     until_done: Annotated[
         bool, typer.Option("--until-done", help="Leave when no case is left.")
     ] = False,

@@ -9,9 +9,9 @@ from typing import Any
 from rich.table import Table
 
 from twin.fabric.errors import UsageError
-from viewer.convert import verdict_color
 from viewer.folder import Found, Moment, case_names, find_moment, find_recording
 from viewer.frames import RecordedCase, read_cover
+from viewer.scenery import verdict_color
 
 NAMES_MAX = 3
 """Cases named in a line about many."""

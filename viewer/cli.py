@@ -172,11 +172,23 @@ def live(
         Path | None,
         typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
     ] = None,
+    ssh: Annotated[
+        str,
+        typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login."),
+    ] = "",
+    node: Annotated[
+        str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
+    ] = "",
+    case: Annotated[
+        list[str] | None,
+        typer.Option(help="Show this case in full as well; up to 8 times."),
+    ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
     wait: Annotated[
-        float, typer.Option(min=0, help="With --run: wait this long for a conductor [s].")
-    ] = 0.0,
+        float | None,
+        typer.Option(min=0, help="Give up without a conductor after this long [s]; default: wait."),
+    ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the hub; 0: a free one.")
     ] = 0,
@@ -185,19 +197,29 @@ def live(
     ] = True,
     output: OutputOption = Output.human,
 ) -> None:
-    """Show the running cases, here or on a laptop behind ssh, until Ctrl-C."""
-    from twin.fabric.discovery import await_conductor, choose_target
+    """Show the running cases, here or on a laptop behind ssh, until Ctrl-C.
+
+    It may be started before the conductor, and finds one again that was restarted or cut off.
+    """
     from viewer.live import LiveOptions, run_live
 
     _end_with_parent()
     if bool(connect) == (run_folder is not None):
         raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
-    if run_folder is not None:
-        target = await_conductor(run_folder, wait, key)
-    else:
-        target = choose_target(connect, None, namespace, key)
+    if node and not ssh:
+        raise UsageError("--node is reached through --ssh me@login; give both")
     options = LiveOptions(
-        target.endpoint, target.namespace, target.key, port, window, output is Output.json
+        connect=connect,
+        run=run_folder,
+        ssh=ssh,
+        node=node,
+        namespace=namespace,
+        key=key,
+        cases=tuple(case or ()),
+        wait_s=wait,
+        port=port,
+        show=window,
+        json=output is Output.json,
     )
     raise typer.Exit(run_live(options))
 
@@ -214,6 +236,10 @@ def web(
     run_folder: Annotated[
         Path | None,
         typer.Option("--run", help="Or live: campaign or state folder on a shared file system."),
+    ] = None,
+    focus: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="Live: show this case in full as well; up to 8 times."),
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
@@ -237,6 +263,7 @@ def web(
     if folder is None:
         live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
         live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
+        live_options += [f"--case={name}" for name in focus or ()]
         raise typer.Exit(run_web(WebOptions(port, live=tuple(live_options), json=as_json)))
     moment = None
     if case:
@@ -259,6 +286,34 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, name="lifeline", daemon=True).start()
+
+
+@app.command("bench")
+def bench_command(
+    cases: Annotated[int, typer.Option(min=1, max=1000, help="Synthetic live cases.")] = 64,
+    focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
+    seconds: Annotated[
+        float, typer.Option(min=0, help="How long the viewer is measured; 0: not [s].")
+    ] = 60.0,
+    campaign: Annotated[
+        str, typer.Option(help="Campaign that is run with and without viewers.")
+    ] = "aeb-demo",
+    rounds: Annotated[
+        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen viewer.")
+    ] = 3,
+    workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
+    slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,
+    device: Annotated[str, typer.Option(help="Of these runs.")] = "cpu",
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
+    from viewer.bench import BenchOptions, bench
+
+    options = BenchOptions(cases, focus, seconds, campaign, rounds, workers, slots, device)
+    raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 
 
 def tell(line: str) -> None:

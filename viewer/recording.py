@@ -11,7 +11,8 @@ import rerun as rr
 from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, clock
 from viewer import naming
 from viewer.blueprint import case_blueprint
-from viewer.convert import CaseConverter, Logged
+from viewer.convert import CaseConverter
+from viewer.scenery import Logged
 from viewer.sequence import Sequence
 
 FLUSH_PERIOD_S = 5.0

@@ -166,10 +166,10 @@ def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
         assert times == moments
 
 
-def look(marked, folder):
+def look(marked, folder, *options):
     """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
     viewer = marked.start(
-        *("viewer", "live", "--run", str(folder), "--wait", "60"),
+        *("viewer", "live", "--run", str(folder), *options),
         *("--no-window", "--output", "json"),
     )
     return viewer, lambda: json.loads(viewer.stdout.readline())
@@ -180,32 +180,49 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     from viewer.window import window
 
     folder = tmp_path / "c"
-    viewer, said = look(marked, folder)
-    found = finish(start(marked, folder, "--workers", "2"))
-    assert found["fingerprint"] == quiet["fingerprint"]
+    case = "yolov3-1300-heavy_rain"
+    viewer, said = look(marked, folder, "--case", case)
     hello = said()
+    found = finish(start(marked, folder, "--workers", "2", "--view", "record+live"))
+    assert found["fingerprint"] == quiet["fingerprint"]
+    assert note(folder, case)["complete"] is True, "the viewer took nothing from the recorder"
     assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
     with window(["--connect", hello["hub"]], headless=True) as shown:
 
         def arrived():
-            return [r for r in shown.client.get_state().recordings if r.timelines]
+            found = {r.location: r for r in shown.client.get_state().recordings if r.timelines}
+            wall = [r for where, r in found.items() if naming.OVERVIEW_APP in where]
+            alone = [r for where, r in found.items() if naming.CASE_APP in where]
+            return (wall[0], alone[0]) if wall and alone else None
 
-        def laid_out():
+        def laid_out(recording, names):
             # The blueprint may arrive after the data: a client that joins late
             # is sent both, in no promised order.
-            names = {view.name for view in shown.client.get_state().views}
-            return names == {"Cases", "Running and latest"}
+            def look():
+                shown.client.set_location(recording.location)
+                state = shown.client.get_state()
+                assert not [report for view in state.views for report in view.reports]
+                return names <= {view.name for view in state.views}
 
-        recording = wait_for(arrived, "the overview in a native viewer")[0]
-        assert [timeline.name for timeline in recording.timelines] == [naming.WALL]
-        assert naming.OVERVIEW_APP in recording.location
-        wait_for(laid_out, "the views of the overview")
+            return look
+
+        wall, alone = wait_for(arrived, "the wall and the case in a native viewer")
+        assert [timeline.name for timeline in wall.timelines] == [naming.WALL]
+        assert {timeline.name for timeline in alone.timelines} == {naming.SIM_TIME, naming.TICK}
+        assert f"recording_id=chaos-16-{case}-1" in alone.location
+        views = {"Cases", "Running and latest", "Cases per minute", "Conductor"}
+        wait_for(laid_out(wall, views), "the views of the wall")
+        views = {"Street", "Planner", "Speed [m/s]", "Events"}
+        wait_for(laid_out(alone, views), "the views of the case")
     viewer.send_signal(signal.SIGINT)
     counts = said()
     assert viewer.wait(20) == 0
     assert counts["received"] >= counts["cases"] >= 8
     assert counts["ended"] >= 8
     assert counts["logged"] >= 2
+    assert counts["attempts_in_full"] == 1
+    assert counts["strangers"] == 0
+    assert f"{case}: " in viewer.stderr.read(), "what the conductor says of it"
 
 
 def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
@@ -236,12 +253,16 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
                 "expected aeb, closest, or seconds",
             ),
             (["live"], "give one of --connect"),
-            (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
+            (
+                ["live", "--run", str(tmp_path), "--wait", "0"],
+                "no conductor serves this folder",
+            ),
             (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),
+            (["live", "--connect", "tls/h:1"], "needs the fabric's key"),
         ]
     ]
     for child, words in done:
         _, err = child.communicate(timeout=60)
-        assert child.returncode == 2, err
+        assert child.returncode == (3 if "serves" in words else 2), err
         assert words in err
         assert len(err.splitlines()) == 1

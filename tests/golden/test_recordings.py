@@ -13,11 +13,11 @@ import pytest
 
 from schemas import SCHEMA_VERSION
 from viewer import native
-from viewer.convert import RED
 from viewer.drawing import drawn
 from viewer.folder import find_moment, find_recording
 from viewer.frames import read_case
 from viewer.mosaic import decoded
+from viewer.scenery import RED
 
 MADE = [1]
 HERE = Path(__file__).parent

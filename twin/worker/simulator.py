@@ -41,7 +41,8 @@ from twin.worker.pipe import (
     Unpacker,
     send,
 )
-from twin.worker.view_feed import Feed, ViewOptions, open_feed
+from twin.worker.view_feed import ViewOptions, open_feed
+from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
     from twin.engine import Engine
