@@ -9,17 +9,19 @@ from __future__ import annotations
 import hashlib
 import http.client
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
 
 from twin.fabric.errors import TwinError, UsageError
 from viewer.browser.assets import Asset
-from viewer.catalogue import read_catalogue
+from viewer.catalogue import read_catalogue, read_row
 from viewer.folder import find_recording
 
 POLICY = (
@@ -61,14 +63,22 @@ class Site:
     hub: tuple[str, int] | None = None
     """Or: host and port of a live hub."""
 
-    def about(self) -> bytes:
-        """What the pages need to know, as JSON."""
-        if self.folder is None:
-            return json.dumps({"live": True, "cases": [], "missing": []}).encode()
-        catalogue = read_catalogue(self.folder, self.at).as_json()
-        for row in catalogue["cases"]:
-            del row["path"]
-        return json.dumps({"live": False, "name": self.folder.resolve().name, **catalogue}).encode()
+    def about(self, case: str) -> bytes:
+        """What the pages need to know, as JSON; ``case`` empty: of all cases.
+
+        Raises:
+            UsageError: there is no such case, or no recording.
+        """
+        found: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
+        if self.folder is not None:
+            found["name"] = self.folder.resolve().name
+            if case:
+                found["cases"] = [read_row(self.folder, case, self.at).as_json()]
+            else:
+                found |= read_catalogue(self.folder, self.at).as_json()
+            for row in found["cases"]:
+                del row["path"]
+        return json.dumps(found).encode()
 
 
 class Front(ThreadingHTTPServer):
@@ -96,8 +106,10 @@ class Front(ThreadingHTTPServer):
         """Where a browser of this host finds it."""
         return f"http://127.0.0.1:{self.server_address[1]}/"
 
-    def handle_error(self, request: object, client_address: object) -> None:
+    def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that went away in the middle is no error."""
+        if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
+            super().handle_error(request, client_address)
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -111,17 +123,18 @@ class Handler(BaseHTTPRequestHandler):
         """Pages, their files, the catalogue and recordings."""
         if not self._welcome():
             return
-        path = urlsplit(self.path).path
+        asked = urlsplit(self.path)
+        path, case = asked.path, parse_qs(asked.query).get("case", [""])[0]
         site = self.server.site
         if path == "/":
             self._file(self.server.files["case.html" if site.folder is None else "index.html"])
         elif path == "/view":
             self._file(self.server.files["case.html"])
         elif path == "/about.json":
-            self._made(lambda: (site.about(), "application/json"))
+            self._made(lambda: (site.about(case), "application/json"))
         elif path.startswith("/recording/") and path.endswith(".rrd"):
-            case = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
-            self._made(lambda: (_recording(site, case), "application/octet-stream"))
+            name = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
+            self._made(lambda: (_recording(site, name), "application/octet-stream"))
         elif (file := self.server.files.get(path.removeprefix("/"))) is not None:
             self._file(file)
         else:

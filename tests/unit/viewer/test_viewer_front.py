@@ -61,6 +61,8 @@ def test_pages_and_what_they_ask_for(folder):
         about = json.loads(ask("/about.json")[1])
         assert [row["case"] for row in about["cases"]] == ["a b", "c"]
         assert not any("path" in row for row in about["cases"]), "no folder names in a browser"
+        (row,) = json.loads(ask("/about.json?case=a%20b")[1])["cases"]
+        assert row == about["cases"][0]
         answer, data = ask("/recording/a%20b.rrd")
         assert data == (folder / "cases" / "a b" / "attempt-1" / "recording.rrd").read_bytes()
 
@@ -96,7 +98,8 @@ def test_what_is_not_there_is_not_found(folder, path):
 
 def test_an_error_is_a_line_for_the_page(folder, tmp_path):
     with front(folder=folder) as ask:
-        assert b"did you mean 'c'?" in ask("/recording/cc.rrd")[1]
+        for path in ("/recording/cc.rrd", "/about.json?case=cc"):
+            assert b"did you mean 'c'?" in ask(path)[1]
     with front(folder=tmp_path / "cases") as ask:
         answer, data = ask("/about.json")
         assert answer.status == 404

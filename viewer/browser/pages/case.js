@@ -70,19 +70,21 @@ function moment(row) {
   return asked ? Number(asked[1]) : row.moment_s;
 }
 
-async function showRecording(about, id) {
-  const row = about.cases.find((found) => found.case === id);
-  if (!row) throw new Error(`no recording of case '${id}'`);
+async function showRecording(row) {
   document.title = row.case;
   document.getElementById("back").hidden = false;
   const title = document.getElementById("title");
   title.textContent = `${row.case}: ${(row.verdict || "no verdict").replaceAll("_", " ")}`;
   title.className = row.verdict;
-  const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(id)}.rrd`);
-  say("Loading the recording ...");
-  await pause(handle, moment(row));
-  say(row.complete ? `Paused at ${moment(row)} s` : `Paused at ${moment(row)} s; incomplete`);
-  window.addEventListener("hashchange", () => pause(handle, moment(row)));
+  const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
+  const stop = async () => {
+    const seconds = moment(row);
+    say("Loading the recording ...");
+    await pause(handle, seconds);
+    say(`Paused at ${seconds} s${row.complete ? "" : "; the recording is incomplete"}`);
+  };
+  window.addEventListener("hashchange", stop);
+  await stop();
 }
 
 async function showLive() {
@@ -92,11 +94,13 @@ async function showLive() {
 }
 
 async function start() {
-  const answer = await fetch("about.json");
+  const id = new URLSearchParams(location.search).get("case") || "";
+  const answer = await fetch(`about.json?case=${encodeURIComponent(id)}`);
   if (!answer.ok) throw new Error(await answer.text());
   const about = await answer.json();
   if (about.live) await showLive();
-  else await showRecording(about, new URLSearchParams(location.search).get("case"));
+  else if (id) await showRecording(about.cases[0]);
+  else location.replace("/");
 }
 
 start().catch((error) => say(String(error.message || error)));
