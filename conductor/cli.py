@@ -8,6 +8,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 import json
 import sys
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +35,15 @@ Listen = Annotated[
         "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
     ),
 ]
+
+
+class OnOff(StrEnum):
+    """A switch."""
+
+    on = "on"
+    off = "off"
+
+
 View = Annotated[
     ViewMode | None,
     typer.Option(
@@ -63,6 +73,10 @@ def run_command(
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
     view: View = None,
+    render: Annotated[
+        OnOff | None,
+        typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
+    ] = None,
     memory_gb: Annotated[
         float | None,
         typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
@@ -75,12 +89,14 @@ def run_command(
     yourself (`twin worker --state OUT`) do the work.
     """
     from conductor.run import RunOptions, run_campaign
-    from conductor.source import load, only_case
+    from conductor.source import load, only_case, with_render
     from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     if case:
         loaded = only_case(loaded, case)
+    if render is not None:
+        loaded = with_render(loaded, render is OnOff.on)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
         workers=workers,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import shlex
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -79,12 +81,15 @@ def _announce(conductor: Conductor, namespace: str) -> None:
     conductor.started.wait()
     option = "" if namespace == "twin" else f" --namespace {namespace}"
     key = f" --key {shlex.quote(str(conductor.key.path))}" if conductor.key else ""
+    here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
+    folder = shlex.quote(str(Path(conductor.folder).absolute()))
     where = f"--connect {conductor.endpoint}{option}{key}"
     print(
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"
         f"  worker:  twin worker {where}\n"
         f"  status:  conductor status {where}\n"
-        f"  look:    viewer live {where}",
+        f"  look:    viewer live {where}\n"
+        f"  from a laptop: viewer live --ssh {here} --run {folder}",
         flush=True,
     )

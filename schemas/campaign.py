@@ -155,6 +155,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     requires: Requirements = Requirements()
     view: View = "live"
     """What is shown of its cases, and recorded; no result depends on it."""
+    render: bool = True
+    """Off: no camera sees anything, so there are no boxes either; for stacks that drive by lidars
+    or the car's own sensors."""
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
@@ -212,6 +215,13 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Those of :attr:`Campaign.files` that the case uses."""
     view: View = "live"
     """What its simulator shows."""
+    render: bool = True
+    """Its cameras see."""
+
+    @property
+    def seeing(self) -> list[Camera]:
+        """The cameras that see, the main one first."""
+        return [self.camera, *self.cameras] if self.render else []
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -296,6 +306,9 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
+    if not campaign.render and campaign.autonomy.stack == Autonomy().stack:
+        driver = f"off: stack {campaign.autonomy.stack} drives by a camera; name another"
+        mistakes.append(Mistake("render", driver))
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -430,6 +443,7 @@ def _case(
                 if name in campaign.files
             },
             view=campaign.view,
+            render=campaign.render,
         ),
         [],
     )

@@ -41,7 +41,7 @@ def rig_key(case: Case) -> str:
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement, case.files, case.view),
+        *(case.parameters, case.placement, case.files, case.view, case.render),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -74,6 +74,7 @@ def _rig_key(case: Case) -> str:
         "placement": case.placement,
         "files": case.files,
         "view": case.view,
+        "render": case.render,
     }
     return digest([_canonical(shared)])[:16]
 

@@ -92,7 +92,7 @@ class CaseStart(Struct, frozen=True):
     hfov_deg: float
     stage: Stage
     cameras: list[CameraSite] = []
-    """All cameras of the ego, the main one first; empty in recordings before live viewing."""
+    """All cameras of the ego that see, the main one first; live only."""
     lidars: list[LidarSite] = []
     rig: str = ""
     """Whose feed it comes from; live only."""

@@ -34,11 +34,11 @@ def case_blueprint(
 
     Args:
         stage: what stands still.
-        cameras: all of the ego's; empty: the main one.
+        cameras: all of the ego's that see; empty, unless ``live``: the main one.
         lidars: of the ego; their points are shown in the street.
         live: the newest is followed, and the eye drives behind the ego.
     """
-    names = [site.message for site in cameras] or ["camera"]
+    names = [site.message for site in cameras] if cameras or live else ["camera"]
     views = [_camera(name, main=name == names[0]) for name in names]
     plots = [
         _plot("Speed [m/s]", [naming.SPEED]),
@@ -52,9 +52,10 @@ def case_blueprint(
         rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns()),
         row_shares=[1.25, 0.7, 1, 1, 1.1, 1.1],
     )
-    seen = views[0] if len(views) == 1 else rrb.Grid(*views)
-    left = rrb.Vertical(seen, _chase(lidars) if live else _street(stage), row_shares=[1, 1])
-    play_state: Literal["following"] | None = "following" if live else None
+    street = _chase(lidars) if live else _street(stage)
+    seen = [rrb.Grid(*views)] if len(views) > 1 else views
+    left = rrb.Vertical(*seen, street)
+    play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[1.7, 1]),
         rrb.TopPanel(state="hidden"),

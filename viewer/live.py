@@ -24,7 +24,7 @@ from viewer.focus import Focus, Scenes, open_stream
 from viewer.hub import Hub, open_hub
 from viewer.link import Ended, Event, Link, Said, Scene, Status
 from viewer.overview import Overview
-from viewer.prompt import HINT, choose, typed
+from viewer.prompt import HINT, Typed, choose, has_terminal
 from viewer.pulse import Pulse
 from viewer.slots import Slots
 from viewer.tunnel import Far, Tunnel
@@ -124,10 +124,12 @@ def run_live(options: LiveOptions) -> int:
         shown = None
         if options.show and native.has_display():
             shown = stack.enter_context(window(["--connect", live.hub.url]))
-        lines = typed()
+        typed = Typed()
         while not stop.wait(TURN_S):
-            while not lines.empty():
-                live.choose(lines.get())
+            if live.connected:
+                typed.start()
+            for line in typed.take():
+                live.choose(line)
             live.turn(time.time())
             if shown is not None and _closed(shown):
                 break
@@ -142,6 +144,8 @@ class Live:
         self.hub = hub
         self.overview = Overview()
         self.slots = Slots()
+        self.connected = False
+        """The conductor has answered, once at least."""
         self.strangers = 0
         """Messages of another version, or damaged."""
         self._pulse = Pulse()
@@ -229,6 +233,7 @@ class Live:
                 return
             match heard:
                 case Status(found):
+                    self.connected = True
                     self._pulse.status(found, now_s)
                 case Event(fact):
                     self._pulse.event(fact)
@@ -283,7 +288,7 @@ def _tell(hub: Hub, port: int, options: LiveOptions) -> None:
     print(f"cases of {options.where} on {hub.url}; Ctrl-C ends")
     if options.show and not native.has_display():
         print("no display here to open a window on")
-    if sys.stdin.isatty():
+    if has_terminal():
         print(HINT)
     print("on a laptop behind ssh, with the same rerun-sdk:")
     for line in native.tunnel_commands(port):

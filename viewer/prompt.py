@@ -7,6 +7,7 @@ every new one, so a list of all cases to click on would take the wall away again
 from __future__ import annotations
 
 import queue
+import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -39,14 +40,38 @@ def choose(text: str, names: Sequence[str]) -> tuple[str, str]:
     return "", f"'{text}' is in no name on the wall; there are e.g. {some}"
 
 
-def typed() -> queue.SimpleQueue[str]:
-    """Lines typed into this terminal from now on; none ever, if there is no terminal."""
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    if sys.stdin is not None and sys.stdin.isatty():
-        threading.Thread(target=_read, args=(lines,), name="prompt", daemon=True).start()
-    return lines
+def has_terminal() -> bool:
+    """Somebody can type."""
+    return sys.stdin is not None and sys.stdin.isatty()
 
 
-def _read(lines: queue.SimpleQueue[str]) -> None:
-    for line in sys.stdin:
-        lines.put(line.strip())
+class Typed:
+    """Lines typed into the terminal from :meth:`start` on."""
+
+    def __init__(self) -> None:
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._started = False
+
+    def start(self) -> None:
+        """Begin to read, from the main thread; again: nothing. Passwords are asked for before."""
+        if self._started or not has_terminal():
+            return
+        self._started = True
+        if hasattr(signal, "SIGTTIN"):
+            # In the background a read would stop the whole process; so it fails instead.
+            signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+        threading.Thread(target=self._read, name="prompt", daemon=True).start()
+
+    def take(self) -> list[str]:
+        """Lines since the last call."""
+        lines = []
+        while not self._lines.empty():
+            lines.append(self._lines.get())
+        return lines
+
+    def _read(self) -> None:
+        try:
+            for line in sys.stdin:
+                self._lines.put(line.strip())
+        except OSError:
+            return  # in the background

@@ -114,7 +114,7 @@ def outline(stage: Stage) -> list[Logged]:
 
 def eyes(start: CaseStart) -> list[Logged]:
     """Cameras and lidars on the ego."""
-    if not start.cameras:  # of a recorder, which knows the main one only
+    if not start.rig:  # for a recorder, which gets the main one only
         half_px = math.tan(math.radians(start.hfov_deg) / 2)
         return [
             (naming.CAMERA, rr.Transform3D(translation=start.stage.camera_m)),

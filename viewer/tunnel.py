@@ -1,7 +1,8 @@
 """A way to a conductor behind ssh: the tunnel is a child of ours, opened, mended and ended by us.
 
 The far end runs ``cat``: it says when the tunnel stands, and ends with our end of its input,
-however we end. Passwords are asked for on the terminal, by ssh itself.
+however we end. Passwords are asked for on the terminal, by ssh itself; to mend a tunnel that fell,
+keys or an agent are needed.
 """
 
 from __future__ import annotations
@@ -127,6 +128,11 @@ class Tunnel:
         if child.stdout is not None:
             child.stdout.close()
 
+    @property
+    def _options(self) -> tuple[str, ...]:
+        """Once it has stood nobody is asked for a password: the terminal is in use by then."""
+        return (*_OPTIONS, "-o", "BatchMode=yes") if self._stood else _OPTIONS
+
     def _look_up(self) -> ConductorFile:
         """What ``conductor.json`` over there says, or the command line."""
         far = self._far
@@ -135,7 +141,7 @@ class Tunnel:
         path = f"{far.folder}/{FILE_NAME}"
         try:
             done = subprocess.run(
-                ["ssh", *_OPTIONS, far.login, f"cat -- {shlex.quote(path)}"],
+                ["ssh", *self._options, far.login, f"cat -- {shlex.quote(path)}"],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 timeout=READ_S,
@@ -166,7 +172,7 @@ class Tunnel:
         with tempfile.TemporaryFile() as log:
             self._child = child = subprocess.Popen(
                 [
-                    *("ssh", *_OPTIONS, "-L", f"127.0.0.1:{self._port}:{host}:{port}", *way),
+                    *("ssh", *self._options, "-L", f"127.0.0.1:{self._port}:{host}:{port}", *way),
                     f"echo {READY} && exec cat",
                 ],
                 stdin=subprocess.PIPE,

@@ -240,6 +240,28 @@ def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
     assert viewer.wait(20) == 0
 
 
+def test_a_conductor_that_moves_is_found_again(marked, tmp_path):
+    """``--run`` names a folder: the next conductor of it may listen elsewhere."""
+    folder = tmp_path / "state"
+    viewer, said = look(marked, folder)
+    said()
+    endpoints = []
+    for _ in range(2):
+        conductor = marked.start("conductor", "serve", "--state", str(folder))
+        line = conductor.stdout.readline()
+        endpoints.append(line.split(" at ")[1].strip())
+        heard = viewer.stderr.readline()
+        while f"connected to {endpoints[-1]}" not in heard:
+            assert heard, "the viewer has ended"
+            assert len(heard.splitlines()) == 1
+            heard = viewer.stderr.readline()
+        conductor.send_signal(signal.SIGINT)
+        assert conductor.wait(30) == 130
+    assert endpoints[0] != endpoints[1]
+    viewer.send_signal(signal.SIGINT)
+    assert viewer.wait(30) == 0
+
+
 def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
     case = next(iter(outcomes(quiet["folder"])))
     done = [

@@ -126,7 +126,8 @@ class Simulator:
         slots = len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
-        self._frames = frames = FrameBuffer(size) if case.placement == "worker" else None
+        shared = case.placement == "worker" and size > 0
+        self._frames = frames = FrameBuffer(size) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}

@@ -67,13 +67,14 @@ class Demand:
             return NOTHING
         names = set(sensed)
         due = set()
-        if wall and "camera" in names and _elapsed(run, "thumbnail", now_s) >= 1:
+        blind = not run.lease.case.seeing
+        if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
             due.add("thumbnail")
         if singles and self.focused(run):
             eyes = (n for n in names if n.partition(".")[0] in ("camera", "lidar"))
             due.update(n for n in eyes if _elapsed(run, n, now_s) >= 1)
             # With its picture, so that boxes stand where they belong; without one, half as often.
-            if "camera" in due or _elapsed(run, "state", now_s) >= 2:
+            if "camera" in due or _elapsed(run, "state", now_s) >= (1 if blind else 2):
                 due.add("state")
             if _elapsed(run, "start", now_s) >= 1:
                 due.add("start")  # again and again: who comes later knows the case from the next

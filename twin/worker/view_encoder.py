@@ -112,9 +112,9 @@ class Encoder:
             state = state_of(seen, token, seq)
             messages.append(Message(topics.VIEW_STATE, encode(state)))
         messages += _live(seen, token, due, picture)
-        if "thumbnail" in due and seen.image is not None:
+        if "thumbnail" in due:
             before = self._shown.get(token)
-            small = jpeg(seen.image, THUMBNAIL_WIDTH_PX)
+            small = b"" if seen.image is None else jpeg(seen.image, THUMBNAIL_WIDTH_PX)
             shown = self._shown[token] = _Shown(small, seen, before.count + 1 if before else 1)
             messages.append(_thumbnail(item.run.lease, shown, None))
         return messages

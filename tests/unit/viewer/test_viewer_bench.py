@@ -42,7 +42,7 @@ def test_too_many_in_full_is_a_mistake():
 
 def test_synthetic_cases_are_measured(capsys, monkeypatch):
     monkeypatch.setattr("viewer.bench.WARM_UP_S", 3.0)
-    options = BenchOptions(cases=4, focus=1, seconds=2.0, rounds=0)
+    options = BenchOptions(cases=4, focus=1, seconds=1.0, rounds=0)
     assert bench(options, as_json=True, check=False) == 0
     found = json.loads(capsys.readouterr().out)["viewer"]
     assert found["received"] > 4

@@ -123,7 +123,9 @@ def test_a_tunnel_that_falls_is_dug_again(opened, calls, port, monkeypatch):
     while "connected" not in hear(link, Said).line:
         pass
     hear(link, Status)
-    assert len(calls()) == 2
+    first, second = calls()
+    assert "BatchMode=yes" not in first["-o"]
+    assert "BatchMode=yes" in second["-o"], "the terminal is in use"
 
 
 def test_hosts_that_are_not_there(opened, calls):
