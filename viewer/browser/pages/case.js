@@ -89,7 +89,9 @@ async function showRecording(row) {
 
 async function showLive() {
   document.title = "Live";
-  await viewer(`rerun+http://${location.host}/proxy`);
+  const handle = await viewer(`rerun+http://${location.host}/proxy`);
+  // The list of what there is: the wall and the single cases.
+  handle.override_panel_state("blueprint", "expanded");
   say("Live");
 }
 
