@@ -9,9 +9,9 @@ from typing import Any
 from rich.table import Table
 
 from twin.fabric.errors import UsageError
-from viewer.convert import verdict_color
 from viewer.folder import Found, Moment, case_names, find_moment, find_recording
 from viewer.frames import RecordedCase, read_cover
+from viewer.scenery import verdict_color
 
 NAMES_MAX = 3
 """Cases named in a line about many."""
@@ -92,11 +92,21 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
             cover = read_cover(found.path)
         except UsageError:
             missing.append(case)
-            continue
-        rows.append(_row(found, _moment(found, at), cover))
+        else:
+            rows.append(_row(found, _moment(found, at), cover))
     if not rows:
         raise UsageError(f"{folder}: no case was recorded; run the campaign with --view record")
     return Catalogue(folder, rows, missing)
+
+
+def read_row(folder: Path, case: str, at: str) -> Row:
+    """The row of one case.
+
+    Raises:
+        UsageError: no such case, or it was not recorded.
+    """
+    found = find_recording(folder, case)
+    return _row(found, _moment(found, at), read_cover(found.path))
 
 
 def table(catalogue: Catalogue) -> Table:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
+import os
+import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +16,7 @@ import typer
 
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.errors import UsageError
+from twin.fabric.process import PARENT_VARIABLE
 
 app = make_app(
     "viewer",
@@ -199,6 +203,7 @@ def live(
     """
     from viewer.live import LiveOptions, run_live
 
+    _end_with_parent()
     if bool(connect) == (run_folder is not None):
         raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
     if node and not ssh:
@@ -217,6 +222,70 @@ def live(
         json=output is Output.json,
     )
     raise typer.Exit(run_live(options))
+
+
+@app.command()
+def web(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Campaign folder whose recordings are shown.")
+    ] = None,
+    case: Annotated[str, typer.Argument(help="Case id; none: the table of all.")] = "",
+    connect: Annotated[
+        str, typer.Option(help="Or live: the conductor's endpoint, e.g. tls/login1:7447.")
+    ] = "",
+    run_folder: Annotated[
+        Path | None,
+        typer.Option("--run", help="Or live: campaign or state folder on a shared file system."),
+    ] = None,
+    focus: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="Live: show this case in full as well; up to 8 times."),
+    ] = None,
+    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    key: KeyOption = None,
+    at: At = "aeb",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
+    ] = 0,
+    output: OutputOption = Output.human,
+) -> None:
+    """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
+    from viewer.browser.serve import WebOptions, run_web
+    from viewer.catalogue import read_catalogue
+    from viewer.folder import find_moment, find_recording
+
+    if sum((bool(connect), run_folder is not None, folder is not None)) != 1:
+        raise UsageError(
+            "give a campaign folder (its recordings), or for running cases one of "
+            "--connect tls/HOST:PORT and --run FOLDER"
+        )
+    as_json = output is Output.json
+    if folder is None:
+        live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
+        live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
+        live_options += [f"--case={name}" for name in focus or ()]
+        raise typer.Exit(run_web(WebOptions(port, live=tuple(live_options), json=as_json)))
+    moment = None
+    if case:
+        moment = find_moment(find_recording(folder, case), at)
+    else:
+        for line in read_catalogue(folder, at).remarks():
+            tell(line)
+    options = WebOptions(port, folder, at, case, moment, json=as_json)
+    raise typer.Exit(run_web(options))
+
+
+def _end_with_parent() -> None:
+    """As a child of `viewer web`: leave when it is gone, however it ended."""
+    if not os.environ.pop(PARENT_VARIABLE, ""):
+        return
+
+    def wait() -> None:
+        while os.read(0, 4096):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="lifeline", daemon=True).start()
 
 
 @app.command("bench")

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from twin.fabric.errors import UsageError
-from viewer.convert import CYAN, GREY, ORANGE, RED, Color
 from viewer.frames import Frame, Mark
 from viewer.mosaic import decoded
+from viewer.scenery import CYAN, GREY, ORANGE, RED, Color
 
 WIDTH_MIN_PX = 640
 """Smaller pictures are enlarged by a whole number, so that labels have room [px]."""

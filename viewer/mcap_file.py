@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from viewer.convert import CYAN, ORANGE, RED, Color
 from viewer.frames import Event, Frame, Mark, RecordedCase
 from viewer.outputs import needed, write_whole
+from viewer.scenery import CYAN, ORANGE, RED, Color
 
 _OPTION = "--mcap"
 _TYPES = "foxglove_schemas_protobuf"

@@ -7,10 +7,10 @@ from recorded_case import write
 
 from twin.fabric.errors import UsageError
 from twin.worker.view_samples import jpeg
-from viewer.convert import CYAN, ORANGE, RED
 from viewer.drawing import LINE_PX, drawn, figures
 from viewer.folder import Moment
 from viewer.frames import Frame, Mark, read_case
+from viewer.scenery import CYAN, ORANGE, RED
 from viewer.still import write_still
 
 

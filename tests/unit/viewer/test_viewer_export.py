@@ -117,12 +117,12 @@ def test_an_mcap_file_read_back(tmp_path):
 
 def test_without_pictures_there_is_no_film(tmp_path):
     recording = Recording(start(tmp_path))
-    recording.state(state(1, 0, boxes=None))
+    recording.state(state(1, 0, boxes=None, controls=None))
     recording.close(end(2, tick=0))
     case = read_case(tmp_path / naming.RECORDING_FILE)
     with pytest.raises(UsageError, match="no camera picture"):
         write_film(case, tmp_path / "a.mp4")
-    assert write_mcap(case, tmp_path / "a.mcap").messages == 4
+    assert write_mcap(case, tmp_path / "a.mcap").messages == 3
     with pytest.raises(UsageError, match="No such file or directory"):
         write_mcap(case, tmp_path / "no" / "a.mcap")
 
