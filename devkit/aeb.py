@@ -1,4 +1,4 @@
-"""The reference stack: detect, plan, brake - the paper's three stages, and its lights."""
+"""The reference stack: the paper's detect, plan and brake; it keeps its lane, and has lights on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Any, TypeVar
 
 from devkit import control, lights, planning
 from devkit.eyes import Eyes
+from devkit.lane_track import LaneTrack, Motion
+from devkit.lane_view import LaneView
 from devkit.stack import Observation, Stack
+from devkit.steering import Steering, Wheel, steer
 from devkit.view import View
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
@@ -20,11 +23,13 @@ from schemas.messages import (
 from schemas.validation import convert_all
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
+_YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
 _ILLUMINANCE = ENVIRONMENT_COLUMNS.index("illuminance_lx")
 _EXTINCTION = ENVIRONMENT_COLUMNS.index("extinction_per_m")
 
 _PLANNER = planning.Planner()
 _CONTROLLER = control.Controller()
+_STEERING = Steering()
 _SWITCH = lights.LightsSwitch()
 
 T = TypeVar("T")
@@ -41,8 +46,10 @@ class _Car:
     token: int
     period_s: float
     view: View
+    lane: LaneTrack
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
+    wheel: Wheel = field(default_factory=Wheel)
     surroundings: lights.Surroundings = field(default_factory=lights.Surroundings)
 
 
@@ -65,12 +72,25 @@ class AebStack(Stack):
         frames_min: int = _PLANNER.frames_min,
         frames_window: int = _PLANNER.frames_window,
         corridor_half_m: float = _PLANNER.corridor_half_m,
+        cruise: str = _CONTROLLER.cruise,
+        cruise_throttle: float = _CONTROLLER.cruise_throttle,
         throttle_max: float = _CONTROLLER.throttle_max,
         throttle_gain: float = _CONTROLLER.throttle_gain,
         throttle_integral_gain: float = _CONTROLLER.throttle_integral_gain,
         overspeed_mps: float = _CONTROLLER.overspeed_mps,
         cruise_brake_gain: float = _CONTROLLER.cruise_brake_gain,
         cruise_brake_max: float = _CONTROLLER.cruise_brake_max,
+        steering: str = _STEERING.steering,
+        lane_width_m: float = _STEERING.lane_width_m,
+        marking_width_m: float = _STEERING.marking_width_m,
+        preview_s: float = _STEERING.preview_s,
+        wheelbase_m: float = _STEERING.wheelbase_m,
+        understeer_rad_per_mps2: float = _STEERING.understeer_rad_per_mps2,
+        roll_rad_per_mps2: float = _STEERING.roll_rad_per_mps2,
+        sideslip_rad_per_mps2: float = _STEERING.sideslip_rad_per_mps2,
+        steering_max_rad: float = _STEERING.steering_max_rad,
+        steering_rate_radps: float = _STEERING.steering_rate_radps,
+        fade_s: float = _STEERING.fade_s,
         dark_below_lx: float = _SWITCH.dark_below_lx,
         bright_above_lx: float = _SWITCH.bright_above_lx,
         fog_above_per_m: float = _SWITCH.fog_above_per_m,
@@ -79,16 +99,19 @@ class AebStack(Stack):
         """Build the stack for ``slots`` cars.
 
         The parameters are the fields of :class:`devkit.planning.Planner`,
-        :class:`devkit.control.Controller` and :class:`devkit.lights.LightsSwitch`, which state
-        unit and range of each.
+        :class:`devkit.control.Controller`, :class:`devkit.steering.Steering` and
+        :class:`devkit.lights.LightsSwitch`, which state unit and range of each.
 
         Raises:
-            ValueError: a parameter is out of its range or not a number.
+            ValueError: a parameter is out of its range, not a number, or would be ignored.
         """
         given = locals()
         self.planner = _checked(planning.Planner, given)
         self.controller = _checked(control.Controller, given)
+        self.steering = _checked(Steering, given)
         self.switch = _checked(lights.LightsSwitch, given)
+        if cruise == "throttle" and cruise_speed_mps != _PLANNER.cruise_speed_mps:
+            raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
         self._cars: list[_Car | None] = [None] * slots
         self._eyes = Eyes(slots)
         self._drove: list[int] = []
@@ -100,6 +123,9 @@ class AebStack(Stack):
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
             view=View.of_site(episode.cameras[0]),
+            lane=LaneTrack(
+                LaneView.of_site(episode.cameras[0]), self.steering.lines_m, self.steering.chassis
+            ),
         )
 
     def step(self, observation: Observation) -> list[Command]:
@@ -121,7 +147,10 @@ class AebStack(Stack):
     ) -> Command:
         speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
 
-        car.state, plan = planning.plan(car.state, detections, speed_mps, car.view, self.planner)
+        self._keep_lane(car, slot, observation)
+        car.state, plan = planning.plan(
+            car.state, detections, speed_mps, car.view, self.planner, car.wheel.bend_per_m
+        )
         car.throttle_integral, actuation = control.control(
             car.throttle_integral, plan, speed_mps, car.period_s, self.controller
         )
@@ -133,7 +162,7 @@ class AebStack(Stack):
             tick=int(observation.tick[slot]),
             throttle=actuation.throttle,
             brake=actuation.brake,
-            steering_rad=actuation.steering_rad,
+            steering_rad=car.wheel.angle_rad,
             aeb=plan.aeb,
             lights=lights.choose(car.surroundings, plan.aeb),
             detections=detections or [],
@@ -147,6 +176,15 @@ class AebStack(Stack):
             held = "none" if car is None else str(car.token)
             raise ValueError(f"slot {slot}: observation of token {token}, but reset for {held}")
         return car
+
+    def _keep_lane(self, car: _Car, slot: int, observation: Observation) -> None:
+        """Turn the wheel towards the lane in the camera image."""
+        if self.steering.steering == "straight":
+            return
+        vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
+        motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
+        curve = car.lane.update(motion, None if camera is None else camera[slot], car.period_s)
+        car.wheel = steer(car.wheel, curve, motion.speed_mps, car.period_s, self.steering)
 
     def _look_around(self, car: _Car, slot: int, observation: Observation) -> lights.Surroundings:
         environment = observation.sensors["environment"][slot]

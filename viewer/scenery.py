@@ -27,7 +27,13 @@ ORANGE: Color = (245, 166, 35)
 CYAN: Color = (90, 200, 220)
 GREY: Color = (120, 126, 138)
 
-VERDICT_COLORS: dict[str, Color] = {"pass": GREEN, "collision": RED, "false_braking": ORANGE}
+VERDICT_COLORS: dict[str, Color] = {
+    "pass": GREEN,
+    "collision": RED,
+    "lane_departure": RED,
+    "false_braking": ORANGE,
+    "time_up": ORANGE,
+}
 
 BUILDING_HEIGHT_M = 0.2
 """Buildings are drawn as flat as their ground plan, so that they hide nothing [m]."""

@@ -10,7 +10,7 @@ from conductor.report.dossier import Dossier, Row
 from conductor.report.palette import status_symbol
 
 # From bad to good: a cell of several cases shows the worst of them.
-_WORST_FIRST = ("collision", "failed", "unresolved", "cancelled", "not ended")
+_WORST_FIRST = ("collision", "lane_departure", "failed", "unresolved", "cancelled", "not ended")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def worst(cell: list[Row]) -> Row:
 
 
 def cell_text(cell: list[Row]) -> str:
-    """Symbol and the number that matters: how near it came, or how hard it hit."""
+    """Symbol and the number that matters: see :func:`cell_number`."""
     if not cell:
         return ""
     symbol = status_symbol(worst(cell).status)
@@ -52,13 +52,16 @@ def cell_text(cell: list[Row]) -> str:
 
 
 def cell_number(cell: list[Row]) -> str:
-    """Smallest distance [m], of a collision the impact speed [m/s]; of several cases how many
-    passed. Empty: it is not known."""
+    """Smallest distance [m], of a collision the impact speed [m/s], of lane keeping the lateral
+    error [m]; of several cases how many passed. Empty: it is not known."""
     row = worst(cell)
     if len(cell) > 1:
         return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
     if row.status == "collision":
         speed = row.scalar("impact_speed_mps")
         return "" if speed is None else f"{speed:.1f}"
+    error = row.scalar("lateral_error_rms_m")
+    if error is not None:
+        return f"{error:.2f}"
     distance = row.scalar("dtc_min_m") if row.passed else None
     return "" if distance is None else f"{distance:.1f}"

@@ -63,8 +63,13 @@ class Dossier:
         return sum(not row.end.outcome for row in self.rows)
 
     @property
+    def lane_keeping(self) -> bool:
+        """The ego keeps its lane, and nothing stands in it; else it brakes for an obstacle."""
+        return self.campaign.scenario.type == "lane_keeping"
+
+    @property
     def passed(self) -> int:
-        """Cases that passed by the paper's rule: no collision."""
+        """Cases that passed by the rule of their scenario."""
         return sum(row.passed is True for row in self.rows)
 
 

@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 
 from schemas.lens import Lens
+from schemas.lens_projection import project
 from schemas.messages import SEMANTIC_CLASSES
 from twin.dataset.cameras import eyes_of
 from twin.dataset.cast import streets_of
@@ -21,7 +22,6 @@ from twin.dataset.recipe import Recipe, Streets
 from twin.dataset.shot import plan_shot
 from twin.dataset.studio import Studio
 from twin.dataset.traffic import Placed
-from twin.render.lens import project
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.materials import SIGN
 from twin.world.mesh import DECAL

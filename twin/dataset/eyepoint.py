@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.lens import CameraMount, Lens
-from twin.render.lens import project, vehicle_from_camera
+from schemas.lens_projection import project, vehicle_from_camera
 
 _QUARTERS = (
     (np.array([4.0, 1.0, 1.0]) / 6.0),

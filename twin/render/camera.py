@@ -9,12 +9,13 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.lens import CameraMount
+from schemas.lens_projection import vehicle_from_camera
 from twin.render import lamps, raster, rays, visibility
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
 from twin.render.lamps import BEAMS_MAX, Beams
-from twin.render.lens import ray_table, vehicle_from_camera
+from twin.render.lens import ray_table
 from twin.render.light import SlotLight
 from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted

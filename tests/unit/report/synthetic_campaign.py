@@ -129,6 +129,7 @@ def _rows(case: Case, sight_m: float, decel_mps2: float) -> dict[str, list[Any]]
                 "dtc_m": max(distance, 0.0),
                 "ttc_s": distance / speed if closing else None,
                 "collisions": int(hit),
+                "lateral_error_m": None,
                 "throttle": None if last else (0.0 if aeb else 0.4 + 0.4 * (speed < 10)),
                 "brake": None if last else float(aeb),
                 "steering_rad": None if last else 0.0,
