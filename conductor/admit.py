@@ -20,7 +20,8 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
         None and the errors, one line each.
     """
     given = str(request.campaign.get("campaign", "campaign"))[:80]
-    campaign, cases, mistakes = parse_cases(request.campaign)
+    view = {} if state.config.view is None else {"view": state.config.view.value}
+    campaign, cases, mistakes = parse_cases({**request.campaign, **view})
     if campaign is None:
         return None, [mistake.line(given) for mistake in mistakes]
     name = campaign.campaign

@@ -8,6 +8,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 import json
 import sys
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +35,22 @@ Listen = Annotated[
         "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
     ),
 ]
+
+
+class OnOff(StrEnum):
+    """A switch."""
+
+    on = "on"
+    off = "off"
+
+
+View = Annotated[
+    ViewMode | None,
+    typer.Option(
+        help="live: `viewer live` may look; record: an .rrd per case; default: as the campaign's "
+        "`view` says, which is live."
+    ),
+]
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
 ]
@@ -55,10 +72,11 @@ def run_command(
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
-    view: Annotated[
-        ViewMode,
-        typer.Option(help="live: `viewer live --run OUT` may look; record: an .rrd per case."),
-    ] = ViewMode.live,
+    view: View = None,
+    render: Annotated[
+        OnOff | None,
+        typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
+    ] = None,
     memory_gb: Annotated[
         float | None,
         typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
@@ -72,12 +90,14 @@ def run_command(
     """
     from conductor.models import check_models
     from conductor.run import RunOptions, run_campaign
-    from conductor.source import load, only_case
+    from conductor.source import load, only_case, with_render
     from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     if case:
         loaded = only_case(loaded, case)
+    if render is not None:
+        loaded = with_render(loaded, render is OnOff.on)
     check_models(loaded, campaign, "cpu" if workers == 0 else device)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
@@ -105,6 +125,7 @@ def serve(
         float,
         typer.Option(min=0.5, max=3600, help="A silent worker's cases are given to others [s]."),
     ] = 15.0,
+    view: View = None,
     metrics: Annotated[
         str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
     ] = "",
@@ -121,6 +142,7 @@ def serve(
             key=load_key(key) if key else None,
             by_batch=by_batch,
             ttl_s=ttl_s,
+            view=view,
             metrics=metrics,
         )
     )
@@ -281,16 +303,27 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 
 @app.command()
-def report(folder: Folder, output: OutputOption = Output.human) -> None:
+def report(
+    folder: Folder,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a result page, .md, with its pictures in a folder beside it; what was "
+            "written into it by hand stays."
+        ),
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
     """Write summary.parquet and report.html of a campaign folder.
 
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
-    from conductor.report import report_json, write_report
+    from conductor.report import report_json, write_report, write_result_page
 
     page = write_report(folder)
     tables = report_json(folder)
-    print(json.dumps(tables) if output is Output.json else page)
+    pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
+    print(json.dumps(tables) if output is Output.json else "\n".join(map(str, pages)))
     for alarm in tables["alarms"]:
         print(f"conductor: {alarm}", file=sys.stderr)
     if tables["alarms"]:

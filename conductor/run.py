@@ -71,7 +71,8 @@ class RunOptions:
     by_batch: bool = False
     listen: str = LOOPBACK
     key: Key | None = None
-    view: ViewMode = ViewMode.live
+    view: ViewMode | None = None
+    """None: what the campaign says."""
     memory_gb: float | None = None
     json: bool = False
 
@@ -94,6 +95,8 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
     started = time.monotonic()
     console = Console(stderr=True)
     cases = len(expand(campaign))
+    if options.view is not None:
+        campaign = msgspec.structs.replace(campaign, view=options.view.value)
     with _signals() as pending:
         try:
             _execute(campaign, options, cases, console, pending)
@@ -154,12 +157,19 @@ def _execute(
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
         worker_options = [
             *("--connect", conductor.endpoint, "--slots", str(options.slots)),
-            *("--device", options.device, "--view", options.view.value),
+            *("--device", options.device),
+            *(() if options.view is None else ("--view", options.view.value)),
             *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
             *(("--key", str(conductor.key.path)) if conductor.key else ()),
         ]
+        if ViewMode(campaign.view).shows:
+            console.print(
+                f"look: viewer live --run {shlex.quote(str(options.out))}",
+                markup=False,
+                soft_wrap=True,
+            )
         workers = LocalWorkers(worker_options, conductor.folder, count)
         try:
             _wait(conductor, campaign, workers, console, pending)

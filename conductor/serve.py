@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import shlex
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,6 +15,7 @@ from pathlib import Path
 
 from conductor.shell import Conductor
 from conductor.state import Config
+from schemas.view_mode import ViewMode
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
 from twin.fabric.key_file import Key
 
@@ -25,6 +28,7 @@ def serve_folder(
     key: Key | None = None,
     by_batch: bool = False,
     ttl_s: float | None = None,
+    view: ViewMode | None = None,
     metrics: str = "",
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
@@ -36,10 +40,11 @@ def serve_folder(
         key: the fabric's key, if one was given.
         by_batch: run a campaign's batches one after the other.
         ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
+        view: what is shown of cases submitted from now on; None: what their campaign says.
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
-    config = Config(by_batch=by_batch)
+    config = Config(by_batch=by_batch, view=view)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
     conductor = Conductor(folder, listen=listen, namespace=namespace, key=key, config=config)
@@ -76,11 +81,15 @@ def _announce(conductor: Conductor, namespace: str) -> None:
     conductor.started.wait()
     option = "" if namespace == "twin" else f" --namespace {namespace}"
     key = f" --key {shlex.quote(str(conductor.key.path))}" if conductor.key else ""
+    here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
+    folder = shlex.quote(str(Path(conductor.folder).absolute()))
     where = f"--connect {conductor.endpoint}{option}{key}"
     print(
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"
         f"  worker:  twin worker {where}\n"
-        f"  status:  conductor status {where}",
+        f"  status:  conductor status {where}\n"
+        f"  look:    viewer live {where}\n"
+        f"  from a laptop: viewer live --ssh {here} --run {folder}",
         flush=True,
     )

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from schemas.assets import asset_digest, file_digest, is_path
-from schemas.campaign import Campaign, Case, only, parse_cases
+from schemas.campaign import Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
 from schemas.perception import file_fields
 from schemas.validation import Mistake, suggest
@@ -103,6 +103,19 @@ def only_case(campaign: Campaign, case: str) -> Campaign:
             "`conductor validate FILE --output json` lists them"
         )
     return found
+
+
+def with_render(campaign: Campaign, render: bool) -> Campaign:
+    """The campaign with cameras that see, or that do not.
+
+    Raises:
+        UsageError: its stack cannot do without.
+    """
+    plain = msgspec.to_builtins(msgspec.structs.replace(campaign, render=render))
+    changed, mistakes = parse_campaign(plain)
+    if changed is None:
+        raise UsageError(f"--render {mistakes[0].message}")
+    return changed
 
 
 def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:

@@ -25,6 +25,7 @@ from conductor.facts import (
     WorkerJoined,
 )
 from schemas.campaign import Campaign, Case
+from schemas.view_mode import ViewMode
 
 IMAGE_CASES = 1000
 """Cases in one image of a snapshot."""
@@ -59,6 +60,8 @@ class Config:
     """The same with no cases left [s]."""
     by_batch: bool = False
     """Grant only cases of a campaign's lowest batch that has not ended."""
+    view: ViewMode | None = None
+    """Takes the place of what submitted campaigns say."""
     walltime_margin_s: float = 10.0
     """A case is granted if its estimate and this fit into the asker's walltime [s]."""
     host_deaths: int = 3

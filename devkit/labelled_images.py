@@ -28,6 +28,9 @@ SPLITS = ("train", "held_out", "other_scene")
 TESTS = ("held_out", "other_scene")
 """Splits that no training sees; together they are ``all``."""
 
+MODERATE_HEIGHT, MODERATE_VISIBILITY, MODERATE_TRUNCATION = 25 / 375, 0.5, 0.3
+"""See :attr:`LabelledImages.moderate` [-]."""
+
 NO_CLASS = -1
 """Class of a box whose category belongs to no class: it may be anything."""
 
@@ -121,11 +124,27 @@ class LabelledImages:
     """bool [M]: neither an object to be found nor background."""
     visibility: np.ndarray
     """float64 [M]: share of its pixels that nothing hides."""
+    truncation: np.ndarray
+    """float64 [M]: share of it outside the image."""
     distance_m: np.ndarray
     """float64 [M]."""
 
-    def truth(self) -> Truth:
-        """For :func:`devkit.evaluate.evaluate`: a box of no class is ignored in every class."""
+    @property
+    def moderate(self) -> np.ndarray:
+        """bool [M]: what KITTI's level "moderate" asks for (Geiger et al., 2012): a box at least 25
+        of 375 pixels high, at most partly hidden (here half), at most 30 % outside the image."""
+        high = self.box_px[:, 3] >= MODERATE_HEIGHT * self.size_px[self.image, 1]
+        seen = (self.visibility >= MODERATE_VISIBILITY) & (self.truncation <= MODERATE_TRUNCATION)
+        moderate: np.ndarray = high & seen & ~self.ignored
+        return moderate
+
+    def truth(self, ignored: np.ndarray | None = None) -> Truth:
+        """For :func:`devkit.evaluate.evaluate`: a box of no class is ignored in every class.
+
+        Args:
+            ignored: bool [M], instead of the data's own.
+        """
+        ignored = self.ignored if ignored is None else ignored
         loose = np.flatnonzero(self.class_id == NO_CLASS)
         bound = np.flatnonzero(self.class_id != NO_CLASS)
         rows = np.concatenate([bound, np.repeat(loose, len(self.names))])
@@ -134,7 +153,7 @@ class LabelledImages:
             image=self.image[rows],
             class_id=np.concatenate([self.class_id[bound], any_class]),
             box_px=self.box_px[rows],
-            ignored=self.ignored[rows],
+            ignored=ignored[rows],
         )
 
 
@@ -219,6 +238,7 @@ def read_labelled(
         box_px=np.array([box.bbox for box in boxes], np.float64).reshape(-1, 4),
         ignored=np.array([bool(box.ignore) for box in boxes], bool) | (class_id == NO_CLASS),
         visibility=np.array([box.visibility for box in boxes]),
+        truncation=np.array([box.truncation for box in boxes]),
         distance_m=np.array([box.distance_m for box in boxes]),
     )
 
@@ -239,6 +259,7 @@ class _Box(Struct, frozen=True):
     bbox: tuple[float, float, float, float]
     ignore: int
     visibility: float
+    truncation: float
     distance_m: float
 
 

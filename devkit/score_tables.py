@@ -31,6 +31,21 @@ def merit_line(card: Scorecard) -> str:
     return f"{where}: AP@0.5 {100.0 * card.noon.ap:.1f} ({objects})"
 
 
+def moderate_lines(card: Scorecard) -> str:
+    """Scores of the objects that KITTI's level "moderate" asks for, in two lines."""
+    classes = [
+        f"{name} {_percent(score.ap)} of {score.truths}"
+        for name, score in card.moderate.classes.items()
+    ]
+    noon = card.noon_moderate
+    merit = f"; {MERIT} at clear noon {_percent(noon.ap)} of {noon.truths}" if noon else ""
+    return (
+        "Large and visible objects alone, as KITTI's level moderate (height of at least 25 of 375"
+        " image rows, visibility of 0.5, 0.3 truncated): mAP@0.5"
+        f" {_percent(card.moderate.mean_ap)} ({', '.join(classes)}){merit}\n"
+    )
+
+
 def score_table(card: Scorecard) -> str:
     """All classes, by hour and by weather."""
     result = card.evaluation
@@ -144,6 +159,10 @@ def _cell(score: Score | None) -> str:
     return text if score.truths >= OBJECTS_MIN else f"({text})"
 
 
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.1f}"
+
+
 def _share(found: Found) -> str:
     return f"{100.0 * found.found / found.objects:.0f} %" if found.objects else "-"
 
@@ -156,5 +175,11 @@ def _hours(block: str) -> str:
 
 def report(card: Scorecard) -> str:
     """All tables."""
-    parts = [merit_line(card) + "\n", score_table(card), joint_table(card), recall_tables(card)]
+    parts = [
+        merit_line(card) + "\n",
+        moderate_lines(card),
+        score_table(card),
+        joint_table(card),
+        recall_tables(card),
+    ]
     return "\n".join(part for part in parts if part)

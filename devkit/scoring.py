@@ -14,11 +14,11 @@ import numpy as np
 
 from devkit.detector import Detector
 from devkit.detector_decode import Detections, Selection
-from devkit.evaluate import Evaluation, Score, Truth, evaluate, overlaps, pairs
+from devkit.evaluate import Evaluation, Score, Scores, Truth, evaluate, overlaps, pairs
 from devkit.image_files import read_images
 from devkit.labelled_images import LabelledImages
 
-SELECTION = Selection(confidence_min=0.005, overlap_max=0.45)
+SELECTION = Selection(confidence_min=0.005, overlap_max=0.45, candidates_max=300)
 """Boxes that are scored: Darknet's own limits for average precision (``detector map``)."""
 
 CONFIDENCE_SHOWN = 0.25
@@ -62,6 +62,11 @@ class Scorecard:
     noon: Score | None
     """Of :data:`MERIT` in :data:`NOON`; None without this class or such an image."""
     noon_images: int
+    moderate: Scores
+    """Of objects that are large and visible enough, see
+    :attr:`devkit.labelled_images.LabelledImages.moderate`; all others are ignored."""
+    noon_moderate: Score | None
+    """The figure of merit of those."""
     recalls: dict[str, dict[str, dict[str, Found]]]
     """``size_px``, ``distance_m``, ``visibility`` -> group -> class."""
 
@@ -106,10 +111,21 @@ def score(data: LabelledImages, found: Detections) -> Scorecard:
     truth = data.truth()
     result = evaluate(data.names, len(data.paths), truth, found, labels, overlap_min=OVERLAP_MIN)
     noon = result.groups.pop("noon").get("True")
+    large = evaluate(
+        data.names,
+        len(data.paths),
+        data.truth(~data.moderate),
+        found,
+        {"noon": clear_noon},
+        overlap_min=OVERLAP_MIN,
+    )
+    noon_large = large.groups["noon"].get("True")
     return Scorecard(
         evaluation=result,
         noon=noon.classes.get(MERIT) if noon else None,
         noon_images=noon.images if noon else 0,
+        moderate=large.all,
+        noon_moderate=noon_large.classes.get(MERIT) if noon_large else None,
         recalls=_recalls(data, truth, found),
     )
 
@@ -208,17 +224,19 @@ def plain(card: Scorecard) -> dict[str, Any]:
     """As JSON has it."""
     result = card.evaluation
 
-    def of_class(score: Score) -> dict[str, Any]:
+    def of_class(score: Score | None) -> dict[str, Any]:
+        score = score or Score(None, 0, 0)
         return {"ap": score.ap, "objects": score.truths, "detections": score.detections}
 
     return {
         "map50": result.all.mean_ap,
         "images": result.all.images,
         "classes": {name: of_class(one) for name, one in result.all.classes.items()},
-        "car_clear_noon": {
-            "ap": card.noon.ap if card.noon else None,
-            "objects": card.noon.truths if card.noon else 0,
-            "images": card.noon_images,
+        "car_clear_noon": {**of_class(card.noon), "images": card.noon_images},
+        "moderate": {
+            "map50": card.moderate.mean_ap,
+            "classes": {name: of_class(one) for name, one in card.moderate.classes.items()},
+            "car_clear_noon": {**of_class(card.noon_moderate), "images": card.noon_images},
         },
         "groups": {
             label: {

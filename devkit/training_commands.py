@@ -158,7 +158,8 @@ def _summary(scores: dict[str, Any]) -> str:
     classes = [f"{name} {_percent(one['ap'])}" for name, one in scores["classes"].items()]
     return (
         f"mAP@0.5 {_percent(scores['map50'])} ({', '.join(classes)});"
-        f" car at clear noon {_percent(noon['ap'])}"
+        f" car at clear noon {_percent(noon['ap'])},"
+        f" large and visible ones {_percent(scores['moderate']['car_clear_noon']['ap'])}"
     )
 
 

@@ -25,6 +25,7 @@ from schemas.perception import NetworkPerception as NetworkPerception
 from schemas.perception import Perception, file_fields
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
+from schemas.view_mode import View
 
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
@@ -171,6 +172,11 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     device: Literal["same", "any"] = "same"
     """``same``: all cases on one device class; ``any``: mixed, and the fingerprint says so."""
     requires: Requirements = Requirements()
+    view: View = "live"
+    """What is shown of its cases, and recorded; no result depends on it."""
+    render: bool = True
+    """Off: no camera sees anything, so there are no boxes either; for stacks that drive by lidars
+    or the car's own sensors."""
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
@@ -226,6 +232,15 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Label only, from 1; 0 without batches."""
     files: dict[str, str] = {}
     """Those of :attr:`Campaign.files` that the case uses."""
+    view: View = "live"
+    """What its simulator shows."""
+    render: bool = True
+    """Its cameras see."""
+
+    @property
+    def seeing(self) -> list[Camera]:
+        """The cameras that see, the main one first."""
+        return [self.camera, *self.cameras] if self.render else []
 
     def simulator_files(self) -> dict[str, str]:
         """Digests of the files that the simulator reads: scene and vehicle."""
@@ -320,6 +335,9 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
+    if not campaign.render and campaign.autonomy.stack == Autonomy().stack:
+        driver = f"off: stack {campaign.autonomy.stack} drives by a camera; name another"
+        mistakes.append(Mistake("render", driver))
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -456,6 +474,8 @@ def _case(
                 )
                 if name in campaign.files
             },
+            view=campaign.view,
+            render=campaign.render,
         ),
         [],
     )

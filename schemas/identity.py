@@ -21,8 +21,8 @@ def digest(parts: Iterable[bytes]) -> str:
 
 
 def case_digest(case: Case) -> str:
-    """Digest of everything that decides a case's result (the batch label does not)."""
-    return digest([_canonical(msgspec.structs.replace(case, batch=0))])
+    """Digest of everything that decides a case's result (batch label and viewers do not)."""
+    return digest([_canonical(msgspec.structs.replace(case, batch=0, view="live"))])
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
@@ -35,12 +35,13 @@ def rig_key(case: Case) -> str:
     """Cases with equal keys may share one rig (simulator and stack process).
 
     Perception variants, times, weathers and errors of sensors differ per slot; simulator, scene,
-    vehicle, camera, which sensors there are, rates, stack and its parameters do not.
+    vehicle, camera, which sensors there are, rates, stack and its parameters do not, nor what is
+    shown: a rig has a recorder beside it or has none.
     """
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement, case.simulator_files()),
+        *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -72,6 +73,8 @@ def _rig_key(case: Case) -> str:
         "parameters": case.parameters,
         "placement": case.placement,
         "files": case.simulator_files(),
+        "view": case.view,
+        "render": case.render,
     }
     return digest([_canonical(shared)])[:16]
 

@@ -56,6 +56,18 @@ VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", Tru
 VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", True, True)
 VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", True, True)
 VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False, False)
+# What a viewer is shown of a single case: at the pace of the wall clock, dropped rather than waited
+# for, and apart from the recorder's topics, which are complete.
+VIEW_LIVE_START = Topic("view/{campaign}/{case}/live/start", "msgpack", "CaseStart", False, False)
+VIEW_LIVE_STATE = Topic("view/{campaign}/{case}/live/state", "msgpack", "StateSample", False, False)
+VIEW_LIVE_END = Topic("view/{campaign}/{case}/live/end", "msgpack", "CaseEnd", False, False)
+VIEW_LIVE_CAMERA = Topic(
+    "view/{campaign}/{case}/live/{sensor}", "jpeg", "CameraSample", False, False
+)
+VIEW_LIVE_LIDAR = Topic(
+    "view/{campaign}/{case}/live/{sensor}", "array", "PointsSample [N,4] int16", False, False
+)
+FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True, False)
 FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True, False)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
 
@@ -88,6 +100,12 @@ TOPICS: tuple[Topic, ...] = (
     VIEW_CAMERA,
     VIEW_END,
     VIEW_THUMBNAIL,
+    VIEW_LIVE_START,
+    VIEW_LIVE_STATE,
+    VIEW_LIVE_END,
+    VIEW_LIVE_CAMERA,
+    VIEW_LIVE_LIDAR,
+    FEED_SCENE,
     FEED_END,
     RECORDER_ALIVE,
 )
@@ -98,6 +116,11 @@ SENSORS: dict[str, Topic] = {
 """Kind of sensor -> topic. A car may have several of a kind: the main camera's messages are called
 ``camera``, ``boxes``, ``depth``; those of another camera or a lidar add its name,
 ``camera.front_left``, ``lidar.roof``."""
+
+
+def live_keys(campaign: str, case: str) -> str:
+    """Key of everything a viewer is shown of a single case; ``*`` stands for any."""
+    return f"view/{campaign}/{case}/live/*"
 
 
 def sensor_topic(name: str) -> Topic:

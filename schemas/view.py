@@ -2,38 +2,25 @@
 
 The view plane only looks: it is produced while somebody subscribes, dropped when nobody keeps up,
 and never read by anything that decides. Within an attempt every recorded sample carries a running
-number ``seq``, so that a receiver knows what it has missed.
+number ``seq``, so that a receiver knows what it has missed; samples for live viewers, which are
+meant to have gaps, carry :data:`UNNUMBERED`.
 """
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 from msgspec import Struct
 
-from schemas.messages import Detection, Lights
+from schemas.messages import CameraSite, Detection, LidarSite, Lights
+from schemas.view_mode import ViewMode as ViewMode
 
+UNNUMBERED = -1
+"""``seq`` of a sample for live viewers."""
 
-class ViewMode(StrEnum):
-    """What the worker's simulators show, and to whom."""
+POINTS_MAX = 10_000
+"""Most points of a lidar that a live viewer is shown of one sweep."""
 
-    none = "none"
-    """Nothing."""
-    live = "live"
-    """Thumbnails, while a viewer subscribes."""
-    record = "record"
-    """Everything, to a recorder process beside the simulator; one file per attempt."""
-    record_live = "record+live"
-
-    @property
-    def records(self) -> bool:
-        """A recorder runs beside each simulator."""
-        return self in (ViewMode.record, ViewMode.record_live)
-
-    @property
-    def shows(self) -> bool:
-        """Viewers may look through the conductor's router."""
-        return self in (ViewMode.live, ViewMode.record_live)
+POINT_CM = 0.01
+"""Unit of the coordinates in a :class:`PointsSample`, which reach to 327 m [m]."""
 
 
 class Box(Struct, frozen=True):
@@ -106,6 +93,13 @@ class CaseStart(Struct, frozen=True):
     height: int
     hfov_deg: float
     stage: Stage
+    cameras: list[CameraSite] = []
+    """All cameras of the ego that see, the main one first; live only."""
+    lidars: list[LidarSite] = []
+    rig: str = ""
+    """Whose feed it comes from; live only."""
+    scene_sha256: str = ""
+    """Of the :class:`SceneMesh` that the rig's feed hands out; live only."""
 
 
 class StateSample(Struct, frozen=True):
@@ -128,6 +122,9 @@ class StateSample(Struct, frozen=True):
     """None in the last row: the case has ended, nothing was asked."""
     boxes: list[Box] | None
     """None: no frame was due."""
+    movers: list[list[float]] = []
+    """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
+    width, height [m]; live only."""
 
 
 class CameraSample(Struct, frozen=True):
@@ -138,6 +135,37 @@ class CameraSample(Struct, frozen=True):
     token: int
     tick: int
     sim_time_ns: int
+
+
+class PointsSample(Struct, frozen=True):
+    """Attachment of a lidar's points, thinned for live viewers.
+
+    The payload is little-endian int16 [N, 4]: x, y, z in sensor axes in units of
+    :data:`POINT_CM`, intensity 0 to 255. Rays without a return and points farther away than the
+    unit reaches are left out.
+    """
+
+    v: int
+    token: int
+    tick: int
+    sim_time_ns: int
+    stride: int
+    """Every so many rays were looked at."""
+
+
+class SceneMesh(Struct, frozen=True):
+    """The standing world as triangles, coloured for the eye; every rig of a scene has the same.
+
+    ``data`` is zlib over: little-endian float32 [V, 3] world positions [m], uint32 [F, 3] faces,
+    uint8 [V, 3] sRGB colours.
+    """
+
+    v: int
+    sha256: str
+    """Of the uncompressed data, hexadecimal."""
+    vertices: int
+    faces: int
+    data: bytes
 
 
 class CaseEnd(Struct, frozen=True):

@@ -49,9 +49,12 @@ def worker(
         typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
     ] = "",
     view: Annotated[
-        ViewMode,
-        typer.Option(help="live: viewers may look; record: one .rrd per attempt beside its KPIs."),
-    ] = ViewMode.live,
+        ViewMode | None,
+        typer.Option(
+            help="live: viewers may look; record: one .rrd per attempt beside its KPIs; "
+            "default: as the campaign says."
+        ),
+    ] = None,
     until_done: Annotated[
         bool, typer.Option("--until-done", help="Leave when no case is left.")
     ] = False,
@@ -224,14 +227,16 @@ def dataset(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, max=256, help="Processes; default: cores. Changes no byte."),
+        typer.Option(
+            min=1, max=256, help="Processes; default: cores, on a GPU at most 4. Changes no byte."
+        ),
     ] = None,
     slots: Annotated[
         int | None,
         typer.Option(
             min=1,
             max=4096,
-            help="Images a process renders together; default: 1, on a GPU 64. Changes no byte.",
+            help="Images a process renders together; default: by their size. Changes no byte.",
         ),
     ] = None,
     preview: Annotated[

@@ -34,8 +34,9 @@ from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.environment import CaseEnvironment
 from twin.world.kernel_cache import prepare_kernels
+from twin.world.motion import Placement
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street import World, build_world
 from twin.world.wind import Winds
 
 _NO_LIGHTS = Lights()
@@ -147,6 +148,16 @@ class Engine:
         """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.state.COLUMN`;
         a view, for those who only look."""
         return self._vehicles.state[:, 0]
+
+    @property
+    def world(self) -> World:
+        """The world all slots share, for those who only look."""
+        return self._world
+
+    @property
+    def placement(self) -> Placement:
+        """Scripted objects as they were when last sensed, for those who only look."""
+        return self._placement
 
     @property
     def colliders(self) -> np.ndarray:

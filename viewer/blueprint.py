@@ -2,22 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Literal
+
 import rerun.blueprint as rrb
 
+from schemas.messages import CameraSite, LidarSite
 from schemas.view import Stage
 from viewer import naming
 
 _BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRUTH)
 
+BACKGROUND = (18, 20, 25)
+SKY = (118, 138, 160)
+
+WALL_SECONDS = 300
+"""How much of the past the overview's plots show [s]."""
+
 TRAIL_SECONDS_MAX = 3600
 """How far back the ego's trail is shown; longer than any case [s]."""
 
 
-def case_blueprint(stage: Stage) -> rrb.Blueprint:
-    """Camera and street on the left, verdict and plots on the right."""
+def case_blueprint(
+    stage: Stage,
+    cameras: Sequence[CameraSite] = (),
+    lidars: Sequence[LidarSite] = (),
+    *,
+    live: bool = False,
+) -> rrb.Blueprint:
+    """Cameras and street on the left, verdict and plots on the right.
+
+    Args:
+        stage: what stands still.
+        cameras: all of the ego's that see; empty, unless ``live``: the main one.
+        lidars: of the ego; their points are shown in the street.
+        live: the newest is followed, and the eye drives behind the ego.
+    """
+    names = [site.message for site in cameras] if cameras or live else ["camera"]
+    views = [_camera(name, main=name == names[0]) for name in names]
+    plots = [
+        _plot("Speed [m/s]", [naming.SPEED]),
+        _plot("Distance to collision [m]", [naming.DTC]),
+        _plot("Throttle, brake, AEB", [naming.THROTTLE, naming.BRAKE, naming.AEB], (0.0, 1.05)),
+    ]
+    right = rrb.Vertical(
+        rrb.TextDocumentView(origin=naming.SUMMARY, name="Case"),
+        rrb.StateTimelineView(origin=naming.PLANNER, name="Planner"),
+        *plots,
+        rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns()),
+        row_shares=[1.15, 1, 1, 1, 1.1, 1.05],
+    )
+    street = _chase(lidars) if live else _street(stage)
+    seen = [rrb.Grid(*views)] if len(views) > 1 else views
+    left = rrb.Vertical(*seen, street)
+    play_state: Literal["following", "paused"] = "following" if live else "paused"
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[1.7, 1]),
+        rrb.TopPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=naming.SIM_TIME, play_state=play_state),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def overview_blueprint() -> rrb.Blueprint:
+    """The wall on the left; cases as text, throughput, workers and events on the right."""
+    right = rrb.Vertical(
+        rrb.TextDocumentView(origin=naming.CASES, name="Running and latest"),
+        _wall_plot("Cases per minute", [naming.THROUGHPUT]),
+        _wall_plot("Running cases, workers", [naming.RUNNING, naming.WORKERS_PRESENT]),
+        _wall_plot("Cases per worker", [f"{naming.WORKERS}/**"], legend=False),
+        rrb.TextLogView(origin=naming.EVENTS, name="Conductor", columns=_wall_columns()),
+        row_shares=[1.9, 0.8, 0.8, 0.8, 1.3],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial2DView(
+                origin=naming.MOSAIC,
+                name="Cases",
+                background=BACKGROUND,
+            ),
+            right,
+            column_shares=[2.0, 1],
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=naming.WALL, play_state="following"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _camera(message: str, *, main: bool) -> rrb.Spatial2DView:
+    """A camera's picture; detections and truth are of the main one."""
+    name = "Camera, detections, truth (thin)" if main else message.partition(".")[2]
+    return rrb.Spatial2DView(origin=naming.sensor(message), name=name)
+
+
+def _street(stage: Stage) -> rrb.Spatial3DView:
+    """From above, beside the street: its buildings are as flat as their plan."""
     center = stage.obstacle_center_m
-    camera = rrb.Spatial2DView(origin=naming.CAMERA, name="Camera, detections, truth (thin)")
-    street = rrb.Spatial3DView(
+    return rrb.Spatial3DView(
         origin=naming.WORLD,
         name="Street",
         contents=["$origin/**", *(f"- {path}" for path in _BOXES)],
@@ -27,46 +114,45 @@ def case_blueprint(stage: Stage) -> rrb.Blueprint:
             look_target=[center[0] - 30.0, 1.0, 0.0],
         ),
         line_grid=False,
-        background=(18, 20, 25),
+        background=BACKGROUND,
         overrides={naming.TRAIL: _trail()},
     )
-    plots = [
-        _plot("Speed [m/s]", [naming.SPEED]),
-        _plot("Distance to collision [m]", [naming.DTC]),
-        _plot("Throttle, brake, AEB", [naming.THROTTLE, naming.BRAKE, naming.AEB], (0.0, 1.05)),
-    ]
-    right = rrb.Vertical(
-        rrb.TextDocumentView(origin=naming.SUMMARY, name="Case"),
-        *plots,
-        rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns()),
-        row_shares=[1.25, 1, 1, 1.1, 1.1],
-    )
-    left = rrb.Vertical(camera, street, row_shares=[1, 1])
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[1.7, 1]),
-        rrb.TopPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=naming.SIM_TIME),
-        auto_layout=False,
-        auto_views=False,
-    )
 
 
-def overview_blueprint() -> rrb.Blueprint:
-    """The mosaic, and the cases as text beside it."""
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial2DView(origin=naming.MOSAIC, name="Cases", background=(18, 20, 25)),
-            rrb.TextDocumentView(origin=naming.CASES, name="Running and latest"),
-            column_shares=[2.2, 1],
+def _chase(lidars: Sequence[LidarSite]) -> rrb.Spatial3DView:
+    """From behind the ego, in its own axes: the walls beside the street are solid."""
+    return rrb.Spatial3DView(
+        origin=naming.EGO,
+        name="Street, lidar" if lidars else "Street",
+        contents=[f"/{naming.WORLD}/**", *(f"- /{path}" for path in _BOXES)],
+        eye_controls=rrb.EyeControls3D(
+            position=[-10.0, 2.2, 4.6],
+            look_target=[14.0, 0.0, 0.5],
         ),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=naming.WALL, play_state="following"),
-        auto_layout=False,
-        auto_views=False,
+        line_grid=False,
+        background=SKY,
+        overrides={f"/{naming.TRAIL}": _trail()},
     )
+
+
+def _wall_plot(name: str, paths: list[str], *, legend: bool = True) -> rrb.TimeSeriesView:
+    """The latest minutes of the wall clock."""
+    return rrb.TimeSeriesView(
+        origin="/",
+        name=name,
+        contents=paths,
+        axis_x=rrb.TimeAxis(
+            view_range=rrb.TimeRange(
+                start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WALL_SECONDS),
+                end=rrb.TimeRangeBoundary.cursor_relative(seconds=0),
+            )
+        ),
+        plot_legend=rrb.PlotLegend("LeftTop", visible=legend and len(paths) > 1),
+    )
+
+
+def _wall_columns() -> rrb.TextLogColumns:
+    return rrb.TextLogColumns(text_log_columns=["body"], timeline_columns=[naming.WALL])
 
 
 def _plot(

@@ -3,46 +3,30 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import rerun as rr
 
 from schemas.messages import Detection
-from schemas.view import Box, CaseEnd, CaseStart, Stage, StateSample
+from schemas.view import Box, CaseEnd, CaseStart, StateSample
 from viewer import naming
+from viewer.scenery import (
+    BLUE,
+    CYAN,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    Color,
+    Logged,
+    eyes,
+    movers,
+    outline,
+    verdict_color,
+)
 from viewer.summary import ended_text, running_text
 
-Logged = tuple[str, Any]
-"""Entity path and archetype."""
-
-Color = tuple[int, int, int]
-
-BLUE: Color = (76, 139, 245)
-GREEN: Color = (52, 199, 123)
-RED: Color = (240, 84, 84)
-ORANGE: Color = (245, 166, 35)
-CYAN: Color = (90, 200, 220)
-GREY: Color = (120, 126, 138)
-
-BUILDING_HEIGHT_M = 0.2
-"""Buildings are drawn as flat as their ground plan, so that they hide nothing [m]."""
 LABEL_SHARE = 0.05
 """A box narrower than this share of the picture has no room for a label [-]."""
-POST_M = 1.0
-"""A hull with a smaller half length is a tree or a post [m]."""
-
-VERDICT_COLORS: dict[str, Color] = {
-    "pass": GREEN,
-    "collision": RED,
-    "lane_departure": RED,
-    "false_braking": ORANGE,
-    "time_up": ORANGE,
-}
-
-
-def verdict_color(verdict: str) -> Color:
-    """Colour of a verdict; grey without one."""
-    return VERDICT_COLORS.get(verdict, GREY)
 
 
 class CaseConverter:
@@ -52,14 +36,18 @@ class CaseConverter:
         self._start = start
         self._aeb = False
         self._seen = False
+        self._planner = ""
 
     def start(self) -> list[Logged]:
-        """Static scene, intrinsics and styles; logged without a time."""
+        """Static scene, intrinsics and styles; logged without a time.
+
+        A world that comes as a mesh is not drawn here.
+        """
         start, stage = self._start, self._start.stage
-        focal_px = start.width / 2 / math.tan(math.radians(start.hfov_deg) / 2)
         return [
             (naming.WORLD, rr.ViewCoordinates.FLU),
-            *_street(stage),
+            *([] if start.scene_sha256 else outline(stage)),
+            *eyes(start),
             (
                 naming.EGO_BODY,
                 rr.Boxes3D(
@@ -69,17 +57,6 @@ class CaseConverter:
                     fill_mode="solid",
                 ),
             ),
-            (naming.CAMERA, rr.Transform3D(translation=stage.camera_m)),
-            (
-                naming.CAMERA,
-                rr.Pinhole(
-                    focal_length=focal_px,
-                    width=start.width,
-                    height=start.height,
-                    camera_xyz=rr.ViewCoordinates.FLU,
-                    image_plane_distance=6.0,
-                ),
-            ),
             (naming.SPEED, _line("speed [m/s]", BLUE)),
             (naming.ACCEL, _line("acceleration [m/s²]", GREY)),
             (naming.DTC, _line("distance to collision [m]", GREEN)),
@@ -87,6 +64,7 @@ class CaseConverter:
             (naming.THROTTLE, _line("throttle", BLUE)),
             (naming.BRAKE, _line("brake", ORANGE)),
             (naming.AEB, _line("AEB", RED, width=5.0)),
+            (naming.PLANNER, _planner_styles()),
             (naming.SUMMARY, _document(running_text(start))),
         ]
 
@@ -112,16 +90,20 @@ class CaseConverter:
                 (naming.THROTTLE, rr.Scalars(controls.throttle)),
                 (naming.BRAKE, rr.Scalars(controls.brake)),
                 (naming.AEB, rr.Scalars(float(controls.aeb))),
-                *self._detections(controls.detections, braking),
             ]
+            # Between frames nothing is looked at; the boxes of the last one stay.
+            if sample.boxes is not None or controls.detections:
+                logged += self._detections(controls.detections, braking)
             logged += self._events(sample, controls.detections, braking)
         if sample.boxes is not None:
             logged.append((naming.TRUTH, _truth(sample.boxes)))
-        return logged
+        if sample.movers:
+            logged.append((naming.MOVERS, movers(sample.movers)))
+        return logged + self._planner_state(sample, braking)
 
-    def camera(self, jpeg: bytes) -> list[Logged]:
-        """A picture, passed through untouched."""
-        return [(naming.CAMERA, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))]
+    def camera(self, jpeg: bytes, name: str = "camera") -> list[Logged]:
+        """A picture of the camera whose messages are called ``name``, passed through untouched."""
+        return [(naming.sensor(name), rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))]
 
     def end(self, end: CaseEnd) -> list[Logged]:
         """The verdict as an event."""
@@ -150,6 +132,14 @@ class CaseConverter:
             logged.append((naming.EVENTS, rr.TextLog(text, level="WARN", color=RED)))
         self._aeb = braking
         return logged
+
+    def _planner_state(self, sample: StateSample, braking: bool) -> list[Logged]:
+        """A coloured bar, logged where it changes."""
+        state = "collision" if sample.collisions else "AEB" if braking else "driving"
+        if state == self._planner:
+            return []
+        self._planner = state
+        return [(naming.PLANNER, rr.StateChange(state=[state]))]
 
     def _detections(self, detections: list[Detection], braking: bool) -> list[Logged]:
         """Near and far ones apart: labels of far ones would hide each other."""
@@ -184,55 +174,6 @@ def _pose(sample: StateSample) -> rr.Transform3D:
     return rr.Transform3D(translation=[sample.x_m, sample.y_m, 0.0], rotation_axis_angle=axis)
 
 
-def _street(stage: Stage) -> list[Logged]:
-    """Lane edges, kerbs, the obstacle, parked cars and buildings."""
-    lane = stage.lane_width_m
-    right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
-    edges = [-lane / 2, lane / 2, 1.5 * lane]
-    strips = [_beside(stage.lane, y) for y in (*edges, right, left)]
-    colors = [GREY, (225, 190, 80), GREY, (80, 84, 92), (80, 84, 92)]
-    cars = stage.hulls[: stage.cars]
-    walls = [hull for hull in stage.hulls[stage.cars :] if hull[3] >= POST_M]
-    height = stage.obstacle_size_m[2]
-    logged: list[Logged] = [
-        (naming.STREET, rr.LineStrips3D(strips, colors=colors, radii=0.05)),
-        (
-            naming.OBSTACLE,
-            rr.Boxes3D(
-                centers=[stage.obstacle_center_m],
-                sizes=[stage.obstacle_size_m],
-                rotation_axis_angles=[
-                    rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=stage.obstacle_yaw_rad))
-                ],
-                colors=[RED],
-                fill_mode="solid",
-            ),
-        ),
-    ]
-    if cars:
-        logged.append((naming.PARKED, _hulls(cars, height, (70, 76, 88))))
-    if walls:
-        logged.append((naming.BUILDINGS, _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57))))
-    return logged
-
-
-def _beside(lane: list[list[float]], y_m: float) -> list[list[float]]:
-    """The line ``y_m`` to the left of a lane, a little above the ground."""
-    return [[x - y_m * math.sin(yaw), y + y_m * math.cos(yaw), 0.02] for x, y, yaw in lane]
-
-
-def _hulls(hulls: list[list[float]], height_m: float, color: Color) -> rr.Boxes3D:
-    return rr.Boxes3D(
-        centers=[[x, y, height_m / 2] for x, y, *_ in hulls],
-        half_sizes=[[half_x, half_y, height_m / 2] for *_, half_x, half_y in hulls],
-        rotation_axis_angles=[
-            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=hull[2])) for hull in hulls
-        ],
-        colors=[color],
-        fill_mode="solid",
-    )
-
-
 def _boxes(detections: list[Detection], braking: bool, *, labelled: bool) -> rr.Boxes2D:
     return rr.Boxes2D(
         array=[[d.x_px, d.y_px, d.width_px, d.height_px] for d in detections],
@@ -255,6 +196,10 @@ def _truth(boxes: list[Box]) -> rr.Boxes2D:
         show_labels=False,
         draw_order=20.0,
     )
+
+
+def _planner_styles() -> rr.StateConfiguration:
+    return rr.StateConfiguration(values=["driving", "AEB", "collision"], colors=[BLUE, ORANGE, RED])
 
 
 def _line(name: str, color: Color, width: float = 2.0) -> rr.SeriesLines:

@@ -1,172 +1,310 @@
-"""Shows running cases: thumbnails from the conductor's router to a hub for native viewers.
-
-The hub listens on loopback only. A viewer that is frozen stops the hub's output, not its input: the
-newest of each case waits in a slot, and what is logged is gated by a flush that must come back.
-"""
+"""``viewer live``: the wall of all running cases, and single ones in full."""
 
 from __future__ import annotations
 
 import json
+import queue
 import signal
+import sys
 import threading
 import time
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import rerun as rr
-
-from schemas import topics
 from schemas.view import Thumbnail
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
-from twin.fabric.errors import UsageError
-from twin.fabric.key_file import Key
-from twin.fabric.zenoh_bus import open_bus
-from viewer import naming, native
-from viewer.blueprint import overview_blueprint
+from twin.fabric.bus import Sample
+from twin.fabric.discovery import Target, choose_target, find_target
+from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.key_file import UnfitKeyError
+from viewer import native
+from viewer.focus import Focus, Scenes, open_stream
+from viewer.hub import Hub, open_hub
+from viewer.link import Ended, Event, Link, Said, Scene, Status
 from viewer.overview import Overview
+from viewer.prompt import HINT, Typed, choose, has_terminal
+from viewer.pulse import Pulse
 from viewer.slots import Slots
+from viewer.tunnel import Far, Tunnel
 from viewer.window import Window, window
 
-HUB_MEMORY = "256MiB"
-"""What late viewers are shown of the past; older images are dropped."""
+TURN_S = 0.05
+"""How often the slots are emptied: twice as often as a single case's streams come [s]."""
 
-TURN_S = 0.2
+WALL_S = 0.5
 """Shortest time between two pictures of the wall [s]."""
 
-PROBE_S = 0.05
-"""How long a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms [s]."""
+FOCUS_MAX = 8
+"""Cases in full at the same time, at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveOptions:
     """What the command line says."""
 
-    connect: str
-    namespace: str
-    key: Key | None = None
+    connect: str = ""
+    """The conductor's endpoint; or:"""
+    run: Path | None = None
+    """State or campaign folder, whose ``conductor.json`` may change meanwhile."""
+    ssh: str = ""
+    """Both are meant as this host sees them, which ssh reaches."""
+    node: str = ""
+    """Host behind it that the tunnel ends at."""
+    namespace: str = "twin"
+    key: Path | None = None
     """The fabric's key, for an endpoint with TLS."""
+    cases: tuple[str, ...] = ()
+    """Cases to show in full."""
+    wait_s: float | None = None
+    """How long to wait for a conductor; None: for ever [s]."""
     port: int = 0
     """Port of the hub on loopback; 0: a free one."""
     show: bool = True
     """Open a window if there is a display."""
     json: bool = False
 
+    @property
+    def where(self) -> str:
+        """For people."""
+        place = self.connect or str(self.run)
+        return f"{self.ssh}:{place}" if self.ssh else place
 
-class Hub:
-    """One recording that native viewers connect to."""
+    def tunnel(self) -> Tunnel | None:
+        """The way there, not opened yet; None: straight.
 
-    def __init__(self, stream: rr.RecordingStream, url: str) -> None:
-        self.url = url
-        self.logged = 0
-        self.skipped = 0
-        """Pictures left out because a viewer was stuck."""
-        self._stream = stream
+        Raises:
+            UsageError: there is no ssh here, or its host is none.
+        """
+        if not self.ssh:
+            return None
+        far = Far(self.ssh, self.node, self.connect, str(self.run or ""))
+        return Tunnel(far, self.namespace, self.key)
 
-    def show(self, overview: Overview, now_s: float) -> bool:
-        """Log the wall as it stands; False: a viewer is stuck, try again later."""
+    def target(self) -> Target:
+        """Where the conductor is now.
+
+        Raises:
+            UnreachableError: its folder does not say (yet).
+            UsageError: it will never be found this way.
+        """
+        if self.run is None:
+            return choose_target(self.connect, None, self.namespace, self.key)
         try:
-            self._stream.flush(timeout_sec=PROBE_S)
-        except Exception:
-            self.skipped += 1
-            return False
-        self._stream.set_time(naming.WALL, timestamp=now_s)
-        for path, archetype in overview.logged():
-            self._stream.log(path, archetype)
-        self.logged += 1
-        return True
-
-    def close(self) -> None:
-        """End the recording; does not wait for stuck viewers."""
-        try:
-            self._stream.flush(timeout_sec=PROBE_S)
-        except Exception:
-            return
-        self._stream.disconnect()
-
-
-def open_hub(port: int) -> Hub:
-    """Listen on loopback ``port``.
-
-    Raises:
-        UsageError: the port is in use.
-    """
-    stream = rr.RecordingStream(
-        naming.OVERVIEW_APP, recording_id=naming.safe_id("live", f"{time.time_ns():x}")
-    )
-    stream.set_log_tick_enabled(False)
-    stream.set_log_time_enabled(False)
-    # The sink reports a port in use to its log only.
-    if not native.is_free(port):
-        raise UsageError(f"--port {port}: already in use; choose another, or 0 for a free one")
-    sink = rr.GrpcServerSink("127.0.0.1", port, server_memory_limit=HUB_MEMORY)
-    stream.set_sinks(sink, default_blueprint=overview_blueprint())
-    return Hub(stream, sink.uri)
+            return find_target(self.run, self.key)
+        except UnfitKeyError:
+            raise
+        except UsageError as error:
+            raise UnreachableError(str(error)) from None
 
 
 def run_live(options: LiveOptions) -> int:
-    """Show cases until Ctrl-C or until the window is closed; the exit code."""
-    port = options.port or native.free_port()
+    """Show cases until Ctrl-C or until the window is closed; the exit code.
+
+    Raises:
+        UsageError: the port is in use, no such case, another key or another version.
+        UnreachableError: no conductor came in time.
+    """
+    if len(options.cases) > FOCUS_MAX:
+        raise UsageError(f"{len(options.cases)} cases given, at most {FOCUS_MAX} are shown in full")
+    tunnel = options.tunnel()
+    if options.run is None and tunnel is None:
+        options.target()  # what is wrong with the endpoint or the key is said at once
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    slots = Slots()
-    bus = open_bus(
-        "client", connect=[options.connect], namespace=options.namespace, key=options.key
-    )
-    try:
-        hub = open_hub(port)
-        bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), slots.put)
-        _tell(hub, port, options)
-        opened: AbstractContextManager[Window | None] = nullcontext()
+    port = options.port or native.free_port()
+    live = Live(options, open_hub(port), tunnel)
+    with ExitStack() as stack:
+        stack.callback(live.close)
+        if tunnel is not None:
+            stack.callback(tunnel.close)  # first: the link may be waiting for it
+        _tell(live.hub, port, options)
+        shown = None
         if options.show and native.has_display():
-            opened = window(["--connect", hub.url])
-        overview = Overview()
-        with opened as shown:
-            _loop(slots, overview, hub, shown, stop)
-        _conclude(slots, overview, hub, options)
-        hub.close()
-    finally:
-        bus.close()
+            shown = stack.enter_context(window(["--connect", live.hub.url]))
+        typed = Typed()
+        while not stop.wait(TURN_S):
+            if live.connected:
+                typed.start()
+            for line in typed.take():
+                live.choose(line)
+            live.turn(time.time())
+            if shown is not None and _closed(shown):
+                break
+    _conclude(live, options)
     return 0
 
 
-def _loop(
-    slots: Slots, overview: Overview, hub: Hub, shown: Window | None, stop: threading.Event
-) -> None:
-    pending = False
-    while not stop.wait(TURN_S):
-        for sample in slots.take():
-            try:
-                thumbnail: Thumbnail = decode(sample.attachment, Thumbnail, ATTACHMENT_BYTES_MAX)
-            except WireError:
-                continue  # of another version; it is not ours to show
-            overview.take(thumbnail, sample.payload)
-            pending = True
-        if pending and hub.show(overview, time.time()):
-            pending = False
-        if shown is not None and shown.process.poll() is not None:
+class Live:
+    """What one viewer process shows; one thread calls :meth:`turn` again and again."""
+
+    def __init__(self, options: LiveOptions, hub: Hub, tunnel: Tunnel | None = None) -> None:
+        self.hub = hub
+        self.overview = Overview()
+        self.slots = Slots()
+        self.connected = False
+        """The conductor has answered, once at least."""
+        self.strangers = 0
+        """Messages of another version, or damaged."""
+        self._pulse = Pulse()
+        resolve = options.target if tunnel is None else tunnel.target
+        self._link = Link(resolve, options.wait_s, self.slots)
+        self._scenes = Scenes(self._link.send_for)
+        self._focuses: dict[str, Focus] = {}
+        self._waiting: dict[str, Sample] = {}
+        """The newest of single cases, by key, until viewers keep up."""
+        self._pending = False
+        """The wall has changed."""
+        self._shown_s = 0.0
+        self._asked = options.cases
+        for case in options.cases:
+            self.look_at(case)
+        self._link.start()
+
+    @property
+    def attempts(self) -> int:
+        """Attempts shown in full."""
+        return sum(focus.starts for focus in self._focuses.values())
+
+    def look_at(self, case: str) -> None:
+        """Show a case in full."""
+        self._focuses[case] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
+        self._link.look_at(case)
+
+    def choose(self, text: str) -> None:
+        """Show the case that ``text`` means in full; of those chosen so, the first makes room."""
+        running = [case for _, case in self.overview.tiles]
+        case, line = choose(text, running)
+        if line:
+            say(line)
+        if not case or case in self._focuses:
             return
+        if len(self._focuses) >= FOCUS_MAX:
+            oldest = next((c for c in self._focuses if c not in self._asked), None)
+            if oldest is None:
+                say(f"{FOCUS_MAX} cases are shown in full already, as --case asks")
+                return
+            self._link.look_away(oldest)
+            self._focuses.pop(oldest).close()
+        self.look_at(case)
+
+    def turn(self, now_s: float) -> None:
+        """Take in what came, and log it if viewers keep up.
+
+        Raises:
+            TwinError: waiting does not help any more.
+        """
+        self._hear(now_s)
+        for sample in self.slots.take():
+            if sample.key.endswith("/thumbnail"):
+                self._thumbnail(sample)
+            else:
+                self._waiting.pop(sample.key, None)
+                self._waiting[sample.key] = sample
+        due = now_s - self._shown_s >= WALL_S
+        if not (self._waiting or due):
+            return
+        if not self.hub.open():
+            return
+        if due:
+            self._shown_s = now_s
+            self.hub.tell(self._pulse, now_s)
+            if self._pending:
+                self._pending = False
+                self.hub.show(self.overview, now_s)
+        waiting, self._waiting = self._waiting, {}
+        for sample in waiting.values():
+            self._single(sample)
+
+    def close(self) -> None:
+        """End the session and the recordings."""
+        self._link.close()
+        for focus in self._focuses.values():
+            focus.close()
+        self.hub.close()
+
+    def _hear(self, now_s: float) -> None:
+        while True:
+            try:
+                heard = self._link.heard.get_nowait()
+            except queue.Empty:
+                return
+            match heard:
+                case Status(found):
+                    self.connected = True
+                    self._pulse.status(found, now_s)
+                case Event(fact):
+                    self._pulse.event(fact)
+                case Said(line):
+                    say(line)
+                    self._pulse.say(line)
+                case Scene(sha256, mesh):
+                    if wrong := self._scenes.came(sha256, mesh):
+                        say(f"{wrong}; the street is drawn by its outlines")
+                    for focus in self._focuses.values():
+                        focus.stand()
+                case Ended(error):
+                    raise error
+
+    def _thumbnail(self, sample: Sample) -> None:
+        try:
+            thumbnail: Thumbnail = decode(sample.attachment, Thumbnail, ATTACHMENT_BYTES_MAX)
+        except WireError as error:
+            self._stranger(sample, error)
+            return
+        self.overview.take(thumbnail, sample.payload)
+        self._pending = True
+
+    def _single(self, sample: Sample) -> None:
+        focus = self._focuses.get(sample.key.split("/")[2])
+        if focus is None:
+            return
+        try:
+            focus.take(sample)
+        except (WireError, ValueError) as error:
+            self._stranger(sample, error)
+
+    def _stranger(self, sample: Sample, error: Exception) -> None:
+        if not self.strangers:
+            say(f"{sample.key}: {error}; more of these are not told")
+        self.strangers += 1
+
+
+def say(line: str) -> None:
+    """One line for people, on standard error."""
+    print(f"viewer: {line}", file=sys.stderr, flush=True)
+
+
+def _closed(shown: Window) -> bool:
+    return shown.process.poll() is not None
 
 
 def _tell(hub: Hub, port: int, options: LiveOptions) -> None:
     if options.json:
         print(json.dumps({"hub": hub.url, "laptop": native.tunnel_commands(port)}), flush=True)
         return
-    print(f"cases of {options.connect} on {hub.url}; Ctrl-C ends")
+    print(f"cases of {options.where} on {hub.url}; Ctrl-C ends")
+    if options.show and not native.has_display():
+        print("no display here to open a window on")
+    if has_terminal():
+        print(HINT)
     print("on a laptop behind ssh, with the same rerun-sdk:")
     for line in native.tunnel_commands(port):
         print(f"  {line}", flush=True)
 
 
-def _conclude(slots: Slots, overview: Overview, hub: Hub, options: LiveOptions) -> None:
-    counters = slots.counters
+def _conclude(live: Live, options: LiveOptions) -> None:
+    counters, hub = live.slots.counters, live.hub
     found: dict[str, Any] = {
-        "cases": len(overview.tiles),
-        "ended": len(overview.verdicts),
+        "cases": len(live.overview.tiles),
+        "ended": len(live.overview.verdicts),
         "received": counters.received,
         "overwritten": counters.overwritten,
         "refused": counters.refused,
+        "strangers": live.strangers,
+        "attempts_in_full": live.attempts,
         "logged": hub.logged,
         "skipped": hub.skipped,
     }
@@ -174,6 +312,6 @@ def _conclude(slots: Slots, overview: Overview, hub: Hub, options: LiveOptions) 
         print(json.dumps(found), flush=True)
         return
     print(
-        f"{found['received']} thumbnails of {found['cases']} cases, {found['ended']} ended; "
+        f"{found['received']} messages of {found['cases']} cases, {found['ended']} ended; "
         f"{found['logged']} pictures shown, {found['skipped']} left out"
     )

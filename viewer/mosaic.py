@@ -9,16 +9,43 @@ import cv2
 import numpy as np
 
 TILE_WIDTH_PX, TILE_HEIGHT_PX = 160, 90
-"""Size of a tile; pictures keep their proportions inside."""
+"""Smallest tile, that of a thumbnail; pictures keep their proportions inside."""
 GAP_PX = 6
 """Between tiles of a row, where the frames are drawn [px]."""
-LABEL_PX = 18
-"""Between rows, where the labels stand [px]."""
+LABEL_PX, LABEL_MAX_PX = 18, 36
+"""Between rows of the smallest tiles and of large ones, where the names stand [px]."""
+COLUMNS_MAX = 8
+"""Tiles in a row, at most, and rows [-]."""
+
+WIDTH_PX = COLUMNS_MAX * (TILE_WIDTH_PX + GAP_PX) + GAP_PX
+HEIGHT_PX = COLUMNS_MAX * (TILE_HEIGHT_PX + LABEL_PX) + GAP_PX
+"""Size of the mosaic, however many tiles it has: a stream of pictures may not change its size."""
+
+TEXT_SCALE = 0.33
+"""Of the names; 26 letters fit below a thumbnail."""
+
+BACKGROUND = 24
+"""Grey of what is no picture."""
+
+Color = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """One place on the wall."""
+
+    picture: np.ndarray | None
+    """BGR; None: not readable."""
+    name: str
+    color: Color
+    """RGB of the frame and of the strip that holds the name."""
+    ended: bool = False
+    """The strip is filled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Where ``count`` tiles stand: rows from the left upper corner, about 16:9 altogether."""
+    """Where ``count`` tiles stand: rows from the left upper corner, as large as they fit."""
 
     count: int
 
@@ -28,41 +55,51 @@ class Grid:
         return max(1, math.ceil(math.sqrt(self.count)))
 
     @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height of the mosaic."""
-        rows = max(1, -(-self.count // self.columns))
-        return (
-            self.columns * (TILE_WIDTH_PX + GAP_PX) + GAP_PX,
-            rows * (TILE_HEIGHT_PX + LABEL_PX) + GAP_PX,
-        )
+    def tile_px(self) -> tuple[int, int]:
+        """Width and height of a tile."""
+        width = (WIDTH_PX - GAP_PX) // self.columns - GAP_PX
+        return width, width * TILE_HEIGHT_PX // TILE_WIDTH_PX
+
+    @property
+    def label_px(self) -> int:
+        """Room for the name below a tile."""
+        return min(LABEL_MAX_PX, (HEIGHT_PX - GAP_PX) // self.columns - self.tile_px[1])
 
     def corner_px(self, index: int) -> tuple[int, int]:
         """Left upper corner of a tile."""
         row, column = divmod(index, self.columns)
-        return (
-            GAP_PX + column * (TILE_WIDTH_PX + GAP_PX),
-            GAP_PX + row * (TILE_HEIGHT_PX + LABEL_PX),
-        )
+        width, height = self.tile_px
+        return GAP_PX + column * (width + GAP_PX), GAP_PX + row * (height + self.label_px)
 
     def boxes_px(self) -> list[tuple[int, int, int, int]]:
         """Frames of all tiles: x, y, width, height."""
-        return [(*self.corner_px(i), TILE_WIDTH_PX, TILE_HEIGHT_PX) for i in range(self.count)]
+        return [(*self.corner_px(i), *self.tile_px) for i in range(self.count)]
 
 
-def compose(pictures: list[np.ndarray | None]) -> np.ndarray:
-    """BGR pictures (None: not readable) -> BGR mosaic, uint8 [H, W, 3]."""
-    grid = Grid(len(pictures))
-    width, height = grid.size_px
-    mosaic = np.full((height, width, 3), 24, np.uint8)
-    for index, picture in enumerate(pictures):
-        if picture is None:
-            continue
-        tile = _fitted(picture)
+def compose(tiles: list[Tile]) -> np.ndarray:
+    """Tiles -> BGR mosaic, uint8 [:data:`HEIGHT_PX`, :data:`WIDTH_PX`, 3]."""
+    grid = Grid(len(tiles))
+    mosaic = np.full((HEIGHT_PX, WIDTH_PX, 3), BACKGROUND, np.uint8)
+    width, height = grid.tile_px
+    room = grid.label_px - 4
+    for index, tile in enumerate(tiles):
         x, y = grid.corner_px(index)
-        x += (TILE_WIDTH_PX - tile.shape[1]) // 2
-        y += (TILE_HEIGHT_PX - tile.shape[0]) // 2
-        mosaic[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+        if tile.picture is not None:
+            picture = _fitted(tile.picture, width, height)
+            left, top = x + (width - picture.shape[1]) // 2, y + (height - picture.shape[0]) // 2
+            mosaic[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+        _name(mosaic[y + height : y + height + room, x : x + width], tile)
     return mosaic
+
+
+def _name(strip: np.ndarray, tile: Tile) -> None:
+    """The name, on the strip below its tile; what does not fit is cut."""
+    if tile.ended:
+        strip[:] = tile.color[::-1]
+    ink = (255, 255, 255) if tile.ended else tile.color[::-1]
+    scale = TEXT_SCALE * strip.shape[0] / (LABEL_PX - 4)
+    at = (3, round(0.7 * strip.shape[0]))
+    cv2.putText(strip, tile.name, at, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)
 
 
 def decoded(jpeg: bytes) -> np.ndarray | None:
@@ -80,9 +117,9 @@ def encoded(mosaic: np.ndarray) -> bytes:
     return bytes(data)
 
 
-def _fitted(picture: np.ndarray) -> np.ndarray:
+def _fitted(picture: np.ndarray, width_px: int, height_px: int) -> np.ndarray:
     height, width = picture.shape[:2]
-    scale = min(TILE_WIDTH_PX / width, TILE_HEIGHT_PX / height)
+    scale = min(width_px / width, height_px / height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     if size == (width, height):
         return picture

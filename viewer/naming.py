@@ -33,6 +33,8 @@ CAMERA = "world/ego/camera"
 DETECTIONS = "world/ego/camera/detections"
 DETECTIONS_FAR = "world/ego/camera/detections_far"
 TRUTH = "world/ego/camera/truth"
+SCENE = "world/scene"
+MOVERS = "world/movers"
 TRAIL = "world/trail"
 GAP = "world/gap"
 SPEED = "metrics/speed"
@@ -42,11 +44,18 @@ ACCEL = "metrics/accel"
 THROTTLE = "command/throttle"
 BRAKE = "command/brake"
 AEB = "command/aeb"
+PLANNER = "planner"
 EVENTS = "events"
 SUMMARY = "summary"
 MOSAIC = "mosaic"
 TILES = "mosaic/tiles"
 CASES = "cases"
+
+THROUGHPUT = "campaign/cases_per_min"
+RUNNING = "campaign/running"
+WORKERS_PRESENT = "campaign/workers"
+WORKERS = "workers"
+"""A plot per worker lies below."""
 
 _ALLOWED = re.compile(r"[^A-Za-z0-9_-]")
 
@@ -58,6 +67,11 @@ def safe_id(*parts: str) -> str:
     if safe == text:
         return text
     return f"{safe}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def sensor(message: str) -> str:
+    """Entity path of the sensor whose messages are called ``message``, e.g. ``lidar.roof``."""
+    return f"{EGO}/{message.replace('.', '_')}"
 
 
 def recording_id(campaign: str, case: str, attempt: int) -> str:

@@ -9,9 +9,9 @@ import rerun as rr
 
 from schemas.view import Thumbnail
 from viewer import mosaic, naming
-from viewer.convert import BLUE, Color, Logged, verdict_color
+from viewer.scenery import BLUE, Color, Logged, verdict_color
 
-TILES_MAX = 64
+TILES_MAX = mosaic.COLUMNS_MAX**2
 """Cases on the wall, at most; ended ones make room first."""
 
 ROWS_MAX = 24
@@ -46,14 +46,23 @@ class Overview:
     def logged(self) -> list[Logged]:
         """The wall and the table as they stand."""
         tiles = list(self.tiles.values())
-        picture = mosaic.encoded(mosaic.compose([tile.picture for tile in tiles]))
+        wall = [
+            mosaic.Tile(
+                tile.picture,
+                tile.thumbnail.case,
+                _color(tile.thumbnail),
+                ended=bool(tile.thumbnail.outcome),
+            )
+            for tile in tiles
+        ]
+        picture = mosaic.encoded(mosaic.compose(wall))
         frames = rr.Boxes2D(
             array=mosaic.Grid(len(tiles)).boxes_px(),
             array_format=rr.Box2DFormat.XYWH,
             colors=[_color(tile.thumbnail) for tile in tiles],
             labels=[tile.thumbnail.case for tile in tiles],
-            radii=rr.Radius.ui_points(1.5),
-            show_labels=len(tiles) <= 16,
+            radii=rr.Radius.ui_points(2.0),
+            show_labels=False,
         )
         return [
             (naming.MOSAIC, rr.EncodedImage(contents=picture, media_type="image/jpeg")),

@@ -11,7 +11,8 @@ import rerun as rr
 from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, clock
 from viewer import naming
 from viewer.blueprint import case_blueprint
-from viewer.convert import CaseConverter, Logged
+from viewer.convert import CaseConverter
+from viewer.scenery import Logged
 from viewer.sequence import Sequence
 
 FLUSH_PERIOD_S = 5.0
@@ -63,6 +64,7 @@ class Recording:
                 weather=start.weather,
                 time_of_day=clock(start.time_of_day_min),
                 seed=start.seed,
+                schema=start.v,
             ),
         )
         self._log(self._converter.start(), static=True)

@@ -50,8 +50,8 @@ def write_card(
         _versions(versions),
         "## Scores\n",
         "Of the exported file: average precision at an overlap of 0.5 in per cent, PASCAL VOC's"
-        " way. Boxes that the dataset ignores (too small, hidden, in fog) and bicycles count"
-        f" neither way. The last tables are the share of objects reported at confidence"
+        " way. Boxes that the dataset ignores (too small, hidden, in fog) and those of no class"
+        f" count neither way. The last tables are the share of objects reported at confidence"
         f" {CONFIDENCE_SHOWN:g}.\n",
     ]
     for split, card in cards.items():

@@ -66,15 +66,14 @@ class Losses(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Claims:
-    """Which object each cell and anchor of a head is responsible for."""
+class Claims:
+    """Which object each of P places is responsible for; a place is an anchor in a cell of a head,
+    counted head by head, anchor by anchor, row by row."""
 
-    taken: Tensor
-    """bool [B, A, H, W]."""
-    truth: Tensor
-    """int64 [B, A H W]: index of the object; 0 where there is none."""
+    owner: Tensor
+    """int64 [B, P]: index of the object from 1, 0 where there is none."""
     dropped: Tensor
-    """bool [B, A, H, W]: it would be responsible for an ignored object."""
+    """bool [B, P]: it would be responsible for an ignored object."""
 
 
 class GridLoss:
@@ -89,6 +88,15 @@ class GridLoss:
             for head in self._heads
         ]
         self._all_anchors = torch.cat(self._anchors)
+        self._places = [len(h.anchors_px) * h.shape.height * h.shape.width for h in self._heads]
+        # Rows, columns and first place of every anchor.
+        grids, first = [], 0
+        for head in self._heads:
+            rows, columns = head.shape[1:]
+            for _ in head.anchors_px:
+                grids.append((rows, columns, first))
+                first += rows * columns
+        self._grids = torch.tensor(grids, device=device).unbind(dim=1)
 
     def __call__(self, raw: list[Tensor], truth: Boxes) -> Losses:
         """Losses of a batch.
@@ -97,40 +105,64 @@ class GridLoss:
             raw: float32 [B, A (5 + C), H, W] of every head.
             truth: B images.
         """
-        chosen = self._choose(truth)
-        first, parts = 0, []
-        for head, values, anchors in zip(self._heads, raw, self._anchors, strict=True):
-            own = chosen[:, :, first : first + len(anchors)]
-            parts.append(self._of_head(head, values.float(), anchors, own, truth))
-            first += len(anchors)
+        claims = self.claim(truth)
+        owners = torch.split(claims.owner, self._places, dim=1)
+        dropped = torch.split(claims.dropped, self._places, dim=1)
+        parts = [
+            self._of_head(head, values.float(), anchors, Claims(*own), truth)
+            for head, values, anchors, *own in zip(
+                self._heads, raw, self._anchors, owners, dropped, strict=True
+            )
+        ]
         images = len(truth.box)
         return Losses(*(torch.stack(column).sum() / images for column in zip(*parts, strict=True)))
 
-    def _choose(self, truth: Boxes) -> Tensor:
-        """How strongly each object claims each anchor, int64 [B, M, K]: 0 not, 1 as one among
-        several, 2 as the best."""
+    @torch.no_grad()
+    def claim(self, truth: Boxes) -> Claims:
+        """Who is responsible for what.
+
+        An object takes its best anchor in the cell of its centre; of two that want the same place
+        the later one gets it. With more than one choice the other one takes its next best anchor
+        there, if that is free.
+        """
+        rows, columns, first = self._grids
+        column = torch.minimum((truth.box[..., :1] * columns).long(), columns - 1).clamp(min=0)
+        row = torch.minimum((truth.box[..., 1:2] * rows).long(), rows - 1).clamp(min=0)
+        place = first + row * columns + column
         overlap = shape_overlap(truth.box[..., 2:], self._all_anchors)
-        anchor = torch.arange(overlap.shape[2], device=overlap.device)
-        best = (overlap.argmax(dim=2)[..., None] == anchor).long()
-        also = (overlap > self._recipe.anchor_overlap).long()
-        return torch.maximum(2 * best, also)
+        preference = overlap.argsort(dim=2, descending=True, stable=True)
+        number = torch.arange(1, place.shape[1] + 1, device=place.device).expand(place.shape[:2])
+        places = sum(self._places)
+        label = truth.kind == LABEL
+        owner = torch.zeros((len(place), places), dtype=torch.int64, device=place.device)
+        placed = torch.zeros_like(label)
+        for choice in range(min(self._recipe.anchor_choices, place.shape[2])):
+            wanted = place.gather(2, preference[..., choice : choice + 1])[..., 0]
+            asks = label & ~placed & (owner.gather(1, wanted) == 0)
+            new = _largest(torch.where(asks, wanted, places), torch.where(asks, number, 0), places)
+            owner = torch.where(owner > 0, owner, new)
+            placed = placed | (asks & (owner.gather(1, wanted) == number))
+        best = place.gather(2, preference[..., :1])[..., 0]
+        skipped = truth.kind == IGNORED
+        dropped = _largest(torch.where(skipped, best, places), skipped.long(), places) > 0
+        return Claims(owner, dropped)
 
     def _of_head(
-        self, head: Head, raw: Tensor, anchors: Tensor, chosen: Tensor, truth: Boxes
+        self, head: Head, raw: Tensor, anchors: Tensor, claims: Claims, truth: Boxes
     ) -> list[Tensor]:
         recipe = self._recipe
         images, _, rows, columns = raw.shape
         grid = raw.view(images, len(anchors), 5 + head.classes, rows, columns)
         # [B, A, H, W, 5 + C]
         values = grid.permute(0, 1, 3, 4, 2)
-        claims = _claim(truth, chosen, rows, columns)
         box = decoded(values, anchors, head.scale_xy)
-        own = torch.gather(truth.box, 1, claims.truth[..., None].expand(-1, -1, 4))
-        own = own.view_as(box)
-        class_id = torch.gather(truth.class_id, 1, claims.truth).view_as(claims.taken)
-        taken = claims.taken.float()
+        index = (claims.owner - 1).clamp(min=0)
+        own = torch.gather(truth.box, 1, index[..., None].expand(-1, -1, 4)).view_as(box)
+        class_id = torch.gather(truth.class_id, 1, index).view(box.shape[:4])
+        owned = (claims.owner > 0).view(box.shape[:4])
+        dropped = claims.dropped.view(box.shape[:4])
         near = self._near(box.detach(), truth, OVERLAP_IGNORED[head.scores])
-        empty = (~(claims.taken | near | claims.dropped)).float()
+        taken, empty = owned.float(), (~(owned | near | dropped)).float()
         scale = taken * (2.0 - _area(own))
         if recipe.box_loss == "ciou":
             offset = 1.0 - complete_overlap(box, own)
@@ -167,33 +199,11 @@ class GridLoss:
         return (overlap > limit[:, None]).any(dim=2).view(box.shape[:4])
 
 
-def _claim(truth: Boxes, chosen: Tensor, rows: int, columns: int) -> _Claims:
-    """Objects in the cells of their centres; ``chosen`` is of this head's anchors, [B, M, A]."""
-    images, places, anchors = chosen.shape
-    column = (truth.box[..., 0] * columns).long().clamp(0, columns - 1)
-    row = (truth.box[..., 1] * rows).long().clamp(0, rows - 1)
-    anchor = torch.arange(anchors, device=chosen.device)
-    cell = (anchor * rows + row[..., None]) * columns + column[..., None]
-    cells = anchors * rows * columns
-    # The last place takes what belongs nowhere.
-    number = torch.arange(1, places + 1, device=chosen.device)[None, :, None]
-    rank = number + torch.where(chosen == 2, places, 0)
-    asked = (chosen > 0) & (truth.kind == LABEL)[..., None]
-    owner = _largest(torch.where(asked, cell, cells), torch.where(asked, rank, 0), cells)
-    skipped = (chosen > 0) & (truth.kind == IGNORED)[..., None]
-    dropped = _largest(torch.where(skipped, cell, cells), skipped.long(), cells)
-    shape = (images, anchors, rows, columns)
-    return _Claims(
-        taken=(owner > 0).view(shape),
-        truth=torch.where(owner > 0, (owner - 1) % places, 0),
-        dropped=(dropped > 0).view(shape),
-    )
-
-
 def _largest(cell: Tensor, rank: Tensor, cells: int) -> Tensor:
-    """Largest rank that was put into each of ``cells``, int64 [B, cells]; 0 where there is none."""
+    """Largest rank [B, M] that was put into each of ``cells``, int64 [B, cells]; 0 where there is
+    none. The cell behind the last one takes what belongs nowhere."""
     found = torch.zeros((len(cell), cells + 1), dtype=rank.dtype, device=rank.device)
-    found.scatter_reduce_(1, cell.flatten(1), rank.flatten(1), "amax")
+    found.scatter_reduce_(1, cell, rank, "amax")
     return found[:, :cells]
 
 

@@ -128,6 +128,9 @@ class Block(nn.Module):
             if layer.batch_normalize
             else None
         )
+        if self.normalisation is not None:
+            # A count that nobody reads; on a GPU it would be a launch per layer.
+            self.normalisation.num_batches_tracked = None
         self._activation = layer.activation
 
     def forward(self, values: Tensor) -> Tensor:

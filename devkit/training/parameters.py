@@ -53,9 +53,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     class_scale: Scale = 1.0
     overlap_dropped: Share = 0.3
     """Boxes that overlap an ignored object more than this are no background [-]."""
-    anchor_overlap: Share = 1.0
-    """Anchors whose shape overlaps an object's more than this learn it, too [-]; 1: the best one
-    alone, as in the papers."""
+    anchor_choices: Annotated[int, Meta(ge=1, le=9)] = 3
+    """Anchors that an object may fall back on if another one has its place; 1: it is lost, as in
+    the papers."""
 
 
 class TrainingParameters(Struct, frozen=True, forbid_unknown_fields=True):
@@ -102,8 +102,9 @@ def parse_setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not (key.strip() and equals and value.strip()):
         raise UsageError(f"--set '{text}': give KEY=VALUE, as in jitter=0.1")
-    with contextlib.suppress(ValueError):
-        return key.strip(), float(value)
+    for number in (int, float):
+        with contextlib.suppress(ValueError):
+            return key.strip(), number(value)
     return key.strip(), value.strip()
 
 

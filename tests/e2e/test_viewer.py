@@ -130,13 +130,68 @@ def test_replay_without_a_display_says_what_to_do(marked, recorded, monkeypatch)
     assert "0.5 s" in done.stdout
 
 
-def look(marked, folder):
+def test_the_recordings_of_a_campaign_as_a_table(marked, recorded, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    folder, rows = recorded["folder"], outcomes(recorded["folder"])
+    done = marked.run("viewer", "replay", str(folder), "--output", "json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["missing"] == []
+    assert [row["case"] for row in found["cases"]] == sorted(rows)
+    for row in found["cases"]:
+        kept = rows[row["case"]]
+        assert (row["verdict"], row["passed"]) == (kept["verdict"], kept["passed"])
+        if (aeb_time_s := kept["scalars"]["aeb_time_s"]) is not None:
+            assert row["moment_s"] == pytest.approx(aeb_time_s)
+    done = marked.run("viewer", "replay", str(folder))
+    assert done.returncode == 0, done.stderr
+    assert all(case in done.stdout for case in rows)
+    assert "viewer web" in done.stdout
+
+
+@needs_vulkan
+def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
+    from viewer.catalogue import read_catalogue
+    from viewer.replay import open_catalogue
+    from viewer.window import window
+
+    catalogue = read_catalogue(recorded["folder"], "aeb")
+    moments = {row.recording_id: row.moment.sim_time_ns for row in catalogue.rows}
+    with window([str(row.found.path) for row in catalogue.rows], headless=True) as shown:
+        open_catalogue(shown, catalogue)
+        wait_for(lambda: "/dataset/" in shown.client.get_location(), "the table")
+        state = shown.client.get_state()
+        times = {r.store_id.rpartition(":")[2]: r.current_time for r in state.recordings}
+        assert times == moments
+
+
+def look(marked, folder, *options):
     """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
     viewer = marked.start(
-        *("viewer", "live", "--run", str(folder), "--wait", "60"),
+        *("viewer", "live", "--run", str(folder), *options),
         *("--no-window", "--output", "json"),
     )
     return viewer, lambda: json.loads(viewer.stdout.readline())
+
+
+def test_the_result_page_shows_what_the_camera_saw(marked, recorded, tmp_path):
+    folder = recorded["folder"]
+    rows = outcomes(folder)
+    page = tmp_path / "docs" / "chaos.md"
+    done = marked.run("conductor", "report", str(folder), "--markdown", str(page))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(page)
+    text = page.read_text()
+    assert recorded["fingerprint"] in text
+    assert "No picture" not in text
+    shown = sorted(path.name for path in page.with_suffix("").glob("case-*.jpg"))
+    lost = [c for c, row in rows.items() if row["verdict"] != "pass"]
+    assert shown
+    assert {f"case-{case}.jpg" for case in lost} >= set(shown)
+    for name in shown:
+        assert f"](chaos/{name})" in text
+        assert cv2.imread(str(page.with_suffix("") / name)).shape[1] == 640
 
 
 @needs_vulkan
@@ -144,32 +199,49 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     from viewer.window import window
 
     folder = tmp_path / "c"
-    viewer, said = look(marked, folder)
-    found = finish(start(marked, folder, "--workers", "2"))
-    assert found["fingerprint"] == quiet["fingerprint"]
+    case = "yolov3-1300-heavy_rain"
+    viewer, said = look(marked, folder, "--case", case)
     hello = said()
+    found = finish(start(marked, folder, "--workers", "2", "--view", "record+live"))
+    assert found["fingerprint"] == quiet["fingerprint"]
+    assert note(folder, case)["complete"] is True, "the viewer took nothing from the recorder"
     assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
     with window(["--connect", hello["hub"]], headless=True) as shown:
 
         def arrived():
-            return [r for r in shown.client.get_state().recordings if r.timelines]
+            found = {r.location: r for r in shown.client.get_state().recordings if r.timelines}
+            wall = [r for where, r in found.items() if naming.OVERVIEW_APP in where]
+            alone = [r for where, r in found.items() if naming.CASE_APP in where]
+            return (wall[0], alone[0]) if wall and alone else None
 
-        def laid_out():
+        def laid_out(recording, names):
             # The blueprint may arrive after the data: a client that joins late
             # is sent both, in no promised order.
-            names = {view.name for view in shown.client.get_state().views}
-            return names == {"Cases", "Running and latest"}
+            def look():
+                shown.client.set_location(recording.location)
+                state = shown.client.get_state()
+                assert not [report for view in state.views for report in view.reports]
+                return names <= {view.name for view in state.views}
 
-        recording = wait_for(arrived, "the overview in a native viewer")[0]
-        assert [timeline.name for timeline in recording.timelines] == [naming.WALL]
-        assert naming.OVERVIEW_APP in recording.location
-        wait_for(laid_out, "the views of the overview")
+            return look
+
+        wall, alone = wait_for(arrived, "the wall and the case in a native viewer")
+        assert [timeline.name for timeline in wall.timelines] == [naming.WALL]
+        assert {timeline.name for timeline in alone.timelines} == {naming.SIM_TIME, naming.TICK}
+        assert f"recording_id=chaos-16-{case}-1" in alone.location
+        views = {"Cases", "Running and latest", "Cases per minute", "Conductor"}
+        wait_for(laid_out(wall, views), "the views of the wall")
+        views = {"Street", "Planner", "Speed [m/s]", "Events"}
+        wait_for(laid_out(alone, views), "the views of the case")
     viewer.send_signal(signal.SIGINT)
     counts = said()
     assert viewer.wait(20) == 0
     assert counts["received"] >= counts["cases"] >= 8
     assert counts["ended"] >= 8
     assert counts["logged"] >= 2
+    assert counts["attempts_in_full"] == 1
+    assert counts["strangers"] == 0
+    assert f"{case}: " in viewer.stderr.read(), "what the conductor says of it"
 
 
 def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
@@ -187,6 +259,28 @@ def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
     assert viewer.wait(20) == 0
 
 
+def test_a_conductor_that_moves_is_found_again(marked, tmp_path):
+    """``--run`` names a folder: the next conductor of it may listen elsewhere."""
+    folder = tmp_path / "state"
+    viewer, said = look(marked, folder)
+    said()
+    endpoints = []
+    for _ in range(2):
+        conductor = marked.start("conductor", "serve", "--state", str(folder))
+        line = conductor.stdout.readline()
+        endpoints.append(line.split(" at ")[1].strip())
+        heard = viewer.stderr.readline()
+        while f"connected to {endpoints[-1]}" not in heard:
+            assert heard, "the viewer has ended"
+            assert len(heard.splitlines()) == 1
+            heard = viewer.stderr.readline()
+        conductor.send_signal(signal.SIGINT)
+        assert conductor.wait(30) == 130
+    assert endpoints[0] != endpoints[1]
+    viewer.send_signal(signal.SIGINT)
+    assert viewer.wait(30) == 0
+
+
 def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
     case = next(iter(outcomes(quiet["folder"])))
     done = [
@@ -195,14 +289,21 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
             (["shot", str(recorded["folder"]), f"{case}x"], f"did you mean '{case}'?"),
             (["replay", str(quiet["folder"]), case], "--view record"),
             (["shot", str(tmp_path), case], "not a campaign folder"),
-            (["shot", str(recorded["folder"]), case, "--at", "soon"], "expected aeb, or seconds"),
+            (
+                ["shot", str(recorded["folder"]), case, "--at", "soon"],
+                "expected aeb, closest, or seconds",
+            ),
             (["live"], "give one of --connect"),
-            (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
+            (
+                ["live", "--run", str(tmp_path), "--wait", "0"],
+                "no conductor serves this folder",
+            ),
             (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),
+            (["live", "--connect", "tls/h:1"], "needs the fabric's key"),
         ]
     ]
     for child, words in done:
         _, err = child.communicate(timeout=60)
-        assert child.returncode == 2, err
+        assert child.returncode == (3 if "serves" in words else 2), err
         assert words in err
         assert len(err.splitlines()) == 1

@@ -13,7 +13,7 @@ import yaml
 
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.files import sync_files, write_atomic
 from twin.fabric.folder_lock import after_all_writers, one_of_the_writers
 
@@ -140,8 +140,18 @@ class Folder:
         write_atomic(self.part_path(split, index), text.encode(), sync=False)
 
     def read_part(self, split: str, index: int) -> Any:
-        """Labels of a finished image."""
-        return json.loads(self.part_path(split, index).read_bytes())
+        """Labels of a finished image.
+
+        Raises:
+            InfrastructureError: they are damaged; one line.
+        """
+        path = self.part_path(split, index)
+        try:
+            return json.loads(path.read_bytes())
+        except ValueError:
+            raise InfrastructureError(
+                f"{path}: damaged, as by a power cut; remove it and run the same command again"
+            ) from None
 
     def finish(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
         """Say that everything is there, and tidy up."""

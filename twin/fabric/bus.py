@@ -9,6 +9,9 @@ from typing import Protocol
 Respond = Callable[[bytes], None]
 """Answers a request, once, from any thread."""
 
+Cancel = Callable[[], None]
+"""Ends a subscription."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sample:
@@ -33,8 +36,12 @@ class Bus(Protocol):
     def wanted(self, key: str) -> bool:
         """Whether somebody subscribes to ``key`` (may hold ``*`` and ``**``); cheap to ask."""
 
-    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
-        """Call ``handler`` with each message on ``key`` (may hold ``*`` and ``**``)."""
+    def release(self, key: str) -> None:
+        """Forget what :meth:`wanted` keeps about ``key``; for keys that will not be asked again."""
+
+    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> Cancel:
+        """Call ``handler`` with each message on ``key`` (may hold ``*`` and ``**``), until the
+        answer is called or the session ends."""
 
     def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
         """Answer requests on ``key``; ``handler(payload, respond)``."""

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from twin.fabric.bus import Respond, Sample
+from twin.fabric.bus import Cancel, Respond, Sample
 
 
 @dataclass(slots=True)
@@ -170,14 +170,21 @@ class MemoryBus:
                     self._hub.post(_guarded(bus, handler, sample))
 
     def wanted(self, key: str) -> bool:
-        """See :class:`twin.fabric.bus.Bus`; a wildcard of ``key`` matches wildcards only."""
+        """See :class:`twin.fabric.bus.Bus`."""
         return any(
-            matches(pattern, key) for bus in self._hub.sessions() for pattern, _ in bus._subscribers
+            intersects(pattern, key)
+            for bus in self._hub.sessions()
+            for pattern, _ in bus._subscribers
         )
 
-    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
+    def release(self, key: str) -> None:
+        """See :class:`twin.fabric.bus.Bus`; nothing is kept."""
+
+    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> Cancel:
         """See :class:`twin.fabric.bus.Bus`."""
-        self._subscribers.append((key, handler))
+        entry = (key, handler)
+        self._subscribers.append(entry)
+        return lambda: self._subscribers.remove(entry)
 
     def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
         """See :class:`twin.fabric.bus.Bus`."""
@@ -238,6 +245,23 @@ class MemoryBus:
 def matches(pattern: str, key: str) -> bool:
     """Zenoh's key expressions: ``*`` is one chunk, ``**`` any number of chunks."""
     return _match(pattern.split("/"), key.split("/"))
+
+
+def intersects(one: str, other: str) -> bool:
+    """Whether some key matches both key expressions."""
+    return _meet(one.split("/"), other.split("/"))
+
+
+def _meet(one: list[str], other: list[str]) -> bool:
+    if not one or not other:
+        return all(chunk == "**" for chunk in one or other)
+    if one[0] == "**":
+        return any(_meet(one[1:], other[i:]) for i in range(len(other) + 1))
+    if other[0] == "**":
+        return _meet(other, one)
+    if one[0] != other[0] and "*" not in (one[0], other[0]):
+        return False
+    return _meet(one[1:], other[1:])
 
 
 def _match(pattern: list[str], key: list[str]) -> bool:

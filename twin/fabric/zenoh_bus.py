@@ -12,7 +12,7 @@ from typing import Any, Literal
 import psutil
 import zenoh
 
-from twin.fabric.bus import Bus, Respond, Sample
+from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.endpoint import check_protected, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
@@ -249,7 +249,12 @@ class _ZenohBus:
             self._publishers[key] = self._session.declare_publisher(key)
         return bool(self._publishers[key].matching_status.matching)
 
-    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> None:
+    def release(self, key: str) -> None:
+        publisher = self._publishers.pop(key, None)
+        if publisher is not None and not self._closed:
+            publisher.undeclare()
+
+    def subscribe(self, key: str, handler: Callable[[Sample], None]) -> Cancel:
         def receive(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
             handler(
@@ -260,9 +265,17 @@ class _ZenohBus:
                 )
             )
 
-        self._declared.append(
-            self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+        subscriber = self._session.declare_subscriber(
+            key, zenoh.handlers.Callback(receive, indirect=False)
         )
+        self._declared.append(subscriber)
+
+        def cancel() -> None:
+            self._declared.remove(subscriber)
+            if not self._closed:
+                subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+        return cancel
 
     def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
         def receive(query: zenoh.Query) -> None:

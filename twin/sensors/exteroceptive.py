@@ -126,9 +126,8 @@ def camera_sites(case: Case, vehicle: Vehicle) -> list[CameraSite]:
 
 def _cameras(case: Case) -> Iterator[tuple[Camera, str]]:
     """The cameras, and what stands behind the kind in the names of their messages."""
-    yield case.camera, ""
-    for camera in case.cameras:
-        yield camera, f".{camera.name}"
+    for index, camera in enumerate(case.seeing):
+        yield camera, f".{camera.name}" if index else ""
 
 
 @dataclass(slots=True)

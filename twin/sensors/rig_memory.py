@@ -18,7 +18,7 @@ def rig_memory(case: Case, vehicle: Vehicle, world: World, slots: int) -> Memory
     """
     profiles = [mounted_profile(vehicle.lidar(lidar.name)) for lidar in case.lidars]
     return plan(
-        [case.camera, *case.cameras],
+        case.seeing,
         [
             LidarLoad(
                 f"lidar.{lidar.name}",

@@ -19,6 +19,7 @@ from typing import IO, TYPE_CHECKING, Any
 import psutil
 
 from schemas.messages import Lease, Release
+from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
@@ -80,12 +81,13 @@ class RigProcess:
         remote = lease.case.placement == "node"
         listen = options.drive_listen if remote else LOOPBACK
         listen = to_listen(listen, keyed=options.key is not None)
+        view = options.view or ViewMode(lease.case.view)
         self._simulator = spawn(
             [
                 *(sys.executable, "-m", "twin", "sim"),
                 *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
                 *("--slots", str(options.slots), "--device", options.device),
-                *("--view", options.view.value, "--view-namespace", options.namespace),
+                *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
             ],
             log=self._log,

@@ -63,8 +63,8 @@ class WorkerOptions:
     """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
     join_dir: str = ""
     """Folder in which rigs for remote stacks are announced."""
-    view: ViewMode = ViewMode.live
-    """What simulators show; see :class:`schemas.view.ViewMode`."""
+    view: ViewMode | None = None
+    """What simulators show; None: what the campaign says."""
     until_done: bool = False
     drain_s: float = 0.0
     """How long running cases may go on after SIGTERM [s]."""

@@ -50,7 +50,8 @@ from twin.worker.pipe import (
     Unpacker,
     send,
 )
-from twin.worker.view_feed import Feed, ViewOptions, open_feed
+from twin.worker.view_feed import ViewOptions, open_feed
+from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
     from twin.engine import Engine
@@ -138,7 +139,8 @@ class Simulator:
         slots = len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
-        self._frames = frames = FrameBuffer(size) if case.placement == "worker" else None
+        shared = case.placement == "worker" and size > 0
+        self._frames = frames = FrameBuffer(size) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
@@ -224,15 +226,8 @@ class Simulator:
             slot.rig_wall_s += wall_s / len(running)
         for command, cost in zip(answer.commands, answer.costs, strict=False):
             slot = self._slots[command.slot] if 0 <= command.slot < len(self._slots) else None
-            # Numbers of a foreign stack: what is no time is left out.
-            if slot is None or cost is None or cost.frames < 0 or not 0.0 <= cost.wall_s < 1e9:
-                continue
-            before = slot.perception or PerceptionCost(cost.runtime, 0, 0.0)
-            slot.perception = structs.replace(
-                before,
-                frames=before.frames + cost.frames,
-                wall_s=before.wall_s + cost.wall_s,
-            )
+            if slot is not None:
+                slot.perception = summed(slot.perception, cost)
 
     def _tokens(self) -> list[int]:
         return [slot.lease.token if slot else 0 for slot in self._slots]
@@ -306,6 +301,17 @@ class Simulator:
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
             ),
         )
+
+
+def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:
+    """Both together; what a foreign stack says and can be no time or number is left out."""
+    if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
+        return total
+    if total is None:
+        return cost
+    return structs.replace(
+        total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
+    )
 
 
 def _episode(index: int, lease: Lease, seq: int, engine: Engine, device: str) -> Episode:

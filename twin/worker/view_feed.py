@@ -9,30 +9,31 @@ from __future__ import annotations
 import sys
 import threading
 import time
-import traceback
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Command, Lease
-from schemas.topics import Topic
-from schemas.view import FeedEnd, ViewMode
+from schemas.view import POINTS_MAX, FeedEnd, ViewMode
 from schemas.wire import encode
-from twin.fabric.bus import Bus
+from twin.fabric.bus import Bus, Respond
 from twin.fabric.channel import Channel
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import TwinError
 from twin.fabric.key_file import Key
 from twin.fabric.zenoh_bus import open_bus
-from twin.worker.view_items import Began, Ended, Item, Run, Seen, Ticked
+from twin.worker.view_demand import Demand
+from twin.worker.view_items import Asked, Began, Cloud, Ended, Item, Run, Scenery, Seen, Ticked
+from twin.worker.view_port import Feed, Harmless, NoFeed
 
 if TYPE_CHECKING:
     from twin.engine import Engine, Finished
     from twin.sensors.data import SensorData
+    from twin.worker.view_encoder import Encoder
+    from twin.world.street import World
 
 QUEUE_BYTES_MAX = 128 << 20
 """Most bytes that wait to be encoded; raw pictures, so about 190 of 640x360 [bytes]."""
@@ -40,61 +41,14 @@ QUEUE_BYTES_MAX = 128 << 20
 RECORDER_WAIT_S = 20.0
 """How long samples wait for a recorder that is starting, before it is given up [s]."""
 
-THUMBNAIL_PERIOD_S = 0.25
-"""Shortest wall time between two thumbnails of a case [s]."""
+THUMBNAIL_COPY_PX = 320
+"""What is copied for a thumbnail alone is about so wide; the rest of the picture stays [px]."""
 
 SPARE_MAX = 64
 """Buffers of encoded pictures kept for the next; fresh memory costs more than the copy."""
 
 _TICK_BYTES = 1024
 """What a tick without its picture counts for in the queue [bytes]."""
-
-
-class Feed(Protocol):
-    """What the simulator's loop tells; every call returns at once."""
-
-    endpoint: str
-    """Where a recorder connects; empty: there is none to come."""
-
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """A case begins in ``slot``."""
-
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """All active slots are at a tick, sensed and commanded, not yet stepped."""
-
-    def end(self, finished: Finished) -> None:
-        """The case of a slot has ended."""
-
-    def abandon(self, slot: int) -> None:
-        """The case of a slot is no longer wanted."""
-
-    def close(self, timeout_s: float) -> None:
-        """Publish what waits and say that nothing follows; gives up after ``timeout_s`` [s]."""
-
-
-class NoFeed:
-    """Nobody looks."""
-
-    endpoint = ""
-
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """See :class:`Feed`."""
-
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """See :class:`Feed`."""
-
-    def end(self, finished: Finished) -> None:
-        """See :class:`Feed`."""
-
-    def abandon(self, slot: int) -> None:
-        """See :class:`Feed`."""
-
-    def close(self, timeout_s: float) -> None:
-        """See :class:`Feed`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,43 +61,6 @@ class ViewOptions:
     """The conductor's router, for viewers; need not be reachable."""
     key: Key | None = None
     """The fabric's key; with it the recorder's session is TLS too."""
-
-
-class _Harmless:
-    """Passes on to a feed until that fails, once: whoever looks must not break what they see."""
-
-    def __init__(self, feed: Feed) -> None:
-        self.endpoint = feed.endpoint
-        self._feed = feed
-
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.begin(slot, lease, engine))
-
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.tick(engine, sensed, commands))
-
-    def end(self, finished: Finished) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.end(finished))
-
-    def abandon(self, slot: int) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.abandon(slot))
-
-    def close(self, timeout_s: float) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.close(timeout_s))
-
-    def _try(self, call: Callable[[], None]) -> None:
-        try:
-            call()
-        except Exception:
-            traceback.print_exc()
-            self._feed = NoFeed()
 
 
 def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:
@@ -163,7 +80,7 @@ def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:
     except TwinError as error:
         print(f"no view of this rig: {error}", file=sys.stderr, flush=True)
         return NoFeed()
-    return _Harmless(ViewFeed(bus, rig, slots, mode))
+    return Harmless(ViewFeed(bus, rig, slots, mode))
 
 
 class ViewFeed:
@@ -172,7 +89,7 @@ class ViewFeed:
     def __init__(self, bus: Bus, rig: str, slots: int, mode: ViewMode) -> None:
         """If ``mode`` records, samples wait for the recorder that is about to connect."""
         self.endpoint = bus.endpoints[0] if bus.endpoints else ""
-        self._shows = mode.shows
+        self._demand = Demand(bus, mode)
         self._bus = bus
         self._rig = rig
         self._runs: list[Run | None] = [None] * slots
@@ -181,13 +98,17 @@ class ViewFeed:
         self._recorder_gone = not mode.records
         self._closed = threading.Event()
         self._spare: deque[np.ndarray] = deque(maxlen=SPARE_MAX)
+        self._world: World | None = None
         bus.watch(topics.RECORDER_ALIVE.key.format(rig=rig), self._on_recorder)
+        if mode.shows:
+            bus.serve(topics.FEED_SCENE.key.format(rig=rig), self._on_asked)
         threading.Thread(target=self._run, name="view-feed", daemon=True).start()
 
     # --- the simulator's loop ---------------------------------------------------------------
 
     def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
         """See :class:`Feed`."""
+        self._world = engine.world
         run = self._runs[slot] = Run(lease, recorded=not self._recorder_gone)
         if run.recorded:
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
@@ -196,8 +117,8 @@ class ViewFeed:
         self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
     ) -> None:
         """See :class:`Feed`."""
-        shown = self._shown()
-        now_s = time.monotonic() if shown else 0.0
+        wall, singles = self._demand.wall(), self._demand.singles()
+        now_s = time.monotonic() if wall or singles else 0.0
         for slot, run in enumerate(self._runs):
             if run is None:
                 continue
@@ -205,14 +126,14 @@ class ViewFeed:
             # Numbers go on while the recorder is away: one that comes back sees what it missed.
             seq = run.number(2 if "camera" in sensed else 1) if run.recorded else -1
             recorded = run.recorded and not self._recorder_gone
-            due = shown and "camera" in sensed and now_s - run.shown_s >= THUMBNAIL_PERIOD_S
-            if not (recorded or due):
-                continue
-            if due:
-                run.shown_s = now_s
-            seen = self._look(engine, sensed, slot, commands[slot])
-            size = _TICK_BYTES + (0 if seen.image is None else seen.image.nbytes)
-            self._channel.offer(Ticked(run, seq if recorded else -1, seen, due), size)
+            due = self._demand.due(run, sensed, now_s, wall=wall, singles=singles)
+            if "start" in due:
+                sites = engine.camera_sites, engine.lidar_sites
+                self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
+            if recorded or due:
+                seen = self._look(engine, sensed, slot, commands[slot], due, recorded=recorded)
+                ticked = Ticked(run, seq if recorded else -1, seen, due)
+                self._channel.offer(ticked, _TICK_BYTES + seen.nbytes)
 
     def end(self, finished: Finished) -> None:
         """See :class:`Feed`."""
@@ -223,17 +144,21 @@ class ViewFeed:
         last_row = int(columns["tick"].values[-1]) > run.last_tick
         seq = run.number(2 if last_row else 1) if run.recorded else -1
         time_ns = int(columns["sim_time_ns"].values[-1])
-        shown = self._shown()
-        if run.recorded or shown:
+        wall, live = self._demand.wall(), self._demand.ended(run)
+        if run.recorded or wall or live:
             # Size 0 always fits: however full the queue is, the verdict gets through.
-            self._channel.offer(Ended(run, seq, finished, last_row, time_ns, shown), 0)
+            self._channel.offer(Ended(run, seq, finished, last_row, time_ns, wall, live), 0)
 
     def abandon(self, slot: int) -> None:
         """See :class:`Feed`."""
         run = self._runs[slot]
         self._runs[slot] = None
-        if run is not None and run.recorded:
-            self._channel.offer(Ended(run, run.number(), None, False, 0, False), 0)
+        if run is None:
+            return
+        live = self._demand.ended(run)
+        if run.recorded or live:
+            seq = run.number() if run.recorded else -1
+            self._channel.offer(Ended(run, seq, None, False, 0, live=live), 0)
 
     def close(self, timeout_s: float) -> None:
         """See :class:`Feed`."""
@@ -243,14 +168,25 @@ class ViewFeed:
         self._closed.wait(timeout_s)
 
     def _look(
-        self, engine: Engine, sensed: dict[str, SensorData], slot: int, command: Command | None
+        self,
+        engine: Engine,
+        sensed: dict[str, SensorData],
+        slot: int,
+        command: Command | None,
+        due: frozenset[str],
+        *,
+        recorded: bool,
     ) -> Seen:
         """Copy a slot's values: the simulator overwrites its arrays at the next tick."""
         image = boxes = None
-        if "camera" in sensed:
+        if "camera" in sensed and (recorded or not due.isdisjoint(("camera", "thumbnail"))):
             source = sensed["camera"].values[slot]
-            image = self._spare.pop() if self._spare else np.empty_like(source)
-            np.copyto(image, source)
+            if recorded or "camera" in due:
+                image = self._spare.pop() if self._spare else np.empty_like(source)
+                np.copyto(image, source)
+            else:
+                every = max(1, source.shape[1] // THUMBNAIL_COPY_PX)
+                image = source[::every, ::every].copy()
         if "boxes" in sensed and sensed["boxes"].count is not None:
             boxes = sensed["boxes"].values[slot, : sensed["boxes"].count[slot]].copy()
         return Seen(
@@ -260,11 +196,10 @@ class ViewFeed:
             command=command,
             image=image,
             boxes=boxes,
+            pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
+            clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
+            movers=_movers(engine, slot) if "state" in due else None,
         )
-
-    def _shown(self) -> bool:
-        """A viewer subscribes to thumbnails."""
-        return self._shows and self._bus.wanted(_anyone(topics.VIEW_THUMBNAIL))
 
     # --- the feed's thread ------------------------------------------------------------------
 
@@ -273,27 +208,57 @@ class ViewFeed:
         self._recorder_gone = not alive
         self._recorder.set()
 
+    def _on_asked(self, _request: bytes, respond: Respond) -> None:
+        """A viewer wants the standing world; before the first case there is none to tell."""
+        if self._world is not None:
+            self._channel.offer(Asked(self._world, respond), 0)
+
     def _run(self) -> None:
         if not self._recorder_gone and not self._recorder.wait(RECORDER_WAIT_S):
             self._recorder_gone = True
         item = self._channel.take()
         # Late: the engine that this item comes from has loaded Warp already.
-        from twin.worker.view_samples import Encoder
+        from twin.worker.view_encoder import Encoder
 
         encoder = Encoder()
         while item is not None:
-            case = item.run.lease.case
-            for topic, payload, attachment in encoder.messages(item):
-                key = topic.key.format(campaign=case.campaign, case=case.id)
-                self._bus.publish(key, payload, attachment, block=topic.block)
-            if isinstance(item, Ticked) and item.seen.image is not None and not item.thumbnail:
-                self._spare.append(item.seen.image)
+            if isinstance(item, Asked):
+                item.respond(encoder.scene(item.world))
+            else:
+                self._publish(item, encoder)
             item = self._channel.take()
         end = FeedEnd(v=SCHEMA_VERSION, rig=self._rig)
         self._bus.publish(topics.FEED_END.key.format(rig=self._rig), encode(end), block=True)
         self._closed.set()
 
+    def _publish(self, item: Began | Scenery | Ticked | Ended, encoder: Encoder) -> None:
+        case = item.run.lease.case
+        for message in encoder.messages(item):
+            key = message.topic.key.format(
+                campaign=case.campaign, case=case.id, sensor=message.sensor
+            )
+            block = message.topic.block
+            self._bus.publish(key, message.payload, message.attachment, block=block)
+        if isinstance(item, Ticked) and item.seen.image is not None:
+            whole = item.seq >= 0 or "camera" in item.due
+            if whole:
+                self._spare.append(item.seen.image)
 
-def _anyone(topic: Topic) -> str:
-    """The topic's key for all campaigns and cases."""
-    return topic.key.format(campaign="*", case="*")
+
+def _thinned(sensed: SensorData, slot: int) -> Cloud:
+    rays = sensed.values.shape[1]
+    stride = max(1, -(-rays // POINTS_MAX))
+    return Cloud(sensed.values[slot, ::stride].copy(), stride)
+
+
+def _movers(engine: Engine, slot: int) -> np.ndarray:
+    """[M, 7]: x, y, z, yaw, half length, half width, height of the scripted objects in sight."""
+    placement, kinds = engine.placement, engine.world.kinds
+    there = np.flatnonzero(placement.kind[slot] >= 0)
+    rows = np.zeros((len(there), 7))
+    for row, index in zip(rows, there, strict=True):
+        kind = kinds[placement.kind[slot, index]]
+        row[:3] = placement.position_m[slot, index]
+        row[3] = placement.yaw_rad[slot, index]
+        row[4:] = kind.half_length_m, kind.half_width_m, kind.mesh.points_m[:, 2].max()
+    return rows

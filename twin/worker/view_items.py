@@ -5,15 +5,17 @@ Imports nothing heavy: the simulator opens its sessions before Warp is loaded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.messages import Command, Lease
+from schemas.messages import CameraSite, Command, Lease, LidarSite
 
 if TYPE_CHECKING:
     from twin.engine import Finished
+    from twin.world.street import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +28,31 @@ class Seen:
     """[T] of :data:`twin.vehicle.state.COLUMN`."""
     command: Command | None
     image: np.ndarray | None
-    """uint8 [H, W, 3] RGB; None: no frame was due."""
+    """uint8 [H, W, 3] RGB of the main camera; None: no frame was due, or nobody wants it."""
     boxes: np.ndarray | None
     """float32 [B, 7] of :data:`schemas.messages.BOX_COLUMNS`, valid rows only."""
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    """Of further cameras, by message; like ``image``."""
+    clouds: dict[str, Cloud] = field(default_factory=dict)
+    """Of lidars, by message."""
+    movers: np.ndarray | None = None
+    """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
+
+    @property
+    def nbytes(self) -> int:
+        """Of the large arrays."""
+        arrays = [*self.pictures.values(), *(cloud.points for cloud in self.clouds.values())]
+        return sum(a.nbytes for a in (self.image, *arrays) if a is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """A lidar's sweep, thinned."""
+
+    points: np.ndarray
+    """float32 [N, K] of :data:`schemas.lidar.POINT_COLUMNS`; NaN: no return."""
+    stride: int
+    """Every so many rays."""
 
 
 @dataclass(slots=True)
@@ -40,8 +64,8 @@ class Run:
     samples: int = 0
     """Running numbers handed out."""
     last_tick: int = -1
-    shown_s: float = 0.0
-    """When the last thumbnail was asked for [s]."""
+    shown_s: dict[str, float] = field(default_factory=dict)
+    """When a stream for viewers was last due, by its name [s]."""
 
     def number(self, count: int = 1) -> int:
         """The first of ``count`` running numbers."""
@@ -63,14 +87,26 @@ class Began:
 
 
 @dataclass(frozen=True, slots=True)
+class Scenery:
+    """What stands still around a case that a viewer has just begun to look at."""
+
+    run: Run
+    rig: str
+    world: World
+    cameras: list[CameraSite]
+    lidars: list[LidarSite]
+
+
+@dataclass(frozen=True, slots=True)
 class Ticked:
     """A case is at a tick, commanded and not yet stepped."""
 
     run: Run
     seq: int
-    """First running number (picture, then state); -1: for a thumbnail only."""
+    """First running number (picture, then state); -1: for viewers only."""
     seen: Seen
-    thumbnail: bool
+    due: frozenset[str] = frozenset()
+    """Streams that viewers are to get, see :mod:`twin.worker.view_demand`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +115,23 @@ class Ended:
 
     run: Run
     seq: int
-    """First running number (last row, then end); -1: for a thumbnail only."""
+    """First running number (last row, then end); -1: for viewers only."""
     finished: Finished | None
     """None: abandoned."""
     last_row: bool
     """The last KPI row has not been sent with a tick."""
     sim_time_ns: int
-    thumbnail: bool
+    thumbnail: bool = False
+    live: bool = False
+    """A viewer looks at this case alone."""
 
 
-Item = Began | Ticked | Ended
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A viewer asks for the standing world."""
+
+    world: World
+    respond: Callable[[bytes], None]
+
+
+Item = Began | Scenery | Ticked | Ended | Asked

@@ -1,30 +1,26 @@
-"""What the view feed was handed -> messages of the view plane. No session, thread or clock."""
+"""What the view feed was handed -> samples of the view plane. No session, thread or clock."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
+from schemas.lidar import POINT_COLUMNS
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, Lease, command_mistake
-from schemas.topics import Topic
 from schemas.view import (
+    POINT_CM,
     Box,
-    CameraSample,
-    CaseEnd,
     CaseStart,
     Controls,
     Stage,
     StateSample,
-    Thumbnail,
 )
-from schemas.wire import encode
-from twin.engine import Finished
 from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.worker.view_items import Began, Ended, Item, Seen, Ticked
+from twin.worker.view_items import Cloud, Seen
 from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
 from twin.world.scene import load_scene
 
@@ -37,85 +33,20 @@ THUMBNAIL_WIDTH_PX = 160
 _LANE_STEP_M = 3.0
 
 _BOX = {name: i for i, name in enumerate(BOX_COLUMNS)}
+_POINT = {name: i for i, name in enumerate(POINT_COLUMNS)}
 
 
-Message = tuple[Topic, bytes, bytes]
-"""Topic, payload and attachment."""
-
-
-class Encoder:
-    """Items of the feed's queue -> messages; remembers what an attempt has shown."""
-
-    def __init__(self) -> None:
-        self._stages: dict[tuple[str, str], Stage] = {}
-        self._shown: dict[int, tuple[Seen, int]] = {}
-        """By token: the last picture shown, and the running number of the next thumbnail."""
-
-    def messages(self, item: Item) -> list[Message]:
-        """Messages of one item, in the order of their running numbers."""
-        match item:
-            case Began():
-                return self._start(item)
-            case Ticked():
-                return self._tick(item)
-            case Ended():
-                return self._end(item)
-
-    def _start(self, item: Began) -> list[Message]:
-        scenario = item.run.lease.case.scenario
-        key = (scenario.scene, scenario.vehicle)
-        if key not in self._stages:
-            self._stages[key] = stage_of(item.run.lease, item.colliders, item.cars)
-        start = start_of(item.run.lease, self._stages[key], item.seq)
-        return [(topics.VIEW_START, encode(start), b"")]
-
-    def _tick(self, item: Ticked) -> list[Message]:
-        seen, token, seq = item.seen, item.run.lease.token, item.seq
-        messages: list[Message] = []
-        if seq >= 0:
-            # The picture first: who has the state of a tick has all of it.
-            if seen.image is not None:
-                sample = CameraSample(
-                    v=SCHEMA_VERSION,
-                    seq=seq,
-                    token=token,
-                    tick=seen.tick,
-                    sim_time_ns=seen.sim_time_ns,
-                )
-                messages.append((topics.VIEW_CAMERA, jpeg(seen.image), encode(sample)))
-                seq += 1
-            messages.append((topics.VIEW_STATE, encode(state_of(seen, token, seq)), b""))
-        if item.thumbnail and seen.image is not None:
-            _, shown = self._shown.get(token, (None, 0))
-            self._shown[token] = (seen, shown + 1)
-            messages.append(_thumbnail(item.run.lease, seen, None, shown))
-        return messages
-
-    def _end(self, item: Ended) -> list[Message]:
-        finished, token, seq = item.finished, item.run.lease.token, item.seq
-        messages: list[Message] = []
-        if seq >= 0:
-            if item.last_row and finished is not None:
-                row = last_row_of(finished.table, token, seq)
-                messages.append((topics.VIEW_STATE, encode(row), b""))
-                seq += 1
-            end = CaseEnd(
-                v=SCHEMA_VERSION,
-                seq=seq,
-                token=token,
-                sim_time_ns=item.sim_time_ns,
-                outcome=finished.outcome if finished else "",
-                verdict=finished.verdict if finished else "",
-                passed=bool(finished and finished.passed),
-                reasons=finished.reasons if finished else [],
-                scalars=finished.scalars if finished else {},
-                samples=seq + 1,
-            )
-            messages.append((topics.VIEW_END, encode(end), b""))
-        seen, shown = self._shown.pop(token, (None, 0))
-        if item.thumbnail and seen is not None:
-            messages.append(_thumbnail(item.run.lease, seen, finished, shown))
-        return messages
+def points_of(cloud: Cloud) -> np.ndarray:
+    """Returns of a sweep as :class:`schemas.view.PointsSample` says: int16 [N, 4]."""
+    columns = [_POINT[name] for name in ("x_m", "y_m", "z_m")]
+    limit = np.iinfo(np.int16).max
+    xyz = np.rint(cloud.points[:, columns] / POINT_CM)
+    # A comparison with NaN, which is what a ray without a return has, is False.
+    inside = (np.abs(xyz) <= limit).all(axis=1)
+    rows = np.empty((int(inside.sum()), 4), "<i2")
+    rows[:, :3] = xyz[inside]
+    rows[:, 3] = np.clip(cloud.points[inside, _POINT["intensity"]], 0, 255)
+    return rows
 
 
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
@@ -189,6 +120,7 @@ def state_of(seen: Seen, token: int, seq: int) -> StateSample:
         collisions=int(state[COLUMN["collisions"]]),
         controls=_controls(seen.command),
         boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
+        movers=[] if seen.movers is None else seen.movers.tolist(),
     )
 
 
@@ -228,36 +160,6 @@ def jpeg(image: np.ndarray, width_max_px: int | None = None) -> bytes:
     picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return bytes(data)
-
-
-def _thumbnail(lease: Lease, seen: Seen, finished: Finished | None, seq: int) -> Message:
-    assert seen.image is not None
-    case = lease.case
-    state = {name: float(seen.state[COLUMN[name]]) for name in ("speed_mps", "dtc_m")}
-    time_ns = seen.sim_time_ns
-    if finished is not None:
-        columns = finished.table.columns
-        state = {name: float(columns[name].values[-1]) for name in state}
-        time_ns = int(columns["sim_time_ns"].values[-1])
-    thumbnail = Thumbnail(
-        v=SCHEMA_VERSION,
-        seq=seq,
-        token=lease.token,
-        campaign=case.campaign,
-        case=case.id,
-        attempt=lease.attempt,
-        model=case.model,
-        weather=case.weather,
-        time_of_day_min=case.time_of_day_min,
-        sim_time_ns=time_ns,
-        speed_mps=state["speed_mps"],
-        dtc_m=state["dtc_m"],
-        aeb=bool(seen.command and seen.command.aeb),
-        outcome=finished.outcome if finished else "",
-        verdict=finished.verdict if finished else "",
-        passed=bool(finished and finished.passed),
-    )
-    return (topics.VIEW_THUMBNAIL, jpeg(seen.image, THUMBNAIL_WIDTH_PX), encode(thumbnail))
 
 
 def _controls(command: Command | None) -> Controls | None:

@@ -11,6 +11,7 @@ from conductor.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Lea
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Beat, Next, Submit
+from schemas.view_mode import ViewMode
 from schemas.wire import encode
 
 
@@ -371,3 +372,12 @@ def test_status_counts() -> None:
     }  # fmt: skip
     assert {key: counts[key] for key in expected} == expected
     assert found["workers"][0]["id"] == "w1"
+
+
+def test_a_conductor_told_what_to_show_tells_it_of_all_cases() -> None:
+    bench = Bench(Config(folder="/state", view=ViewMode.record))
+    bench.ask(submit(cases=1, view="none"))
+    bench.ask(hello())
+    assert [lease.case.view for lease in bench.lease()] == ["record"]
+    bench.ask(submit(cases=1, view="live"))
+    assert len(bench.state.campaigns) == 1, "the same campaign, gone on with"

@@ -1,6 +1,7 @@
 """Campaign files: every mistake in one line with file, path and what is allowed."""
 
 import copy
+from typing import get_args
 
 import msgspec
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from conductor.source import check, load, shipped
 from schemas.campaign import WEATHERS, expand, only, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
+from schemas.view_mode import View, ViewMode
 from schemas.yaml_file import YamlError, load_yaml, parse_yaml
 from twin.fabric.errors import UsageError
 
@@ -222,3 +224,21 @@ def test_one_case_of_a_campaign_is_the_same_case():
     for case in cases:
         assert expand(only(campaign, case.id)) == [case]
     assert only(campaign, "no-such") is None
+
+
+def test_what_is_shown_is_no_part_of_a_case_but_of_its_rig():
+    """A recorder stands beside a rig; no result depends on it."""
+    data = {"schema": 1, "campaign": "c", "matrix": {"weather": ["clear"]}}
+    seen = []
+    for view in ({}, {"view": "record+live"}):
+        campaign, mistakes = parse_campaign({**data, **view})
+        assert not mistakes
+        seen.append((campaign, expand(campaign)))
+    (plain, cases), (recorded, recorded_cases) = seen
+    assert (cases[0].view, recorded_cases[0].view) == ("live", "record+live")
+    assert campaign_digest(plain, cases) == campaign_digest(recorded, recorded_cases)
+    assert rig_key(cases[0]) != rig_key(recorded_cases[0])
+    _, mistakes = parse_campaign({**data, "view": "film"})
+    assert mistakes[0].path == "view"
+    assert "record+live" in mistakes[0].message
+    assert get_args(View) == tuple(mode.value for mode in ViewMode)

@@ -1,10 +1,15 @@
-"""Who renders which images of a dataset: everything once, and few streets for each."""
+"""Who renders which images of a dataset: everything once, few streets for each, nothing lost."""
 
 from __future__ import annotations
 
 from collections import Counter
 
+import pytest
+
+from twin.dataset.folder import Folder, Maker
+from twin.dataset.recipe import Recipe
 from twin.dataset.task import IMAGES, Agenda, Task, divided
+from twin.fabric.errors import InfrastructureError
 
 
 def test_tasks_hold_whole_batches():
@@ -51,3 +56,20 @@ def test_the_camera_stays_while_it_has_images():
         [Task("train", 0, 1, (0,)), Task("train", 0, 2, (1,)), Task("train", 0, 1, (2,))]
     )
     assert [agenda.take(0).eye for _ in range(3)] == [1, 1, 2]
+
+
+def test_what_a_power_cut_leaves_is_missing_or_named(tmp_path):
+    recipe = Recipe(count=3)
+    folder = Folder(tmp_path / "d")
+    assert not folder.open(recipe, Maker("s", "cpu"))
+    for index in range(3):
+        folder.write(recipe, "train", index, b"picture", {"image": {"index": index}})
+    assert [folder.done(recipe, "train", index) for index in range(4)] == [True] * 3 + [False]
+    folder.image_path(recipe, "train", 0).write_bytes(b"")
+    folder.part_path("train", 1).write_bytes(b"")
+    assert [folder.done(recipe, "train", index) for index in range(3)] == [False, False, True]
+    assert folder.read_part("train", 2) == {"image": {"index": 2}}
+    folder.part_path("train", 2).write_bytes(b'{"image": {"ind')
+    with pytest.raises(InfrastructureError, match=r"train-000002\.json: damaged") as caught:
+        folder.read_part("train", 2)
+    assert "\n" not in str(caught.value)

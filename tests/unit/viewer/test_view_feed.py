@@ -1,7 +1,9 @@
 """The simulator's view feed on the in-memory bus: never waits, numbers everything."""
 
+import hashlib
 import threading
 import time
+import zlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,13 +12,30 @@ import pytest
 from schemas import topics
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lease
-from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, Thumbnail, ViewMode
+from schemas.view import (
+    UNNUMBERED,
+    CameraSample,
+    CaseEnd,
+    CaseStart,
+    PointsSample,
+    SceneMesh,
+    StateSample,
+    Thumbnail,
+    ViewMode,
+)
 from schemas.wire import decode
 from twin.fabric.memory_bus import Hub
 from twin.kpi.recorder import Recorder
 from twin.vehicle.state import COLUMN
-from twin.worker import view_feed
-from twin.worker.view_feed import NoFeed, ViewFeed, _Harmless
+from twin.worker import view_encoder, view_feed
+from twin.worker.view_demand import Demand
+from twin.worker.view_feed import ViewFeed
+from twin.worker.view_items import Run
+from twin.worker.view_port import Harmless, NoFeed
+from twin.worker.view_samples import THUMBNAIL_WIDTH_PX
+from twin.world.mesh import MeshBuilder
+from twin.world.motion import Still
+from twin.world.street import World
 
 RIG = "r1"
 IMAGE = np.zeros((2, 36, 64, 3), np.uint8)
@@ -29,6 +48,14 @@ def lease(token=5):
     return Lease(token=token, attempt=1, out="/out", case=expand(campaign)[0])
 
 
+def world():
+    """A box on a street that is not there."""
+    mesh = MeshBuilder()
+    mesh.box((0, 0, 0), (1, 1, 1), 0, (0.5, 0.1, 0.1), top=(0, (0.1, 0.5, 0.1)))
+    hull = np.array([[234.0, 0.0, 0.0, 2.25, 0.9]])
+    return World(mesh.build(), hull, 1, (0.0, 0.0), (0.0, 0.0), cars=1)
+
+
 class Sim:
     """Stands for the engine: two slots, a tick at a time."""
 
@@ -36,15 +63,22 @@ class Sim:
         self.tick = np.zeros(2, np.int32)
         self.sim_time_ns = np.zeros(2, np.int64)
         self.state = np.zeros((2, len(COLUMN)))
-        self.colliders = np.array([[234.0, 0.0, 0.0, 2.25, 0.9]])
-        self.cars = 1
+        self.world = world()
+        self.colliders, self.cars = self.world.colliders, self.world.cars
+        self.placement = Still().at(np.zeros(2))
+        self.camera_sites, self.lidar_sites = [], []
         self.recorder = Recorder()
 
     def sensed(self):
+        """Camera and boxes; the lidar's second ray found nothing, its third is too far away."""
+        points = np.zeros((2, 3, 7), np.float32)
+        points[0, :, 0] = 1.234, np.nan, 400.0
+        points[0, :, 4] = 77.0
         boxes = np.zeros((2, 32, 7), np.float32)
         return {
             "camera": SimpleNamespace(values=IMAGE, count=None),
             "boxes": SimpleNamespace(values=boxes, count=np.array([1, 0])),
+            "lidar.roof": SimpleNamespace(values=points, count=np.array([2, 0])),
         }
 
     def command(self, token=5):
@@ -71,6 +105,14 @@ class Sim:
 
 
 @pytest.fixture
+def clock(monkeypatch):
+    """The feed's wall clock, which stands still until it is moved."""
+    clock = SimpleNamespace(now_s=100.0)
+    monkeypatch.setattr(view_feed, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    return clock
+
+
+@pytest.fixture
 def hub():
     hub = Hub()
     pump = hub.run()
@@ -84,6 +126,7 @@ class Listener:
 
     def __init__(self, hub, keys=("view/**",), recorder=False):
         self.got = []
+        self.payloads = {}
         self.ended = threading.Event()
         self.bus = hub.open()
         for key in keys:
@@ -94,7 +137,9 @@ class Listener:
 
     def receive(self, sample):
         stream = sample.key.rsplit("/", 1)[1]
+        self.payloads[stream] = sample.payload
         kind, data = {
+            "lidar.roof": (PointsSample, sample.attachment),
             "start": (CaseStart, sample.payload),
             "state": (StateSample, sample.payload),
             "camera": (CameraSample, sample.attachment),
@@ -235,8 +280,127 @@ def test_a_feed_that_fails_fails_alone(capsys):
         def tick(self, *_):
             raise RuntimeError("out of luck")
 
-    feed = _Harmless(Broken())
+    feed = Harmless(Broken())
     feed.tick(None, {}, [])
     feed.tick(None, {}, [])
     feed.close(0)
     assert capsys.readouterr().err.count("Traceback") == 1
+
+
+ALONE = "view/c/clear/live/*"
+
+
+def test_a_case_in_full_for_those_who_look_at_it_alone(hub, clock):
+    listener = Listener(hub, [ALONE])
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    for _ in range(4):
+        sim.step(feed)
+        clock.now_s += 0.06
+    feed.end(sim.finished())
+    feed.close(10)
+    got = listener.wait()
+    assert [type(m).__name__ for m in got] == [
+        *("CaseStart", "CameraSample", "PointsSample", "StateSample"),
+        *("CameraSample", "StateSample", "StateSample", "CaseEnd"),
+    ], "camera and state at 10 Hz of the wall clock, lidar at 5 Hz"
+    assert [m.tick for m in got if isinstance(m, StateSample)] == [0, 2, 4]
+    assert all(m.seq == UNNUMBERED for m in got if not isinstance(m, PointsSample))
+    assert (got[0].rig, len(got[0].scene_sha256)) == (RIG, 64)
+    assert got[-1].verdict == "pass"
+    points = np.frombuffer(listener.payloads["lidar.roof"], "<i2").reshape(-1, 4)
+    assert points.tolist() == [[123, 0, 0, 77]]
+
+
+def test_the_start_is_repeated_for_those_who_come_later(hub, clock):
+    first = Listener(hub, [ALONE])
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    sim.step(feed)
+    until(lambda: any(isinstance(m, StateSample) for m in first.got))
+    second = Listener(hub, ["view/c/clear/live/start"])
+    for _ in range(3):
+        clock.now_s += 0.6
+        sim.step(feed)
+    feed.close(10)
+    first.wait()
+    assert len(second.wait()) == 1
+
+
+def test_others_are_not_shown(hub, clock):
+    listener = Listener(hub, ["view/c/foggy/live/*"])
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    sim.step(feed)
+    feed.end(sim.finished())
+    feed.close(10)
+    assert listener.wait() == []
+
+
+def test_eight_cases_of_a_rig_at_most(hub, clock):
+    Listener(hub, ["view/*/*/live/*"])
+    demand = Demand(hub.open(), ViewMode.live)
+    runs = [Run(lease(token), recorded=False) for token in range(9)]
+
+    def shown(run):
+        return bool(demand.due(run, ["camera"], clock.now_s, wall=False, singles=True))
+
+    assert [shown(run) for run in runs] == [True] * 8 + [False]
+    assert demand.ended(runs[3])
+    assert shown(runs[8])
+
+
+def test_one_picture_is_compressed_once_for_recorder_and_viewers(hub, clock, monkeypatch):
+    made = []
+    real = view_encoder.jpeg
+    monkeypatch.setattr(view_encoder, "jpeg", lambda *a: made.append(a) or real(*a))
+    listener = Listener(hub, ["view/*/*/*", ALONE], recorder=True)
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record_live)
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    sim.step(feed)
+    feed.close(10)
+    pictures = [m for m in listener.wait() if isinstance(m, CameraSample)]
+    assert [m.seq for m in pictures] == [1, UNNUMBERED]
+    assert [a[1:] for a in made] == [(), (THUMBNAIL_WIDTH_PX,)], "and a small one for the wall"
+
+
+def test_viewers_leave_no_gap_in_a_recording(hub, clock):
+    """The same numbers, whoever looks beside the recorder."""
+    recorder = Listener(hub, ["view/*/*/*"], recorder=True)
+    viewer = Listener(hub, [ALONE])
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record_live)
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    for _ in range(3):
+        sim.step(feed)
+    feed.end(sim.finished())
+    feed.close(10)
+    numbered = [m for m in recorder.wait() if not isinstance(m, Thumbnail)]
+    assert [m.seq for m in numbered] == list(range(9))
+    assert len(viewer.wait()) >= 4
+
+
+def test_the_scene_is_handed_out_on_request(hub):
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    sim = Sim()
+    bus = hub.open()
+    key = topics.FEED_SCENE.key.format(rig=RIG)
+    feed.begin(0, lease(), sim)
+    scene = decode(bus.request(key, b"", 10.0), SceneMesh)
+    data = zlib.decompress(scene.data)
+    assert hashlib.sha256(data).hexdigest() == scene.sha256
+    assert (scene.faces, scene.vertices) == (10, 20)
+    assert len(data) == 20 * 12 + 10 * 12 + 20 * 3
+    points = np.frombuffer(data, "<f4", 60).reshape(-1, 3)
+    faces = np.frombuffer(data, "<u4", 30, 240).reshape(-1, 3)
+    colors = np.frombuffer(data, np.uint8, 60, 360).reshape(-1, 3)
+    for face in faces:
+        color = {tuple(colors[corner]) for corner in face}
+        assert len(color) == 1, "one colour per face"
+        red, green, _ = map(int, color.pop())
+        assert (green > red) == bool((points[face][:, 2] == 1.0).all()), "only the lid is green"
+    feed.close(10)

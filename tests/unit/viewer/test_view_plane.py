@@ -8,9 +8,10 @@ import pytest
 from schemas import topics
 from schemas.view import ViewMode
 from twin.fabric.errors import UsageError
+from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.view_feed import NoFeed, ViewOptions, open_feed
-from viewer.live import open_hub
+from viewer.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
 THUMBNAIL = "view/*/*/thumbnail"
@@ -75,3 +76,28 @@ def test_a_hub_port_in_use_is_one_line():
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"--port {port}: already in use"):
             open_hub(port)
+
+
+def test_a_single_case_is_wanted_by_name_and_by_the_wildcard():
+    router = open_bus("router", listen=LOOPBACK)
+    feed = open_bus("peer", listen=LOOPBACK, connect=router.endpoints, connect_required=False)
+    viewer = open_bus("client", connect=router.endpoints)
+    try:
+        viewer.subscribe(topics.live_keys("c", "1"), lambda _: None)
+        wait_for(lambda: feed.wanted(topics.live_keys("*", "*")))
+        wait_for(lambda: feed.wanted(topics.live_keys("c", "1")))
+        assert not feed.wanted(topics.live_keys("c", "2"))
+        feed.release(topics.live_keys("c", "1"))
+        assert feed.wanted(topics.live_keys("c", "1")), "asked again, it is known again"
+    finally:
+        for bus in (viewer, feed, router):
+            bus.close()
+
+
+def test_key_expressions_meet():
+    for one, other in (("view/*/*/live/*", "view/c/1/live/x"), ("a/**", "a"), ("**", "a/*/c")):
+        assert intersects(one, other)
+        assert intersects(other, one)
+    for one, other in (("a/b", "a/c"), ("a/*", "a/b/c"), ("a/*/c", "a/**/d"), ("a", "a/b")):
+        assert not intersects(one, other)
+        assert not intersects(other, one)

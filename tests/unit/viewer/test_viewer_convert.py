@@ -7,7 +7,8 @@ import rerun as rr
 from view_messages import STAGE, controls, detection, end, start, state
 
 from viewer import naming
-from viewer.convert import ORANGE, RED, CaseConverter, verdict_color
+from viewer.convert import CaseConverter
+from viewer.scenery import ORANGE, RED, verdict_color
 from viewer.summary import ended_text, running_text
 
 

@@ -5,35 +5,53 @@ from view_messages import thumbnail
 
 from twin.worker.view_samples import jpeg
 from viewer import mosaic, naming
-from viewer.convert import BLUE, GREEN, RED
-from viewer.live import Hub
+from viewer.hub import Hub
 from viewer.overview import TILES_MAX, Overview, _color
+from viewer.scenery import BLUE, GREEN, RED
 
 RED_PICTURE = np.full((36, 64, 3), (250, 10, 10), np.uint8)
 
 
 def test_tiles_do_not_overlap_and_fit():
     for count in (0, 1, 2, 5, 16, 17, 64):
+        used = np.zeros((mosaic.HEIGHT_PX, mosaic.WIDTH_PX), int)
         grid = mosaic.Grid(count)
-        width, height = grid.size_px
-        used = np.zeros((height, width), int)
         for x, y, w, h in grid.boxes_px():
-            assert x + w <= width
-            assert y + h <= height
+            assert x + w <= mosaic.WIDTH_PX
+            assert y + h + grid.label_px <= mosaic.HEIGHT_PX
             used[y : y + h, x : x + w] += 1
         assert used.max(initial=0) <= 1
-        assert used.sum() == count * mosaic.TILE_WIDTH_PX * mosaic.TILE_HEIGHT_PX
+        width, height = grid.tile_px
+        assert used.sum() == count * width * height
+        assert width >= mosaic.TILE_WIDTH_PX
 
 
 def test_pictures_arrive_in_their_tiles_with_their_colours():
     picture = mosaic.decoded(jpeg(RED_PICTURE))
-    wall = mosaic.compose([None, picture])
+    tiles = [mosaic.Tile(None, "a", BLUE), mosaic.Tile(picture, "b", GREEN, ended=True)]
+    wall = mosaic.compose(tiles)
     x, y = mosaic.Grid(2).corner_px(1)
-    middle = wall[y + mosaic.TILE_HEIGHT_PX // 2, x + mosaic.TILE_WIDTH_PX // 2]
+    width, height = mosaic.Grid(2).tile_px
+    middle = wall[y + height // 2, x + width // 2]
     assert middle[2] > 200, "BGR"
     assert middle[0] < 60
+    assert tuple(wall[y + height + 2, x + width - 2]) == GREEN[::-1], "its verdict below"
     x, y = mosaic.Grid(2).corner_px(0)
-    assert wall[y + 40, x + 40].tolist() == [24, 24, 24]
+    assert (wall[y : y + height, x : x + width] == mosaic.BACKGROUND).all()
+    strip = wall[y + height : y + height + mosaic.Grid(2).label_px - 4, x : x + width]
+    assert (strip != mosaic.BACKGROUND).any(), "its name, on no colour as it runs"
+    assert (strip[:, -2] == mosaic.BACKGROUND).all()
+
+
+def test_the_wall_never_changes_its_size():
+    overview = Overview()
+    sizes = set()
+    for index in range(5):
+        overview.take(thumbnail(f"c{index}"), jpeg(RED_PICTURE))
+        image = dict(overview.logged())[naming.MOSAIC]
+        data = image.blob.as_arrow_array().to_pylist()[0]
+        sizes.add(mosaic.decoded(bytes(data)).shape)
+    assert sizes == {(mosaic.HEIGHT_PX, mosaic.WIDTH_PX, 3)}
 
 
 def test_a_damaged_picture_is_none():
@@ -94,9 +112,10 @@ def test_nothing_is_logged_while_a_viewer_is_stuck():
     overview = Overview()
     overview.take(thumbnail("a"), jpeg(RED_PICTURE))
     hub = Hub(StuckStream(), "rerun+http://127.0.0.1:1/proxy")
-    assert not hub.show(overview, 1.0)
-    assert not hub.show(overview, 2.0)
+    assert not hub.open()
+    assert not hub.open()
     assert (hub.logged, hub.skipped, hub._stream.logged) == (0, 2, 0)
     hub._stream.stuck = False
-    assert hub.show(overview, 3.0)
+    assert hub.open()
+    hub.show(overview, 3.0)
     assert (hub.logged, hub._stream.logged) == (1, 3)

@@ -116,7 +116,7 @@ def end(seq, token=7, tick=3, **changes):
     )
 
 
-def thumbnail(case="clear-1", **changes):
+def thumbnail(case="clear-1", v=SCHEMA_VERSION, **changes):
     """Attachment of a thumbnail."""
     values = {
         "token": 7,
@@ -127,7 +127,7 @@ def thumbnail(case="clear-1", **changes):
         **changes,
     }
     return Thumbnail(
-        v=SCHEMA_VERSION,
+        v=v,
         seq=0,
         campaign="demo",
         case=case,

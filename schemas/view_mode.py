@@ -1,0 +1,31 @@
+"""What simulators show, and to whom; a word of the command line and of the campaign file."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Literal
+
+View = Literal["none", "live", "record", "record+live"]
+"""As files say it."""
+
+
+class ViewMode(StrEnum):
+    """What simulators show, and to whom; no result depends on it."""
+
+    none = "none"
+    """Nothing."""
+    live = "live"
+    """Thumbnails and single cases, while a viewer subscribes."""
+    record = "record"
+    """Everything, to a recorder process beside the simulator; one file per attempt."""
+    record_live = "record+live"
+
+    @property
+    def records(self) -> bool:
+        """A recorder runs beside each simulator."""
+        return self in (ViewMode.record, ViewMode.record_live)
+
+    @property
+    def shows(self) -> bool:
+        """Viewers may look through the conductor's router."""
+        return self in (ViewMode.live, ViewMode.record_live)

@@ -1,0 +1,60 @@
+"""``render: off``: the engine without any camera."""
+
+import msgspec
+import numpy as np
+
+from schemas.campaign import expand, parse_campaign
+from schemas.identity import case_digest, rig_key
+from schemas.messages import Command
+from twin.engine import Engine, frame_channels
+
+
+def case(render):
+    campaign, mistakes = parse_campaign(
+        {
+            "schema": 1,
+            "campaign": "c",
+            "render": render,
+            "scenario": {"ego_start_m": 20, "ego_speed_mps": 10, "duration_s": 0.5},
+            "cameras": [{"name": "front_left"}],
+            "lidars": [{"name": "roof"}],
+            "autonomy": {"stack": "m:S"},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert not mistakes
+    return expand(campaign)[0]
+
+
+def test_no_camera_sees_and_everything_else_goes_on():
+    blind = case(False)
+    engine = Engine(blind, 1)
+    engine.reset(0, blind)
+    assert engine.camera_sites == []
+    assert [channel.name for channel in frame_channels(blind, 1)] == ["lidar.roof"]
+    names, finished = set(), []
+    while not finished:
+        sensed = engine.sense()
+        names |= set(sensed)
+        command = Command(0, 1, int(engine.tick[0]), 0.0, 0.0, 0.0)
+        finished = engine.step([command])
+    assert {"vehicle", "environment", "lidar.roof"} <= names
+    assert not {n for n in names if n.partition(".")[0] in ("camera", "boxes")}
+    assert finished[0].outcome == "verdict"
+    speeds = finished[0].table.columns["speed_mps"].values
+    assert np.isfinite(speeds).all()
+    assert speeds[0] == 10.0
+
+
+def test_it_is_another_case_and_another_rig():
+    seeing, blind = case(True), case(False)
+    assert case_digest(seeing) != case_digest(blind)
+    assert rig_key(seeing) != rig_key(blind)
+    assert msgspec.structs.replace(blind, render=True) == seeing
+
+
+def test_a_stack_that_drives_by_a_camera_is_refused():
+    data = {"schema": 1, "campaign": "c", "render": False, "matrix": {"weather": ["clear"]}}
+    _, mistakes = parse_campaign(data)
+    assert [m.path for m in mistakes] == ["render"]
+    assert "devkit.aeb:AebStack drives by a camera" in mistakes[0].message

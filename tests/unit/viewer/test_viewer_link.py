@@ -1,0 +1,234 @@
+"""The viewer's session over real Zenoh: a conductor that is late, gone, back, strange."""
+
+import queue
+import socket
+import threading
+import time
+
+import pytest
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Explain, Reply, Request
+from schemas.view import SceneMesh
+from schemas.wire import decode, encode
+from twin.fabric.discovery import Target
+from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.zenoh_bus import open_bus
+from viewer import link as linking
+from viewer import native
+from viewer.link import Ended, Event, Link, Said, Scene, Status
+from viewer.slots import Slots
+
+
+class Conductor:
+    """Answers as a conductor does, from a router of its own."""
+
+    def __init__(self, port, version=SCHEMA_VERSION):
+        self.version = version
+        self.bus = open_bus("router", listen=[f"tcp/127.0.0.1:{port}"])
+        self.bus.serve(topics.RPC.key, self.answer)
+
+    def answer(self, payload, respond):
+        request = decode(payload, Request)
+        status = {"campaigns": {"demo": {"cases": 2, "left": 1}}}
+        error = ""
+        if isinstance(request, Explain):
+            status = {"explain": ["waits: no worker is here"]}
+            error = "" if request.case == "clear" else f"no case '{request.case}'"
+        respond(encode(Reply(v=self.version, epoch=1, error=error, status=status)))
+
+    def close(self):
+        self.bus.close()
+
+
+class Line:
+    """A TCP line between a viewer and the conductor that can be cut.
+
+    What is sent meanwhile is swallowed, as by a network that is down: nobody hears of it.
+    """
+
+    def __init__(self, port):
+        self.to = port
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.up = True
+        self.ends = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection(("127.0.0.1", self.to))
+            self.ends += [near, far]
+            torn = threading.Event()
+            for source, sink in ((near, far), (far, near)):
+                threading.Thread(target=self._copy, args=(source, sink, torn), daemon=True).start()
+
+    def _copy(self, source, sink, torn):
+        try:
+            while data := source.recv(65536):
+                if not self.up:
+                    torn.set()  # for good: what was swallowed is missing
+                if not torn.is_set():
+                    sink.sendall(data)
+        except OSError:
+            pass
+
+    def close(self):
+        self.listener.close()
+        for end in self.ends:
+            end.close()
+
+
+@pytest.fixture
+def port():
+    return native.free_port()
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch):
+    monkeypatch.setattr(linking, "SILENCE_S", 0.6)
+    monkeypatch.setattr(linking, "CONNECT_S", 0.5)
+    monkeypatch.setattr(linking, "ASK_S", 0.5)
+    monkeypatch.setattr(linking, "PERIOD_S", 0.1)
+
+
+@pytest.fixture
+def opened():
+    """What is to be closed."""
+    things = []
+    yield things
+    for thing in reversed(things):
+        thing.close()
+
+
+def connect(opened, port, wait_s=None, slots=None):
+    target = Target(f"tcp/127.0.0.1:{port}", "twin", None)
+    link = Link(lambda: target, wait_s, slots or Slots())
+    opened.append(link)
+    link.start()
+    return link
+
+
+def serve(opened, port, **options):
+    conductor = Conductor(port, **options)
+    opened.append(conductor)
+    return conductor
+
+
+def hear(link, kind, patience_s=30.0):
+    """The next of its kind; everything else is passed over."""
+    until = time.monotonic() + patience_s
+    while time.monotonic() < until:
+        try:
+            heard = link.heard.get(timeout=0.1)
+        except queue.Empty:
+            continue
+        if isinstance(heard, kind):
+            return heard
+    raise AssertionError(f"no {kind.__name__}")
+
+
+def test_started_before_the_conductor(opened, port):
+    link = connect(opened, port)
+    assert "waiting for it (Ctrl-C ends)" in hear(link, Said).line
+    serve(opened, port)
+    assert hear(link, Said).line == f"connected to tcp/127.0.0.1:{port}"
+    assert hear(link, Status).found["campaigns"]["demo"]["left"] == 1
+
+
+def test_gives_up_when_told_so(opened, port):
+    link = connect(opened, port, wait_s=0)
+    error = hear(link, Ended).error
+    assert isinstance(error, UnreachableError)
+    assert "nobody answers" in str(error)
+
+
+def test_a_conductor_that_ends_and_comes_back(opened, port):
+    first = serve(opened, port)
+    slots = Slots()
+    link = connect(opened, port, slots=slots)
+    hear(link, Status)
+    first.close()
+    said = hear(link, Said).line
+    assert "does not answer any more" in said or "nobody answers" in said
+    second = serve(opened, port)
+    hear(link, Status)
+    while not second.bus.wanted(topics.VIEW_THUMBNAIL.key.format(campaign="c", case="1")):
+        time.sleep(0.01)
+    second.bus.publish("view/c/1/thumbnail", b"x")
+    until = time.monotonic() + 10
+    while not slots.counters.received:
+        assert time.monotonic() < until, "subscribed again"
+        time.sleep(0.01)
+
+
+def test_a_line_that_is_cut_and_mended(opened, port):
+    serve(opened, port)
+    line = Line(port)
+    opened.append(line)
+    link = connect(opened, line.port)
+    hear(link, Status)
+    line.up = False
+    hear(link, Said)
+    line.up = True
+    assert "connected" in hear(link, Said).line
+    hear(link, Status)
+    assert link.sessions >= 2
+
+
+def test_another_version_is_the_end(opened, port):
+    serve(opened, port, version=SCHEMA_VERSION + 1)
+    error = hear(connect(opened, port), Ended).error
+    assert isinstance(error, UsageError)
+    assert "install the same version on both sides" in str(error)
+
+
+def test_nobody_but_a_router(opened, port):
+    opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{port}"]))
+    assert "check --namespace" in hear(connect(opened, port), Said).line
+
+
+def test_a_case_that_nobody_knows(opened, port):
+    serve(opened, port)
+    link = connect(opened, port)
+    link.look_at("clear")
+    assert hear(link, Said).line == "clear: waits: no worker is here"
+    link.look_at("foggy")
+    error = hear(link, Ended).error
+    assert isinstance(error, UsageError)
+    assert "no case 'foggy' in demo" in str(error)
+
+
+def test_looking_away_ends_the_stream(opened, port):
+    conductor = serve(opened, port)
+    link = connect(opened, port)
+    hear(link, Status)
+    key = topics.live_keys("*", "clear")
+    link.look_at("clear")
+    until = time.monotonic() + 20
+    while not conductor.bus.wanted(key):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    link.look_away("clear")
+    while conductor.bus.wanted(key):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_worlds_and_events_come_as_they_are(opened, port):
+    conductor = serve(opened, port)
+    mesh = SceneMesh(v=SCHEMA_VERSION, sha256="a", vertices=0, faces=0, data=b"")
+    conductor.bus.serve(topics.FEED_SCENE.key.format(rig="r"), lambda _, r: r(encode(mesh)))
+    link = connect(opened, port)
+    hear(link, Status)
+    link.send_for("r", "a")
+    assert hear(link, Scene).mesh == mesh
+    link.send_for("gone", "b")
+    assert hear(link, Scene) == Scene("b", None)
+    conductor.bus.publish(topics.EVENT.key, b"nonsense")
+    conductor.bus.publish(topics.EVENT.key, encode(Reply(v=SCHEMA_VERSION, epoch=7)))
+    assert hear(link, Event).fact["epoch"] == 7

@@ -1,0 +1,121 @@
+"""What one viewer process does with what comes, without a conductor."""
+
+import numpy as np
+import pytest
+from test_viewer_focus import Stream
+from view_messages import camera, start, state, thumbnail
+
+from schemas import SCHEMA_VERSION
+from schemas.wire import encode
+from twin.fabric.bus import Sample
+from twin.fabric.errors import UsageError
+from twin.worker.view_samples import jpeg
+from viewer import live as lively
+from viewer import naming, native
+from viewer.live import Live, LiveOptions, run_live
+
+PICTURE = jpeg(np.zeros((90, 160, 3), np.uint8))
+
+
+class Hub:
+    """A hub whose viewers keep up, or do not."""
+
+    def __init__(self):
+        self.url = "rerun+http://127.0.0.1:1/proxy"
+        self.stuck = False
+        self.walls = self.told = 0
+
+    def open(self):
+        return not self.stuck
+
+    def show(self, _overview, _now_s):
+        self.walls += 1
+
+    def tell(self, _pulse, _now_s):
+        self.told += 1
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def streams(monkeypatch):
+    """Recordings of cases in full, as they are opened."""
+    opened = []
+
+    def open_stream(_url, _start):
+        opened.append(Stream())
+        return opened[-1]
+
+    monkeypatch.setattr(lively, "open_stream", open_stream)
+    return opened
+
+
+@pytest.fixture
+def shown(streams):
+    """A viewer of the case clear-1; nobody answers where it looks for a conductor."""
+    where = f"tcp/127.0.0.1:{native.free_port()}"
+    live = Live(LiveOptions(connect=where, cases=("clear-1",)), Hub())
+    yield live
+    live.close()
+
+
+def put(live, stream, message, payload=None):
+    key = f"view/demo/clear-1/{stream}"
+    data = encode(message)
+    live.slots.put(Sample(key, data, b"") if payload is None else Sample(key, payload, data))
+
+
+def test_the_wall_is_shown_twice_a_second_at_most(shown):
+    for turn in range(21):
+        put(shown, "thumbnail", thumbnail(), PICTURE)
+        shown.turn(100.0 + turn * 0.05)
+    assert shown.hub.walls == 3
+    shown.turn(200.0)
+    assert shown.hub.walls == 3, "nothing has changed since"
+
+
+def test_while_viewers_are_stuck_the_newest_waits(shown, streams):
+    shown.hub.stuck = True
+    for tick in range(50):
+        put(shown, "live/start", start(seq=-1))
+        put(shown, "live/state", state(-1, tick))
+        put(shown, "live/camera", camera(-1, tick), PICTURE)
+        shown.turn(100.0 + tick)
+    assert streams == []
+    assert len(shown._waiting) == 3
+    shown.hub.stuck = False
+    shown.turn(200.0)
+    [stream] = streams
+    speeds = [path for path, _, static in stream.logged if path == naming.SPEED and not static]
+    assert len(speeds) == 1
+    assert {"duration": np.timedelta64(49 * 50_000_000, "ns")} in stream.times
+
+
+def test_strangers_are_told_once(shown, capsys):
+    for _ in range(3):
+        put(shown, "thumbnail", thumbnail(v=SCHEMA_VERSION + 1), PICTURE)
+        put(shown, "live/state", state(-1), b"\xff")
+        shown.turn(100.0)
+    shown.hub.stuck = False
+    said = [line for line in capsys.readouterr().err.splitlines() if "not told" in line]
+    assert len(said) == 1
+    assert "install the same version" in said[0]
+    assert shown.strangers >= 3
+
+
+def test_a_typed_name_opens_a_case_and_the_oldest_makes_room(shown, capsys):
+    for index in range(9):
+        put(shown, "thumbnail", thumbnail(f"c{index}"), PICTURE)
+        shown.turn(100.0 + index)
+        shown.choose(f"c{index}")
+    assert list(shown._focuses) == ["clear-1", *(f"c{i}" for i in range(2, 9))]
+    shown.choose("c8")
+    shown.choose("snow")
+    assert "'snow' is in no name on the wall" in capsys.readouterr().err
+    assert len(shown._focuses) == 8
+
+
+def test_nine_cases_are_too_many():
+    with pytest.raises(UsageError, match="9 cases given, at most 8"):
+        run_live(LiveOptions(connect="tcp/127.0.0.1:1", cases=tuple("abcdefghi")))

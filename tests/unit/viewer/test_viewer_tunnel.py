@@ -1,0 +1,161 @@
+"""The tunnel with a stand-in for ssh that forwards for real."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from test_viewer_link import hear, serve
+
+from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
+from viewer import link as linking
+from viewer import native, tunnel
+from viewer.link import Link, Said, Status
+from viewer.slots import Slots
+from viewer.tunnel import Far, Tunnel
+
+FAKE = Path(__file__).with_name("fake_ssh.py")
+
+
+@pytest.fixture
+def calls(tmp_path, monkeypatch):
+    """What ssh was called with so far."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    script = folder / "ssh"
+    script.write_text(f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n')
+    script.chmod(0o755)
+    log = tmp_path / "ssh.log"
+    log.touch()
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+    monkeypatch.setenv("FAKE_SSH_LOG", str(log))
+    monkeypatch.setattr(tunnel, "PAUSE_S", 0.1)
+    return lambda: [json.loads(line) for line in log.read_text().splitlines()]
+
+
+@pytest.fixture
+def opened():
+    """What is to be closed."""
+    things = []
+    yield things
+    for thing in reversed(things):
+        thing.close()
+
+
+@pytest.fixture
+def port():
+    return native.free_port()
+
+
+def dig(opened, **far):
+    found = Tunnel(Far(**{"login": "me@login", **far}), "twin", None)
+    opened.append(found)
+    return found
+
+
+def link_through(opened, way):
+    link = Link(way.target, None, Slots())
+    opened.append(link)
+    link.start()
+    return link
+
+
+def gone(pid):
+    return not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+
+
+def test_through_the_login_node_to_a_compute_node(opened, calls, port):
+    serve(opened, port)
+    way = dig(opened, node="cn042", connect=f"tcp/127.0.0.1:{port}")
+    link = link_through(opened, way)
+    assert hear(link, Status).found["campaigns"]
+    [call] = calls()
+    assert call["host"] == "me@cn042"
+    assert call["-J"] == ["me@login"]
+    assert call["-L"][0].startswith("127.0.0.1:")
+    assert call["-L"][0].endswith(f":127.0.0.1:{port}")
+    way.close()
+    until = time.monotonic() + 10
+    while not gone(call["pid"]):
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
+    way = dig(opened, folder=str(tmp_path))
+    with pytest.raises(UnreachableError, match="no conductor serves this folder"):
+        way.target()
+    entry = {"pid": 1, "host": "cn007", "epoch": 1, "namespace": "mine", "version": "1"}
+    (tmp_path / "conductor.json").write_text(
+        json.dumps({"endpoint": f"tcp/127.0.0.1:{port}", **entry})
+    )
+    target = way.target()
+    assert target.namespace == "mine"
+    assert calls()[-1]["host"] == "me@cn007", "it listens on that node's loopback"
+    (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
+    with pytest.raises(UsageError, match=r"scp me@login:.*conductor.key"):
+        way.target()
+
+
+def test_a_conductor_that_moves_is_followed(opened, calls, tmp_path):
+    entry = {"pid": 1, "host": "", "epoch": 1, "namespace": "twin", "version": "1"}
+    way = dig(opened, folder=str(tmp_path))
+    for port in (7001, 7002):
+        text = json.dumps({"endpoint": f"tcp/127.0.0.1:{port}", **entry})
+        (tmp_path / "conductor.json").write_text(text)
+        way.target()
+        way.target()
+        assert calls()[-2]["-L"][0].endswith(f":{port}"), "the later look-up opened nothing"
+
+
+def test_a_tunnel_that_falls_is_dug_again(opened, calls, port, monkeypatch):
+    for name, value in (("SILENCE_S", 0.6), ("ASK_S", 0.5), ("PERIOD_S", 0.1)):
+        monkeypatch.setattr(linking, name, value)
+    serve(opened, port)
+    link = link_through(opened, dig(opened, connect=f"tcp/127.0.0.1:{port}"))
+    hear(link, Status)
+    os.kill(calls()[0]["pid"], signal.SIGKILL)
+    while "connected" not in hear(link, Said).line:
+        pass
+    hear(link, Status)
+    first, second = calls()
+    assert "BatchMode=yes" not in first["-o"]
+    assert "BatchMode=yes" in second["-o"], "the terminal is in use"
+
+
+def test_hosts_that_are_not_there(opened, calls):
+    with pytest.raises(InfrastructureError, match=r"ssh me@nowhere: .*Could not resolve") as caught:
+        dig(opened, login="me@nowhere", connect="tcp/127.0.0.1:1").target()
+    assert not isinstance(caught.value, UnreachableError), "waiting does not help"
+    with pytest.raises(InfrastructureError, match="Could not resolve"):
+        dig(opened, login="me@nowhere", folder="runs").target()
+
+
+def test_mistakes(opened, calls, monkeypatch):
+    with pytest.raises(UsageError, match="expected a host"):
+        Far("-oProxyCommand=evil")
+    with pytest.raises(UsageError, match="tcp/HOST:PORT"):
+        dig(opened, connect="nonsense")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(UsageError, match="no ssh on this machine"):
+        dig(opened, connect="tcp/127.0.0.1:1")
+
+
+def test_it_ends_with_us_however_we_end(calls, port):
+    program = (
+        "import os, signal\n"
+        "from viewer.tunnel import Far, Tunnel\n"
+        f"Tunnel(Far('me@login', '', 'tcp/127.0.0.1:{port}'), 'twin', None).target()\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run([sys.executable, "-c", program], timeout=60)
+    [call] = calls()
+    until = time.monotonic() + 10
+    while not gone(call["pid"]):
+        assert time.monotonic() < until
+        time.sleep(0.02)

@@ -1,0 +1,244 @@
+"""Items of the view feed's queue -> messages, each with its topic. No session, thread or clock."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Lease
+from schemas.topics import Topic
+from schemas.view import (
+    UNNUMBERED,
+    CameraSample,
+    CaseEnd,
+    CaseStart,
+    PointsSample,
+    SceneMesh,
+    Stage,
+    StateSample,
+    Thumbnail,
+)
+from schemas.wire import encode
+from twin.engine import Finished
+from twin.vehicle.state import COLUMN
+from twin.worker.view_items import Began, Ended, Scenery, Seen, Ticked
+from twin.worker.view_samples import (
+    THUMBNAIL_WIDTH_PX,
+    jpeg,
+    last_row_of,
+    points_of,
+    stage_of,
+    start_of,
+    state_of,
+)
+from twin.worker.view_scene import pack_scene
+from twin.world.street import World
+
+
+class Message(NamedTuple):
+    """What is published of a case."""
+
+    topic: Topic
+    payload: bytes
+    attachment: bytes = b""
+    sensor: str = ""
+    """Part of the key, where the topic has several."""
+
+
+class Encoder:
+    """Items of the feed's queue -> messages; remembers what an attempt has shown."""
+
+    def __init__(self) -> None:
+        self._stages: dict[tuple[str, str], Stage] = {}
+        self._scene: SceneMesh | None = None
+        self._shown: dict[int, _Shown] = {}
+        """By token."""
+
+    def scene(self, world: World) -> bytes:
+        """The standing world, encoded; of a rig there is one."""
+        return encode(self._packed(world))
+
+    def messages(self, item: Began | Scenery | Ticked | Ended) -> list[Message]:
+        """Messages of one item, in the order of their running numbers."""
+        match item:
+            case Began():
+                stage = self._stage(item.run.lease, item.colliders, item.cars)
+                start = start_of(item.run.lease, stage, item.seq)
+                return [Message(topics.VIEW_START, encode(start))]
+            case Scenery():
+                return [Message(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
+            case Ticked():
+                return self._tick(item)
+            case Ended():
+                return self._end(item)
+
+    def _packed(self, world: World) -> SceneMesh:
+        if self._scene is None:
+            self._scene = pack_scene(world)
+        return self._scene
+
+    def _stage(self, lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
+        key = (lease.case.scenario.scene, lease.case.scenario.vehicle)
+        if key not in self._stages:
+            self._stages[key] = stage_of(lease, colliders, cars)
+        return self._stages[key]
+
+    def _live_start(self, item: Scenery) -> CaseStart:
+        lease, world = item.run.lease, item.world
+        stage = self._stage(lease, world.colliders, world.cars)
+        return msgspec.structs.replace(
+            start_of(lease, stage, UNNUMBERED),
+            cameras=item.cameras,
+            lidars=item.lidars,
+            rig=item.rig,
+            scene_sha256=self._packed(world).sha256,
+        )
+
+    def _tick(self, item: Ticked) -> list[Message]:
+        seen, token, seq, due = item.seen, item.run.lease.token, item.seq, item.due
+        messages: list[Message] = []
+        # Once for all who look: compressing is what costs.
+        whole = seen.image is not None and (seq >= 0 or "camera" in due)
+        picture = jpeg(seen.image) if whole and seen.image is not None else b""
+        if seq >= 0:
+            # The picture first: who has the state of a tick has all of it.
+            if picture:
+                sample = _camera_sample(seen, token, seq)
+                messages.append(Message(topics.VIEW_CAMERA, picture, sample))
+                seq += 1
+            state = state_of(seen, token, seq)
+            messages.append(Message(topics.VIEW_STATE, encode(state)))
+        messages += _live(seen, token, due, picture)
+        if "thumbnail" in due:
+            before = self._shown.get(token)
+            small = b"" if seen.image is None else jpeg(seen.image, THUMBNAIL_WIDTH_PX)
+            shown = self._shown[token] = _Shown(small, seen, before.count + 1 if before else 1)
+            messages.append(_thumbnail(item.run.lease, shown, None))
+        return messages
+
+    def _end(self, item: Ended) -> list[Message]:
+        finished, token = item.finished, item.run.lease.token
+        messages: list[Message] = []
+        if item.seq >= 0:
+            ending = _ending(item, item.seq)
+            messages += [
+                Message(topics.VIEW_STATE if isinstance(m, StateSample) else topics.VIEW_END, data)
+                for m, data in ending
+            ]
+        if item.live:
+            messages += [
+                Message(
+                    topics.VIEW_LIVE_STATE if isinstance(m, StateSample) else topics.VIEW_LIVE_END,
+                    data,
+                )
+                for m, data in _ending(item, UNNUMBERED)
+            ]
+        shown = self._shown.pop(token, None)
+        if item.thumbnail and shown is not None:
+            messages.append(_thumbnail(item.run.lease, shown, finished))
+        return messages
+
+
+class _Shown(NamedTuple):
+    """What the wall shows of a case."""
+
+    picture: bytes
+    """The latest thumbnail, JPEG."""
+    seen: Seen
+    count: int
+    """Thumbnails so far, this one included."""
+
+
+def _ending(item: Ended, seq: int) -> list[tuple[StateSample | CaseEnd, bytes]]:
+    """The last row, if it has not been sent, and the end; ``seq`` of the first."""
+    finished, token = item.finished, item.run.lease.token
+    numbered = seq != UNNUMBERED
+    messages: list[StateSample | CaseEnd] = []
+    if item.last_row and finished is not None:
+        messages.append(last_row_of(finished.table, token, seq))
+        seq += numbered
+    messages.append(
+        CaseEnd(
+            v=SCHEMA_VERSION,
+            seq=seq,
+            token=token,
+            sim_time_ns=item.sim_time_ns,
+            outcome=finished.outcome if finished else "",
+            verdict=finished.verdict if finished else "",
+            passed=bool(finished and finished.passed),
+            reasons=finished.reasons if finished else [],
+            scalars=finished.scalars if finished else {},
+            samples=seq + 1 if numbered else 0,
+        )
+    )
+    return [(message, encode(message)) for message in messages]
+
+
+def _live(seen: Seen, token: int, due: frozenset[str], picture: bytes) -> list[Message]:
+    """What viewers of this case alone are due; ``picture`` is the main camera's."""
+    messages: list[Message] = []
+    attachment = _camera_sample(seen, token, UNNUMBERED)
+    pictures = {"camera": picture} if picture and "camera" in due else {}
+    pictures.update((name, jpeg(image)) for name, image in seen.pictures.items())
+    for name, data in sorted(pictures.items()):
+        messages.append(Message(topics.VIEW_LIVE_CAMERA, data, attachment, name))
+    for name, cloud in sorted(seen.clouds.items()):
+        sample = PointsSample(
+            v=SCHEMA_VERSION,
+            token=token,
+            tick=seen.tick,
+            sim_time_ns=seen.sim_time_ns,
+            stride=cloud.stride,
+        )
+        messages.append(
+            Message(topics.VIEW_LIVE_LIDAR, points_of(cloud).tobytes(), encode(sample), name)
+        )
+    if "state" in due:
+        state = state_of(seen, token, UNNUMBERED)
+        messages.append(Message(topics.VIEW_LIVE_STATE, encode(state)))
+    return messages
+
+
+def _camera_sample(seen: Seen, token: int, seq: int) -> bytes:
+    return encode(
+        CameraSample(
+            v=SCHEMA_VERSION,
+            seq=seq,
+            token=token,
+            tick=seen.tick,
+            sim_time_ns=seen.sim_time_ns,
+        )
+    )
+
+
+def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Message:
+    case, seen = lease.case, shown.seen
+    state = {name: float(seen.state[COLUMN[name]]) for name in ("speed_mps", "dtc_m")}
+    time_ns = seen.sim_time_ns
+    if finished is not None:
+        columns = finished.table.columns
+        state = {name: float(columns[name].values[-1]) for name in state}
+        time_ns = int(columns["sim_time_ns"].values[-1])
+    thumbnail = Thumbnail(
+        v=SCHEMA_VERSION,
+        # The verdict comes with the latest picture once more.
+        seq=shown.count - (finished is None),
+        token=lease.token,
+        campaign=case.campaign,
+        case=case.id,
+        attempt=lease.attempt,
+        model=case.model,
+        weather=case.weather,
+        time_of_day_min=case.time_of_day_min,
+        sim_time_ns=time_ns,
+        speed_mps=state["speed_mps"],
+        dtc_m=state["dtc_m"],
+        aeb=bool(seen.command and seen.command.aeb),
+        outcome=finished.outcome if finished else "",
+        verdict=finished.verdict if finished else "",
+        passed=bool(finished and finished.passed),
+    )
+    return Message(topics.VIEW_THUMBNAIL, shown.picture, encode(thumbnail))

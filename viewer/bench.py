@@ -1,0 +1,256 @@
+"""``viewer bench``: what looking costs, on the viewer's side and on the simulation's.
+
+On a machine with other work the cases per minute vary by more than the targets; the processor time
+of the simulation's processes, which is told beside them, varies less.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
+from twin.fabric.process import end, last_lines, spawn
+
+WARM_UP_S = 10.0
+"""Before anything is measured: imports, first pictures, subscriptions [s]."""
+
+CPU_MAX = 0.25
+"""Target: the viewer process takes at most this share of a core [-]."""
+MEMORY_MAX_MB = 600.0
+"""Target: and at most so much memory at the end [MB]."""
+LIVE_MIN, FROZEN_MIN = 0.95, 0.99
+"""Targets: cases per minute with a viewer, and with a frozen one, relative to none [-]."""
+
+MODES = ("none", "live", "frozen")
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """What the command line says."""
+
+    cases: int = 64
+    focus: int = 1
+    """Cases of these in full."""
+    seconds: float = 60.0
+    """How long the viewer is measured; 0: not at all [s]."""
+    campaign: str = "aeb-demo"
+    """What is simulated with and without viewers."""
+    rounds: int = 3
+    """Runs of each mode, interleaved; 0: none."""
+    workers: int | None = None
+    slots: int = 1
+    device: str = "cpu"
+
+
+def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
+    """Measure and print; the exit code."""
+    if options.focus > min(8, options.cases):
+        raise UsageError(f"--focus {options.focus}: at most 8, and at most --cases")
+    found: dict[str, Any] = {}
+    if options.seconds:
+        found["viewer"] = measure_viewer(options)
+    if options.rounds:
+        found["simulation"] = measure_simulation(options)
+    missed = misses(found)
+    found["missed"] = missed
+    if as_json:
+        print(json.dumps(found))
+    else:
+        for line in _lines(found):
+            print(line)
+    return EXIT_FAILED if check and missed else EXIT_PASS
+
+
+def measure_viewer(options: BenchOptions) -> dict[str, Any]:
+    """CPU share and memory of ``viewer live`` over many synthetic cases."""
+    with _source(options.cases) as endpoint:
+        full = [word for i in range(options.focus) for word in ("--case", f"case-{i:03d}")]
+        with _viewer("--connect", endpoint, *full) as child:
+            process = psutil.Process(child.pid)
+            time.sleep(WARM_UP_S)
+            before, begun_s = process.cpu_times(), time.monotonic()
+            first_mb = process.memory_info().rss / 1e6
+            time.sleep(options.seconds)
+            after, wall_s = process.cpu_times(), time.monotonic() - begun_s
+            last_mb = process.memory_info().rss / 1e6
+            counts = _counts(child)
+    used_s = after.user + after.system - before.user - before.system
+    return {
+        "cases": options.cases,
+        "in_full": options.focus,
+        "seconds": round(wall_s, 1),
+        "cpu_share": round(used_s / wall_s, 4),
+        "memory_first_mb": round(first_mb, 1),
+        "memory_last_mb": round(last_mb, 1),
+        **counts,
+    }
+
+
+def measure_simulation(options: BenchOptions) -> dict[str, Any]:
+    """Cases per minute with nobody, a viewer, and a frozen viewer; one campaign, interleaved."""
+    rates: dict[str, list[float]] = {mode: [] for mode in MODES}
+    loads: dict[str, list[float]] = {mode: [] for mode in MODES}
+    prints = set()
+    with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
+        for index in range(options.rounds):
+            # Another order every round: machines warm up, and neighbours come and go.
+            for mode in MODES[index % 3 :] + MODES[: index % 3]:
+                out = Path(folder) / f"{mode}-{index}"
+                found = _simulate(options, mode, out)
+                rates[mode].append(60 * found["cases"] / found["wall_s"])
+                loads[mode].append(found["cpu_s"] / found["cases"])
+                prints.add(found["fingerprint"])
+                shutil.rmtree(out, ignore_errors=True)
+    middle = {mode: statistics.median(values) for mode, values in rates.items()}
+    return {
+        "campaign": options.campaign,
+        "rounds": options.rounds,
+        "cases_per_min": {mode: round(value, 2) for mode, value in middle.items()},
+        "all": {mode: [round(v, 2) for v in values] for mode, values in rates.items()},
+        "cpu_s_per_case": {m: round(statistics.median(v), 3) for m, v in loads.items()},
+        "live": round(middle["live"] / middle["none"], 4),
+        "frozen": round(middle["frozen"] / middle["none"], 4),
+        "same_results": len(prints) == 1,
+    }
+
+
+def misses(found: dict[str, Any]) -> list[str]:
+    """A line per target that was missed."""
+    missed = []
+    if viewer := found.get("viewer"):
+        if viewer["cpu_share"] > CPU_MAX:
+            missed.append(f"viewer: {viewer['cpu_share']:.0%} of a core, at most {CPU_MAX:.0%}")
+        if viewer["memory_last_mb"] > MEMORY_MAX_MB:
+            missed.append(f"viewer: {viewer['memory_last_mb']} MB, at most {MEMORY_MAX_MB:.0f}")
+    if simulation := found.get("simulation"):
+        for mode, least in (("live", LIVE_MIN), ("frozen", FROZEN_MIN)):
+            if simulation[mode] < least:
+                missed.append(
+                    f"simulation with a viewer ({mode}): {simulation[mode]:.1%} of the cases per "
+                    f"minute, at least {least:.0%}"
+                )
+        if not simulation["same_results"]:
+            missed.append("simulation: the results differ between the modes")
+    return missed
+
+
+def _simulate(options: BenchOptions, mode: str, out: Path) -> dict[str, Any]:
+    view = "none" if mode == "none" else "live"
+    arguments = [
+        *("run", options.campaign, "--out", str(out), "--view", view, "--output", "json"),
+        *("--slots", str(options.slots), "--device", options.device),
+        *(() if options.workers is None else ("--workers", str(options.workers))),
+    ]
+    if mode == "none":
+        return _run(arguments)
+    with _viewer("--run", str(out)) as child:
+        if mode == "frozen":
+            return _run(arguments, freeze=(child, out))
+        return _run(arguments)
+
+
+def _run(
+    arguments: list[str], freeze: tuple[subprocess.Popen[bytes], Path] | None = None
+) -> dict[str, Any]:
+    """``conductor run``; with ``freeze`` a viewer is stopped once the first case has ended."""
+    with tempfile.TemporaryFile() as log:
+        times = psutil.Process().cpu_times()
+        before = times.children_user + times.children_system
+        child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
+        try:
+            frozen = freeze is None
+            while child.poll() is None:
+                if freeze is not None and not frozen:
+                    viewer, out = freeze
+                    frozen = any(out.glob("cases/*/attempt-*"))
+                    if frozen:
+                        viewer.send_signal(signal.SIGSTOP)
+                time.sleep(0.1)
+            assert child.stdout is not None
+            text = child.stdout.read()
+            try:
+                found: dict[str, Any] = json.loads(text)
+            except ValueError:
+                raise InfrastructureError(f"conductor run: {last_lines(log)}") from None
+            used = psutil.Process().cpu_times()
+            used_s = used.children_user + used.children_system - before
+            return {**found, "cpu_s": used_s}
+        finally:
+            if freeze is not None:
+                freeze[0].send_signal(signal.SIGCONT)
+            end(child)
+
+
+@contextmanager
+def _source(cases: int) -> Iterator[str]:
+    """Synthetic cases; yields their endpoint."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer.bench_source", str(cases)]
+        child = spawn(command, log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            line = child.stdout.readline()
+            if not line:
+                raise InfrastructureError(f"synthetic cases: {last_lines(log)}")
+            yield json.loads(line)["endpoint"]
+        finally:
+            end(child)
+
+
+@contextmanager
+def _viewer(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``viewer live`` without a window."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer", "live", *arguments]
+        child = spawn([*command, "--no-window", "--output", "json"], log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            if not child.stdout.readline():
+                raise InfrastructureError(f"viewer live: {last_lines(log)}")
+            yield child
+        finally:
+            end(child)
+
+
+def _counts(child: subprocess.Popen[bytes]) -> dict[str, Any]:
+    """What the viewer says at its end."""
+    child.send_signal(signal.SIGINT)
+    assert child.stdout is not None
+    found: dict[str, Any] = json.loads(child.stdout.readline() or "{}")
+    return {name: found.get(name, 0) for name in ("received", "overwritten", "logged", "skipped")}
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    lines = []
+    if viewer := found.get("viewer"):
+        lines.append(
+            f"viewer, {viewer['cases']} cases of which {viewer['in_full']} in full, "
+            f"{viewer['seconds']} s: {viewer['cpu_share']:.1%} of a core, "
+            f"{viewer['memory_first_mb']} MB at first, {viewer['memory_last_mb']} MB at last, "
+            f"{viewer['received']} messages"
+        )
+    if simulation := found.get("simulation"):
+        rates = simulation["cases_per_min"]
+        loads = ", ".join(f"{mode} {s}" for mode, s in simulation["cpu_s_per_case"].items())
+        lines.append(
+            f"{simulation['campaign']}: {rates['none']} cases/min with nobody, {rates['live']} "
+            f"with a viewer ({simulation['live']:.1%}), {rates['frozen']} with a frozen one "
+            f"({simulation['frozen']:.1%}), processor seconds per case "
+            f"{loads}; results "
+            f"{'the same' if simulation['same_results'] else 'DIFFER'}"
+        )
+    return lines + [f"missed: {line}" for line in found["missed"]]

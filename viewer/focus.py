@@ -1,0 +1,189 @@
+"""One case in full: its live messages -> a recording of its own in the hub."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import rerun as rr
+
+from schemas.view import CameraSample, CaseEnd, CaseStart, PointsSample, SceneMesh, StateSample
+from schemas.wire import ATTACHMENT_BYTES_MAX, decode
+from twin.fabric.bus import Sample
+from viewer import naming
+from viewer.blueprint import case_blueprint
+from viewer.convert import CaseConverter
+from viewer.scenery import Logged, outline, points, unpacked
+
+SCENES_MAX = 4
+"""Worlds that are kept, by digest."""
+
+
+class Scenes:
+    """Worlds that have come, by digest: of a hundred cases in one street it comes once."""
+
+    def __init__(self, ask: Callable[[str, str], None]) -> None:
+        """``ask(rig, sha256)`` sends for a world, which comes by :meth:`came` at some time."""
+        self._ask = ask
+        self._meshes: dict[str, rr.Mesh3D | None] = {}
+        """None: cannot be shown."""
+        self._asked: set[str] = set()
+
+    def want(self, rig: str, sha256: str) -> None:
+        """Send for a world unless it is here or on its way."""
+        if sha256 and sha256 not in self._meshes and sha256 not in self._asked:
+            self._asked.add(sha256)
+            self._ask(rig, sha256)
+
+    def came(self, sha256: str, scene: SceneMesh | None) -> str:
+        """A world, or None: nobody has handed it out; why it cannot be shown, or nothing."""
+        self._asked.discard(sha256)
+        if scene is None:
+            return ""  # the next start asks again
+        while len(self._meshes) >= SCENES_MAX:
+            del self._meshes[next(iter(self._meshes))]
+        self._meshes[sha256] = None
+        try:
+            if scene.sha256 != sha256:
+                raise ValueError("the world has changed meanwhile")
+            self._meshes[sha256] = unpacked(scene)
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def known(self, sha256: str) -> bool:
+        """It came, usable or not."""
+        return sha256 in self._meshes
+
+    def mesh(self, sha256: str) -> rr.Mesh3D | None:
+        """The world, if it came and can be shown."""
+        return self._meshes.get(sha256)
+
+
+class Focus:
+    """A case that is shown in full; a new attempt is a new recording."""
+
+    def __init__(
+        self, open_stream: Callable[[CaseStart], rr.RecordingStream], scenes: Scenes
+    ) -> None:
+        self.starts = 0
+        """Attempts shown."""
+        self.logged = 0
+        self._open_stream = open_stream
+        self._scenes = scenes
+        self._start: CaseStart | None = None
+        self._stream: rr.RecordingStream | None = None
+        self._converter: CaseConverter | None = None
+        self._standing = False
+        """The world is logged."""
+
+    def take(self, sample: Sample) -> None:
+        """One message of the case.
+
+        Raises:
+            WireError: of another version, or damaged.
+        """
+        stream = sample.key.rsplit("/", 1)[1]
+        kind = stream.partition(".")[0]
+        match kind:
+            case "start":
+                self._begin(decode(sample.payload, CaseStart))
+            case "state":
+                state: StateSample = decode(sample.payload, StateSample)
+                self._log(state.token, state.sim_time_ns, state.tick, lambda c: c.state(state))
+            case "camera":
+                picture: CameraSample = decode(
+                    sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
+                )
+                self._log(
+                    picture.token,
+                    picture.sim_time_ns,
+                    picture.tick,
+                    lambda c: c.camera(sample.payload, stream),
+                )
+            case "lidar":
+                cloud: PointsSample = decode(sample.attachment, PointsSample, ATTACHMENT_BYTES_MAX)
+                self._log(
+                    cloud.token,
+                    cloud.sim_time_ns,
+                    cloud.tick,
+                    lambda _: [(naming.sensor(stream), points(sample.payload))],
+                )
+            case "end":
+                end: CaseEnd = decode(sample.payload, CaseEnd)
+                self._end(end)
+
+    def stand(self) -> None:
+        """Log the standing world once it has come."""
+        if self._start is None or self._stream is None or self._standing:
+            return
+        if not self._scenes.known(self._start.scene_sha256):
+            return
+        self._standing = True
+        mesh = self._scenes.mesh(self._start.scene_sha256)
+        shown = outline(self._start.stage) if mesh is None else [(naming.SCENE, mesh)]
+        self._put(shown, static=True)
+
+    def close(self) -> None:
+        """End the recording; it stays in the hub."""
+        if self._stream is not None:
+            self._stream.disconnect()
+            self._stream = None
+
+    def _begin(self, start: CaseStart) -> None:
+        self._scenes.want(start.rig, start.scene_sha256)
+        if self._start is not None and self._start.token == start.token:
+            return  # once more, for those who came later
+        self.close()
+        self.starts += 1
+        self._start, self._converter = start, CaseConverter(start)
+        self._stream = self._open_stream(start)
+        self._standing = False
+        self._put(self._converter.start(), static=True)
+        self.stand()
+
+    def _end(self, end: CaseEnd) -> None:
+        self._log(end.token, end.sim_time_ns, None, lambda c: c.end(end))
+        if self._converter is None or self._start is None or self._start.token != end.token:
+            return
+        self._put(self._converter.summary(end, 0), static=True)
+
+    def _log(
+        self,
+        token: int,
+        sim_time_ns: int,
+        tick: int | None,
+        convert: Callable[[CaseConverter], list[Logged]],
+    ) -> None:
+        """Log what ``convert`` makes of a message, unless it is of an attempt not shown."""
+        if self._stream is None or self._start is None or self._converter is None:
+            return
+        if token != self._start.token:
+            return
+        self._stream.set_time(naming.SIM_TIME, duration=np.timedelta64(sim_time_ns, "ns"))
+        if tick is not None:
+            self._stream.set_time(naming.TICK, sequence=tick)
+        self._put(convert(self._converter), static=False)
+
+    def _put(self, logged: list[Logged], *, static: bool) -> None:
+        if self._stream is None:
+            return
+        self.logged += 1
+        for path, archetype in logged:
+            self._stream.log(path, archetype, static=static)
+
+
+def open_stream(hub_url: str, start: CaseStart) -> rr.RecordingStream:
+    """A recording for the attempt of ``start`` that goes to the hub at ``hub_url``."""
+    stream = rr.RecordingStream(
+        naming.CASE_APP,
+        recording_id=naming.recording_id(start.campaign, start.case, start.attempt),
+    )
+    stream.set_log_tick_enabled(False)
+    stream.set_log_time_enabled(False)
+    stream.set_sinks(
+        rr.GrpcSink(hub_url),
+        default_blueprint=case_blueprint(start.stage, start.cameras, start.lidars, live=True),
+    )
+    stream.send_recording_name(f"{start.case} ({start.campaign})")
+    return stream

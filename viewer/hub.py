@@ -1,0 +1,97 @@
+"""The hub: one process-wide server on loopback that native viewers connect to.
+
+A viewer that is frozen stops the hub's output, not its input: the newest of each stream waits in a
+slot, and what is logged is gated by a flush that must come back.
+"""
+
+from __future__ import annotations
+
+import time
+
+import rerun as rr
+
+from twin.fabric.errors import UsageError
+from viewer import naming, native
+from viewer.blueprint import overview_blueprint
+from viewer.overview import Overview
+from viewer.pulse import Pulse
+from viewer.scenery import Logged
+
+HUB_MEMORY = "128MiB"
+"""What late viewers are shown of the past; older images are dropped. The process takes about twice
+as much beside its 200 MB (measured with eight cases in full)."""
+
+PROBE_S = 0.05
+"""How long a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms [s]."""
+
+
+def flows(stream: rr.RecordingStream) -> bool:
+    """What was logged has left; False: somebody is stuck, log nothing more for now."""
+    try:
+        stream.flush(timeout_sec=PROBE_S)
+    except Exception:
+        return False
+    return True
+
+
+class Hub:
+    """The overview's recording, and the address that single cases are sent to."""
+
+    def __init__(self, stream: rr.RecordingStream, url: str) -> None:
+        self.url = url
+        self.logged = 0
+        self.skipped = 0
+        """Pictures left out because a viewer was stuck."""
+        self._stream = stream
+        self._styled = False
+
+    def open(self) -> bool:
+        """Whether viewers keep up."""
+        if flows(self._stream):
+            return True
+        self.skipped += 1
+        return False
+
+    def show(self, overview: Overview, now_s: float) -> None:
+        """Log the wall as it stands; only while :meth:`open`."""
+        self._put(overview.logged(), now_s)
+        self.logged += 1
+
+    def tell(self, pulse: Pulse, now_s: float) -> None:
+        """Log what the conductor has said; only while :meth:`open`."""
+        if not self._styled:
+            self._styled = True
+            for path, archetype in pulse.styles():
+                self._stream.log(path, archetype, static=True)
+        self._put(pulse.take(), now_s)
+
+    def close(self) -> None:
+        """End the recording; does not wait for stuck viewers."""
+        if flows(self._stream):
+            self._stream.disconnect()
+
+    def _put(self, logged: list[Logged], now_s: float) -> None:
+        if logged:
+            self._stream.set_time(naming.WALL, timestamp=now_s)
+        for path, archetype in logged:
+            self._stream.log(path, archetype)
+
+
+def open_hub(port: int) -> Hub:
+    """Listen on loopback ``port``.
+
+    Raises:
+        UsageError: the port is in use.
+    """
+    stream = rr.RecordingStream(
+        naming.OVERVIEW_APP, recording_id=naming.safe_id("live", f"{time.time_ns():x}")
+    )
+    stream.set_log_tick_enabled(False)
+    stream.set_log_time_enabled(False)
+    # The sink reports a port in use to its log only.
+    if not native.is_free(port):
+        raise UsageError(f"--port {port}: already in use; choose another, or 0 for a free one")
+    sink = rr.GrpcServerSink("127.0.0.1", port, server_memory_limit=HUB_MEMORY)
+    stream.set_sinks(sink, default_blueprint=overview_blueprint())
+    stream.send_recording_name("All cases")
+    return Hub(stream, sink.uri)
