@@ -189,7 +189,9 @@ class AebStack(Stack):
         vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
         motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
         curve = car.lane.update(motion, None if camera is None else camera[slot], car.period_s)
-        car.wheel = steer(car.wheel, curve, motion.speed_mps, car.period_s, self.steering)
+        car.wheel = steer(
+            car.wheel, curve, car.lane.bend, motion.speed_mps, car.period_s, self.steering
+        )
 
     def _look_around(self, car: _Car, slot: int, observation: Observation) -> lights.Surroundings:
         environment = observation.sensors["environment"][slot]

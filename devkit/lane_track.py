@@ -31,6 +31,9 @@ to keep it; one clear frame weighs 15 [-]."""
 AGREED_MIN = (0.8, 0.6)
 """And they must be this share of all points, by weight, to find it and to keep it. On wrong curves
 through rain streaks and glare at most 0.75 of them agreed, on the right ones 0.81 [-]."""
+FRAMES_MIN = 3
+"""So many camera frames in a row must agree before a lane counts as found: streaks of rain lie
+elsewhere in each [-]."""
 FOUND_WITHIN = (1.0, 0.15, 0.02)
 """A lane that is found lies within this offset [m] and slope [-] of the car, and its curvature
 within this of the one it was looked for along [1/m]: cars do not begin beside their lane."""
@@ -71,6 +74,8 @@ class LaneTrack:
     """The lane's centre line, or the last that was known of it."""
     known: bool = False
     """Enough markings agree with the curve."""
+    sure: bool = False
+    """As many as it takes to find a lane; less keep it."""
     _rows: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
     """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
 
@@ -79,6 +84,8 @@ class LaneTrack:
     """Of the lane when it was known last."""
     _looked_along: float = 0.0
     """Curvature of the last search."""
+    _agreeing: int = 0
+    """Camera frames in a row that agree on a lane that is not known yet."""
 
     def update(self, motion: Motion, image: np.ndarray | None, period_s: float) -> LaneCurve | None:
         """One control tick.
@@ -97,6 +104,11 @@ class LaneTrack:
         if image is not None:
             self._look(image, self.chassis.roll_rad_per_mps2 * motion.lateral_mps2)
         return self.curve if self.known else None
+
+    @property
+    def bend(self) -> LaneCurve | None:
+        """The curve, where so much of it is seen that its bend can be told."""
+        return self.curve if self.known and self.sure else None
 
     def _move(self, before: Motion, now: Motion, period_s: float) -> None:
         """Carry everything along while the car moves for ``period_s``."""
@@ -121,25 +133,28 @@ class LaneTrack:
 
     def _look(self, image: np.ndarray, roll_rad: float) -> None:
         """Add what a camera frame shows."""
-        if not self.known:
+        if not self.known and not self._agreeing:
             # Points that are no lane yet would only be in the way of the next try.
             self._rows = np.zeros((4, 0))
             # Along the bend it was lost in, and straight ahead, by turns.
             self._looked_along = 0.0 if self._looked_along else self._bend_per_m
             self.curve = LaneCurve((0.0, 0.0, self._looked_along, 0.0))
-        gate_m = GATES_M[self.known]
+        gate_m = GATES_M[self.known or self._agreeing > 0]
         points = find_points(image, self.view, self.curve, self.lines_m, gate_m)
         ahead_m, left_m = self.view.rolled(points.ahead_m, points.left_m, roll_rad)
         points = Points(ahead_m, left_m, points.line_m)
         self._rows = np.concatenate([self._rows, _weighted(points)], axis=1)
         self._fit(SCALES_M)
+        if not self.known and self._agreeing:
+            self._agreeing += 1
+            self.known = self._agreeing > FRAMES_MIN
 
     def _fit(self, scales_m: tuple[float, ...]) -> None:
         """Fit the curve in rounds (iteratively reweighted least squares, Geman and McClure's
         weights): from the curve as it was, points that lie far from it count less and less."""
         ahead, left, line, weight = self._rows
         if not weight.size:
-            self.known, self.curve = False, LaneCurve()
+            self.known, self.sure, self._agreeing, self.curve = False, False, 0, LaneCurve()
             return
         curve = self.curve
         for scale_m in scales_m:
@@ -149,12 +164,16 @@ class LaneTrack:
             trusted = weight * agreed * agreed
             curve = fit(ahead, centre, trusted)
         support, total = float(trusted.sum()), float(weight.sum())
-        known = self.known
-        self.known = support >= max(SUPPORT_MIN[known], AGREED_MIN[known] * total) and (
-            known or _plausible(curve, self._looked_along)
-        )
-        self.curve = curve if self.known else LaneCurve()
+        self.sure = support >= max(SUPPORT_MIN[0], AGREED_MIN[0] * total)
         if self.known:
+            self.known = support >= max(SUPPORT_MIN[1], AGREED_MIN[1] * total)
+            self._agreeing = 0
+        elif self.sure and _plausible(curve, self._looked_along):
+            self._agreeing = max(self._agreeing, 1)
+        else:
+            self._agreeing = 0
+        self.curve = curve if self.known or self._agreeing else LaneCurve()
+        if self.known and self.sure:
             self._bend_per_m = curve.coefficients[2]
 
 

@@ -84,6 +84,7 @@ class Wheel:
 def steer(
     wheel: Wheel,
     curve: LaneCurve | None,
+    bend: LaneCurve | None,
     speed_mps: float,
     period_s: float,
     steering: Steering,
@@ -99,21 +100,24 @@ def steer(
     Args:
         wheel: the state of the last tick.
         curve: centre line of the lane; None where it is not known.
+        bend: the same, None where its bend cannot be told: the last one is kept.
         speed_mps: forward speed of the ego [m/s].
         period_s: control period [s].
         steering: parameters.
     """
     if steering.steering == "straight":
         return wheel
+    bend_per_m = wheel.bend_per_m
     if curve is None:
-        bend_per_m = wheel.bend_per_m / (1.0 + period_s / steering.fade_s)
+        bend_per_m /= 1.0 + period_s / steering.fade_s
         curvature_per_m = bend_per_m
     else:
         ahead_m = max(speed_mps * steering.preview_s, AHEAD_MIN_M)
         left_m = curve.left_m(ahead_m)
         curvature_per_m = 2.0 * left_m / (ahead_m * ahead_m + left_m * left_m)
-        step = curve.bend_per_m(BEND_AT_M) - wheel.bend_per_m
-        bend_per_m = wheel.bend_per_m + step * period_s / (period_s + BEND_S)
+    if bend is not None:
+        step_per_m = bend.bend_per_m(BEND_AT_M) - bend_per_m
+        bend_per_m += step_per_m * period_s / (period_s + BEND_S)
     # Rounded: arc tangents of C libraries differ in their last bits.
     angle_rad = math.atan(steering.wheelbase_m * curvature_per_m)
     lateral_mps2 = speed_mps * speed_mps * curvature_per_m
