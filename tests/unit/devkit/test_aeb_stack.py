@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 from camera_sites import camera_site
+from lane_pictures import LanePainter
 
 from devkit.aeb import AebStack
 from devkit.control import Controller
@@ -17,6 +18,7 @@ from devkit.stack import Observation
 from devkit.steering import Steering
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import BOXES_MAX, Command, Episode
+from twin.world.lane import straight
 
 WIDTH, HEIGHT = 160, 90
 AHEAD = (0.0, 66.0, 38.0, 30.0, 22.0, 600.0, 12.0)
@@ -169,6 +171,33 @@ def test_slot_independence_to_the_last_bit():
                 moved = [msgspec.structs.replace(c, slot=0) for c in others[token]]
                 assert msgspec.msgpack.encode(moved) == msgspec.msgpack.encode(commands)
     assert {c[-1].aeb for c in alone.values()} == {True, False}
+
+
+class Street(World):
+    """A car that stands beside the middle of a painted lane."""
+
+    def __init__(self, token: int, offset_m: float):
+        super().__init__(token)
+        self.offset_m = offset_m
+
+    def image(self, tick: int) -> np.ndarray:
+        lane = straight(-50.0, 100.0)
+        painter = LanePainter(camera_site(WIDTH, HEIGHT), lane, seed=self.token + tick)
+        return painter.picture(0.0, self.offset_m, 0.0)
+
+
+def test_visual_servoing_is_slot_independent_and_straight_looks_at_nothing():
+    worlds = [Street(21, 0.4), Street(22, -0.3), World(23)]
+    alone = {w.token: drive([w], 8, steering="visual")[w.token] for w in worlds}
+    together = drive([worlds[1], None, worlds[2], worlds[0]], 8, steering="visual")
+    for token, commands in alone.items():
+        moved = [msgspec.structs.replace(c, slot=0) for c in together[token]]
+        assert msgspec.msgpack.encode(moved) == msgspec.msgpack.encode(commands)
+    left, right, nothing = (alone[w.token][-1].steering_rad for w in worlds)
+    assert left < -0.02  # back to the right
+    assert right > 0.02
+    assert nothing == 0.0
+    assert not any(c.steering_rad for c in drive([worlds[0]], 8)[21])
 
 
 def test_reset_forgets_the_old_case():
