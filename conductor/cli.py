@@ -88,6 +88,7 @@ def run_command(
     The same command again resumes where it stopped. With --workers 0 only workers that you start
     yourself (`twin worker --state OUT`) do the work.
     """
+    from conductor.models import check_models
     from conductor.run import RunOptions, run_campaign
     from conductor.source import load, only_case, with_render
     from twin.fabric.key_file import load_key
@@ -97,6 +98,7 @@ def run_command(
         loaded = only_case(loaded, case)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
+    check_models(loaded, campaign, "cpu" if workers == 0 else device)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
         workers=workers,
@@ -163,9 +165,11 @@ def submit(
 ) -> None:
     """Submit a campaign to a conductor that serves."""
     from conductor.client import Client
+    from conductor.models import check_models
     from conductor.source import load
 
     loaded = load(campaign, seed=seed)
+    check_models(loaded, campaign)
     with Client(connect, state, namespace, key) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -260,11 +264,13 @@ def validate(
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file and explain every mistake in one line; lists its cases."""
+    from conductor.models import check_models
     from conductor.source import load
     from schemas.campaign import expand
 
     try:
         loaded = load(campaign)
+        check_models(loaded, campaign)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))
@@ -297,16 +303,27 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 
 @app.command()
-def report(folder: Folder, output: OutputOption = Output.human) -> None:
+def report(
+    folder: Folder,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a result page, .md, with its pictures in a folder beside it; what was "
+            "written into it by hand stays."
+        ),
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
     """Write summary.parquet and report.html of a campaign folder.
 
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
-    from conductor.report import report_json, write_report
+    from conductor.report import report_json, write_report, write_result_page
 
     page = write_report(folder)
     tables = report_json(folder)
-    print(json.dumps(tables) if output is Output.json else page)
+    pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
+    print(json.dumps(tables) if output is Output.json else "\n".join(map(str, pages)))
     for alarm in tables["alarms"]:
         print(f"conductor: {alarm}", file=sys.stderr)
     if tables["alarms"]:

@@ -14,6 +14,7 @@ from conductor.facts import Committed
 from conductor.fold import agrees
 from conductor.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
+from schemas.messages import PerceptionCost
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
 
@@ -54,6 +55,10 @@ class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
     device_class: str = ""
     worker: str = ""
     wall_s: float = 0.0
+    perception: PerceptionCost | None = None
+    """What perception took, in wall time; None: the stack did not measure it."""
+    rig_wall_s: float = 0.0
+    """Wall time of the rig, each tick divided evenly among its cases [s]."""
     late: list[Late] = []
 
 
@@ -185,5 +190,7 @@ def _case(case: CaseState) -> CaseOutcome:
         device_class=end.device_class,
         worker=end.worker,
         wall_s=end.result.wall_s,
+        perception=end.result.perception,
+        rig_wall_s=end.result.rig_wall_s,
         late=late,
     )

@@ -8,9 +8,10 @@ from typing import Any
 
 import msgspec
 
-from schemas.assets import asset_digest, is_path
+from schemas.assets import asset_digest, file_digest, is_path
 from schemas.campaign import Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
+from schemas.perception import file_fields
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -60,7 +61,7 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
     except YamlError as error:
         raise UsageError(str(error)) from None
     shown = name if path.parent != _SHIPPED else path.name
-    campaign, mistakes = check(data)
+    campaign, mistakes = check(data, path.parent)
     if campaign is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
     if seed is not None:
@@ -69,7 +70,7 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
-    """SHA-256 of every scene and vehicle file that the campaign names by path."""
+    """SHA-256 of every scene, vehicle and model file that the campaign names by path."""
     named = set()
     for field in ("scene", "vehicle"):
         axis = f"scenario.{field}"
@@ -77,8 +78,12 @@ def _digests(campaign: Campaign) -> dict[str, str]:
         named.update(str(value) for value in campaign.matrix.get(axis, ()))
         named.update(str(point[axis]) for point in campaign.cases if axis in point)
     paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
+    variants = campaign.autonomy.perception.values()
+    models = {name for variant in variants for name in file_fields(variant).values()}
     try:
-        return {name: asset_digest(Path(name)) for name in paths}
+        found = {name: asset_digest(Path(name)) for name in paths}
+        found.update((n, file_digest(Path(n))) for n in sorted(models) if Path(n).is_file())
+        return found
     except YamlError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -113,12 +118,20 @@ def with_render(campaign: Campaign, render: bool) -> Campaign:
     return changed
 
 
-def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
-    """Every mistake of a campaign's content, also about things outside the file."""
+def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:
+    """Every mistake of a campaign's content, also about things outside the file.
+
+    Args:
+        data: the content.
+        folder: where the file lies: paths of models are relative to it, and absolute in the
+            campaign that is returned.
+    """
     campaign, cases, mistakes = parse_cases(data)
     if campaign is None:
         return None, mistakes
+    campaign = _with_absolute_models(campaign, folder or Path())
     mistakes = _missing_files(cases) or _missing_mounts(cases)
+    mistakes += _missing_models(campaign, cases)
     module = campaign.autonomy.stack.split(":")[0]
     if not _importable(module):
         mistakes.append(
@@ -129,6 +142,30 @@ def check(data: Any) -> tuple[Campaign | None, list[Mistake]]:
             )
         )
     return (None, mistakes) if mistakes else (campaign, [])
+
+
+def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:
+    """Workers may run in another folder: their paths of models begin at the root."""
+    variants = {
+        name: msgspec.structs.replace(
+            variant,
+            **{k: str((folder / path).absolute()) for k, path in file_fields(variant).items()},
+        )
+        for name, variant in campaign.autonomy.perception.items()
+    }
+    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
+    return msgspec.structs.replace(campaign, autonomy=autonomy)
+
+
+def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
+    """Files of the variants that cases use; what is in them is looked at elsewhere."""
+    used = dict.fromkeys(case.model for case in cases)
+    return [
+        Mistake(f"autonomy.perception.{name}.{key}", f"{path}: no such file")
+        for name in used
+        for key, path in file_fields(campaign.autonomy.perception[name]).items()
+        if not Path(path).is_file()
+    ]
 
 
 def _missing_files(cases: list[Case]) -> list[Mistake]:

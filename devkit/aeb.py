@@ -1,4 +1,4 @@
-"""The reference stack: detect, plan, brake - the paper's three stages, and its lights."""
+"""The reference stack: the paper's detect, plan and brake; it keeps its lane, and has lights on."""
 
 from __future__ import annotations
 
@@ -6,18 +6,30 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from devkit import control, lights, planning
-from devkit.perception import Perception, build_perception
+from devkit.eyes import Eyes
+from devkit.lane_track import LaneTrack, Motion
+from devkit.lane_view import LaneView
 from devkit.stack import Observation, Stack
+from devkit.steering import Steering, Wheel, steer
 from devkit.view import View
-from schemas.messages import ENVIRONMENT_COLUMNS, VEHICLE_COLUMNS, Command, Detection, Episode
+from schemas.messages import (
+    ENVIRONMENT_COLUMNS,
+    VEHICLE_COLUMNS,
+    Command,
+    Detection,
+    Episode,
+    PerceptionCost,
+)
 from schemas.validation import convert_all
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
+_YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
 _ILLUMINANCE = ENVIRONMENT_COLUMNS.index("illuminance_lx")
 _EXTINCTION = ENVIRONMENT_COLUMNS.index("extinction_per_m")
 
 _PLANNER = planning.Planner()
 _CONTROLLER = control.Controller()
+_STEERING = Steering()
 _SWITCH = lights.LightsSwitch()
 
 T = TypeVar("T")
@@ -34,17 +46,18 @@ class _Car:
     token: int
     period_s: float
     view: View
-    perception: Perception
+    lane: LaneTrack
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
+    wheel: Wheel = field(default_factory=Wheel)
     surroundings: lights.Surroundings = field(default_factory=lights.Surroundings)
 
 
 class AebStack(Stack):
     """Drives its lane and brakes for a vehicle that stands in it.
 
-    Works on one slot at a time with that slot's own state and nothing else, so its commands do not
-    depend on the number of slots or on the neighbours.
+    Works with each slot's own state and nothing else, and what is seen in a frame does not depend
+    on frames beside it, so its commands do not depend on the number of slots or on the neighbours.
     """
 
     def __init__(
@@ -59,12 +72,25 @@ class AebStack(Stack):
         frames_min: int = _PLANNER.frames_min,
         frames_window: int = _PLANNER.frames_window,
         corridor_half_m: float = _PLANNER.corridor_half_m,
+        cruise: str = _CONTROLLER.cruise,
+        cruise_throttle: float = _CONTROLLER.cruise_throttle,
         throttle_max: float = _CONTROLLER.throttle_max,
         throttle_gain: float = _CONTROLLER.throttle_gain,
         throttle_integral_gain: float = _CONTROLLER.throttle_integral_gain,
         overspeed_mps: float = _CONTROLLER.overspeed_mps,
         cruise_brake_gain: float = _CONTROLLER.cruise_brake_gain,
         cruise_brake_max: float = _CONTROLLER.cruise_brake_max,
+        steering: str = _STEERING.steering,
+        lane_width_m: float = _STEERING.lane_width_m,
+        marking_width_m: float = _STEERING.marking_width_m,
+        preview_s: float = _STEERING.preview_s,
+        wheelbase_m: float = _STEERING.wheelbase_m,
+        understeer_rad_per_mps2: float = _STEERING.understeer_rad_per_mps2,
+        roll_rad_per_mps2: float = _STEERING.roll_rad_per_mps2,
+        sideslip_rad_per_mps2: float = _STEERING.sideslip_rad_per_mps2,
+        steering_max_rad: float = _STEERING.steering_max_rad,
+        steering_rate_radps: float = _STEERING.steering_rate_radps,
+        fade_s: float = _STEERING.fade_s,
         dark_below_lx: float = _SWITCH.dark_below_lx,
         bright_above_lx: float = _SWITCH.bright_above_lx,
         fog_above_per_m: float = _SWITCH.fog_above_per_m,
@@ -73,37 +99,58 @@ class AebStack(Stack):
         """Build the stack for ``slots`` cars.
 
         The parameters are the fields of :class:`devkit.planning.Planner`,
-        :class:`devkit.control.Controller` and :class:`devkit.lights.LightsSwitch`, which state
-        unit and range of each.
+        :class:`devkit.control.Controller`, :class:`devkit.steering.Steering` and
+        :class:`devkit.lights.LightsSwitch`, which state unit and range of each.
 
         Raises:
-            ValueError: a parameter is out of its range or not a number.
+            ValueError: a parameter is out of its range, not a number, or would be ignored.
         """
         given = locals()
         self.planner = _checked(planning.Planner, given)
         self.controller = _checked(control.Controller, given)
+        self.steering = _checked(Steering, given)
         self.switch = _checked(lights.LightsSwitch, given)
+        if cruise == "throttle" and cruise_speed_mps != _PLANNER.cruise_speed_mps:
+            raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
         self._cars: list[_Car | None] = [None] * slots
+        self._eyes = Eyes(slots)
+        self._drove: list[int] = []
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Put a fresh car into ``slot``."""
+        self._eyes.reset(slot, episode)
         self._cars[slot] = _Car(
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
             view=View.of_site(episode.cameras[0]),
-            perception=build_perception(episode.perception),
+            lane=LaneTrack(
+                LaneView.of_site(episode.cameras[0]), self.steering.lines_m, self.steering.chassis
+            ),
         )
 
     def step(self, observation: Observation) -> list[Command]:
         """One command per active slot, ascending."""
-        return [self._drive(slot, observation) for slot in observation.active_slots()]
+        self._drove = slots = observation.active_slots()
+        cars = [self._car(slot, observation) for slot in slots]
+        seen = self._eyes.look(slots, observation)
+        return [
+            self._drive(car, slot, observation, seen.get(slot))
+            for car, slot in zip(cars, slots, strict=True)
+        ]
 
-    def _drive(self, slot: int, observation: Observation) -> Command:
-        car = self._car(slot, observation)
+    def costs(self) -> list[PerceptionCost | None]:
+        """See :meth:`devkit.stack.Stack.costs`."""
+        return self._eyes.costs(self._drove)
+
+    def _drive(
+        self, car: _Car, slot: int, observation: Observation, detections: list[Detection] | None
+    ) -> Command:
         speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
 
-        detections = _perceive(car, slot, observation)
-        car.state, plan = planning.plan(car.state, detections, speed_mps, car.view, self.planner)
+        self._keep_lane(car, slot, observation)
+        car.state, plan = planning.plan(
+            car.state, detections, speed_mps, car.view, self.planner, car.wheel.bend_per_m
+        )
         car.throttle_integral, actuation = control.control(
             car.throttle_integral, plan, speed_mps, car.period_s, self.controller
         )
@@ -115,7 +162,7 @@ class AebStack(Stack):
             tick=int(observation.tick[slot]),
             throttle=actuation.throttle,
             brake=actuation.brake,
-            steering_rad=actuation.steering_rad,
+            steering_rad=car.wheel.angle_rad,
             aeb=plan.aeb,
             lights=lights.choose(car.surroundings, plan.aeb),
             detections=detections or [],
@@ -130,6 +177,15 @@ class AebStack(Stack):
             raise ValueError(f"slot {slot}: observation of token {token}, but reset for {held}")
         return car
 
+    def _keep_lane(self, car: _Car, slot: int, observation: Observation) -> None:
+        """Turn the wheel towards the lane in the camera image."""
+        if self.steering.steering == "straight":
+            return
+        vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
+        motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
+        curve = car.lane.update(motion, None if camera is None else camera[slot], car.period_s)
+        car.wheel = steer(car.wheel, curve, motion.speed_mps, car.period_s, self.steering)
+
     def _look_around(self, car: _Car, slot: int, observation: Observation) -> lights.Surroundings:
         environment = observation.sensors["environment"][slot]
         return lights.sense(
@@ -138,14 +194,6 @@ class AebStack(Stack):
             float(environment[_EXTINCTION]),
             self.switch,
         )
-
-
-def _perceive(car: _Car, slot: int, observation: Observation) -> list[Detection] | None:
-    """Detections of a new camera frame; None when none is due."""
-    camera, boxes = observation.sensors.get("camera"), observation.boxes(slot)
-    if camera is None or boxes is None:
-        return None
-    return car.perception.detect(camera[slot], boxes)
 
 
 def _checked(type_: type[T], given: dict[str, Any]) -> T:

@@ -11,14 +11,19 @@ from typing import Annotated
 
 import typer
 
-from devkit.model_commands import darknet_cfg, detect, import_darknet, parity
+from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
+from devkit.training_commands import evaluate, train
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
 app.command("import-darknet")(import_darknet)
 app.command("darknet-cfg")(darknet_cfg)
+app.command("models")(models)
+app.command("check-models")(check_models)
 app.command("detect")(detect)
+app.command("train")(train)
+app.command("evaluate")(evaluate)
 app.command("parity")(parity)
 
 

@@ -1,4 +1,4 @@
-"""Longitudinal control: a proportional-integral throttle for cruising, full brake for AEB.
+"""Longitudinal control: cruising by speed or by throttle, full brake for AEB.
 
 Pure: :func:`control` takes the integral and returns the next one.
 """
@@ -6,7 +6,7 @@ Pure: :func:`control` takes the integral and returns the next one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
@@ -16,6 +16,11 @@ from devkit.planning import Plan
 class Controller(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the controller."""
 
+    cruise: Literal["speed", "throttle"] = "speed"
+    """``speed``: a proportional-integral throttle keeps the planner's speed. ``throttle``: a
+    constant one, as in the published script; only ``cruise_throttle`` applies to it."""
+    cruise_throttle: Annotated[float, Meta(ge=0, le=1)] = 0.2
+    """Throttle while cruising by throttle [-], 0 to 1; the published script's."""
     throttle_max: Annotated[float, Meta(ge=0, le=1)] = 0.6
     """Largest throttle while cruising [-], 0 to 1."""
     throttle_gain: Annotated[float, Meta(ge=0, le=10)] = 0.3
@@ -29,6 +34,16 @@ class Controller(Struct, frozen=True, forbid_unknown_fields=True):
     cruise_brake_max: Annotated[float, Meta(ge=0, le=1)] = 0.2
     """Largest brake while cruising [-], 0 to 1."""
 
+    def __post_init__(self) -> None:
+        """Refuse parameters that the chosen way to cruise would not look at."""
+        for name, default in zip(_FIELDS[1:], Controller.__struct_defaults__[1:], strict=True):
+            ignored = (name == "cruise_throttle") == (self.cruise == "speed")
+            if ignored and getattr(self, name) != default:
+                raise ValueError(f"{name} is set, but cruise: {self.cruise} does not look at it")
+
+
+_FIELDS = Controller.__struct_fields__
+
 
 @dataclass(frozen=True, slots=True)
 class Actuation:
@@ -38,8 +53,6 @@ class Actuation:
     """0 to 1 [-]."""
     brake: float
     """0 to 1 [-]."""
-    steering_rad: float
-    """Road-wheel angle, left positive [rad]."""
 
 
 def control(
@@ -58,7 +71,9 @@ def control(
         The integral part for the next tick, and the actuation.
     """
     if plan.aeb:
-        return 0.0, Actuation(throttle=0.0, brake=1.0, steering_rad=steer(plan))
+        return 0.0, Actuation(throttle=0.0, brake=1.0)
+    if controller.cruise == "throttle":
+        return 0.0, Actuation(controller.cruise_throttle, brake=0.0)
     error_mps = plan.speed_mps - speed_mps
     # The integral moves only while the throttle can follow it: no wind-up during the launch.
     advanced = integral + controller.throttle_integral_gain * error_mps * period_s
@@ -68,15 +83,7 @@ def control(
     excess_mps = -error_mps - controller.overspeed_mps
     brake = _clamp(controller.cruise_brake_gain * excess_mps, controller.cruise_brake_max)
     throttle = 0.0 if brake > 0.0 else _clamp(proportional + integral, controller.throttle_max)
-    return integral, Actuation(throttle, brake, steer(plan))
-
-
-def steer(plan: Plan) -> float:  # noqa: ARG001 - the place where visual servoing will look
-    """Road-wheel angle [rad]. The lane is straight, so v1 holds the wheel: always 0.
-
-    This is the hook for visual servoing; nothing here follows a lane yet.
-    """
-    return 0.0
+    return integral, Actuation(throttle, brake)
 
 
 def _clamp(value: float, upper: float) -> float:

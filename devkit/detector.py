@@ -1,4 +1,4 @@
-"""A detector: an ONNX file run on the CPU, by OpenCV or by ONNX Runtime.
+"""A detector: an ONNX file run on the CPU, by OpenCV or by ONNX Runtime, or on a GPU.
 
 A model is checked completely when it is loaded, with one black image through all of it: what can
 be wrong with a file is said then, in one line, and not in the middle of a case.
@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from devkit.detector_decode import Detections, Selection, decode
@@ -21,11 +20,11 @@ from devkit.detector_description import (
     GridHead,
     decode_description,
 )
+from devkit.detector_frames import FrameNetwork
+from devkit.detector_network import HostNetwork, Network, Pictures
 from devkit.detector_runtime import ModelError, RuntimeName, first_line, open_runtime
+from devkit.images import Images
 from schemas.validation import suggest
-
-BATCH_MAX = 16
-"""Images that go through the network together; more do so in turns."""
 
 MODEL_BYTES_MAX = 2 << 30
 """A larger model does not fit into one ONNX file [bytes]."""
@@ -41,6 +40,10 @@ class Detector:
         selection: Selection | None = None,
         description: DetectorDescription | None = None,
         runtime: RuntimeName = "opencv",
+        *,
+        device: str = "",
+        size_px: tuple[int, int] | None = None,
+        model: Any = None,
     ) -> None:
         """Load and check a model.
 
@@ -49,6 +52,12 @@ class Detector:
             selection: which boxes are reported.
             description: of a model whose metadata has none; wins over the metadata.
             runtime: what runs it, see :mod:`devkit.detector_runtime`.
+            device: ``cuda:N``: ONNX Runtime takes pictures of one size on that GPU
+                (:mod:`devkit.detector_frames`); ``cpu``: the same on the CPU, to try it; empty:
+                pictures of any size on the CPU.
+            size_px: width and height of the pictures that will come, with a device: the check is
+                made with such a picture [px].
+            model: ``onnx.ModelProto`` that ``path`` was made to; None: ``path`` is read.
 
         Raises:
             ModelError: the file is missing, damaged, no detector of this kind, or needs something
@@ -56,67 +65,62 @@ class Detector:
         """
         self.path = path
         self.selection = selection or Selection()
-        model = _read_model(path)
+        if model is None:
+            model = _read_model(path)
         self.description = description or _described(path, model)
-        self._input, self._batch = _check_input(path, model, self.description)
-        self._runtime = open_runtime(runtime, path, model, self._input)
-        self._check_heads()
+        name, batch = _check_input(path, model, self.description)
+        self._network: Network
+        if device:
+            if runtime != "onnxruntime":
+                raise ModelError(f"{path}: runtime '{runtime}' on {device}, allowed: onnxruntime")
+            self._network = FrameNetwork(path, model, name, batch, self.description, device)
+        else:
+            loaded = open_runtime(runtime, path, model, name)
+            self._network = HostNetwork(self.description, loaded, batch)
+        self._check_heads(size_px or (self.description.width, self.description.height))
 
-    def detect(self, images: Sequence[np.ndarray] | np.ndarray) -> Detections:
-        """Boxes of N images, uint8 [N, H, W, 3] or a sequence of [H, W, 3], RGB.
+    @property
+    def runtime(self) -> str:
+        """What runs it, for people: ``opencv cpu``."""
+        return self._network.runtime
+
+    def detect(self, images: Pictures, selection: Selection | None = None) -> Detections:
+        """Boxes of N images, uint8 [N, H, W, 3], a sequence of [H, W, 3], or
+        :class:`devkit.images.Images`; RGB.
+
+        Args:
+            images: of any sizes; of one size if the detector was made for a device.
+            selection: other boxes than the detector's own.
 
         Raises:
             ValueError: an image of another type or shape.
         """
-        for image in images:
-            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                raise ValueError(
-                    f"image: given {image.dtype} {list(image.shape)}, expected uint8 [H, W, 3], RGB"
-                )
-        sizes_px = [(image.shape[1], image.shape[0]) for image in images]
-        return decode(self.raw(images), self.description, sizes_px, self.selection)
+        if isinstance(images, Images):
+            sizes_px = [images.size_px] * len(images)
+        else:
+            for image in images:
+                if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+                    raise ValueError(
+                        f"image: given {image.dtype} {list(image.shape)},"
+                        " expected uint8 [H, W, 3], RGB"
+                    )
+            sizes_px = [(image.shape[1], image.shape[0]) for image in images]
+        return decode(self.raw(images), self.description, sizes_px, selection or self.selection)
 
-    def raw(self, images: Sequence[np.ndarray] | np.ndarray) -> dict[str, np.ndarray]:
+    def raw(self, images: Pictures) -> dict[str, np.ndarray]:
         """Raw heads of N images: name -> float32 [N, ...], see
         :mod:`devkit.detector_description`."""
-        batch = self._batch or BATCH_MAX
-        parts = [
-            self._forward(np.stack([self._prepared(i) for i in images[first : first + batch]]))
-            for first in range(0, len(images), batch)
-        ]
-        if not parts:
-            parts = [{k: v[:0] for k, v in self._forward(self._black()).items()}]
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        found = self._network.heads(images)
+        return {head.output: found[head.output] for head in self.description.heads}
 
-    def _prepared(self, image: np.ndarray) -> np.ndarray:
-        """uint8 [H, W, 3] -> float32 [3, height, width]: stretched to the network's size."""
-        size = (self.description.width, self.description.height)
-        if (image.shape[1], image.shape[0]) != size:
-            # The bit-exact variant is integer arithmetic: the same on any machine.
-            image = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR_EXACT)
-        if self.description.channel_order == "bgr":
-            image = image[..., ::-1]
-        planes = np.ascontiguousarray(image.transpose(2, 0, 1))
-        return planes * np.float32(self.description.scale)
-
-    def _forward(self, blob: np.ndarray) -> dict[str, np.ndarray]:
-        count = len(blob)
-        if self._batch and count < self._batch:
-            blob = np.concatenate([blob, np.repeat(self._black(), self._batch - count, axis=0)])
-        found = self._runtime.forward(blob)
-        return {head.output: found[head.output][:count] for head in self.description.heads}
-
-    def _black(self) -> np.ndarray:
-        return np.zeros((1, 3, self.description.height, self.description.width), np.float32)
-
-    def _check_heads(self) -> None:
+    def _check_heads(self, size_px: tuple[int, int]) -> None:
         for head in self.description.heads:
-            known = self._runtime.outputs
+            known = self._network.outputs
             if head.output not in known:
                 raise ModelError(
                     f"{self.path}: no output '{head.output}'; {suggest(head.output, known)}"
                 )
-        outputs = self._forward(self._black())
+        outputs = self.raw(np.zeros((1, size_px[1], size_px[0], 3), np.uint8))
         for head in self.description.heads:
             shape = outputs[head.output].shape
             mistake = _head_mistake(head, shape, len(self.description.names))
@@ -155,6 +159,8 @@ def _read_model(path: Path) -> Any:
         raise ModelError(f"{path}: {error.strerror or error}") from None
     try:
         model = onnx.load_model_from_string(data)
+        if any(tensor.data_location for tensor in model.graph.initializer):
+            raise ModelError(f"{path}: its numbers lie in another file; save it as one file")
         onnx.checker.check_model(model)
     except (DecodeError, onnx.checker.ValidationError) as error:
         reason = first_line(error)

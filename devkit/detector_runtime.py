@@ -1,13 +1,15 @@
-"""What runs an ONNX network on the CPU: OpenCV, or ONNX Runtime if it is installed.
+"""What runs an ONNX network: OpenCV, or ONNX Runtime if it is installed.
 
-Both give every image of a batch the same bits whatever the batch and the number of threads
-(``tests/unit/devkit/test_detector.py``); between them results differ by rounding, so the choice is
-part of what a result depends on. Measured on one core, ONNX Runtime 1.31 takes 0.45 to 0.5 of the
-time of OpenCV 5.0 for the quarter-width networks.
+On the CPU both give every image of a batch the same bits whatever the batch and the number of
+threads (``tests/unit/devkit/test_detector.py``); between them results differ by rounding, so the
+choice is part of what a result depends on. Measured on one core, ONNX Runtime 1.31 takes 0.45 to
+0.5 of the time of OpenCV 5.0 for the quarter-width networks.
 """
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +30,8 @@ class ModelError(UsageError):
 class Runtime(Protocol):
     """A loaded network."""
 
+    name: str
+    """For people."""
     outputs: list[str]
     """Names of all its outputs."""
 
@@ -53,6 +57,8 @@ def open_runtime(name: RuntimeName, path: Path, model: Any, input_name: str) -> 
 
 class OpenCv:
     """``cv2.dnn``; threads by :func:`cv2.setNumThreads`."""
+
+    name = "opencv"
 
     def __init__(self, path: Path, model: Any, input_name: str) -> None:
         """See :func:`open_runtime`."""
@@ -85,33 +91,86 @@ class OpenCv:
 
 
 class OnnxRuntime:
-    """ONNX Runtime's CPU provider, on as many threads as OpenCV has when the model is loaded."""
+    """ONNX Runtime's CPU provider."""
+
+    name = "onnxruntime"
 
     def __init__(self, path: Path, model: Any, input_name: str) -> None:
         """See :func:`open_runtime`."""
-        try:
-            import onnxruntime
-        except ModuleNotFoundError:
-            raise ModelError(
-                f"{path}: onnxruntime is not installed; install it, or choose opencv"
-            ) from None
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = cv2.getNumThreads()
-        options.log_severity_level = 4
+        self._path = path
+        self._model = model
         self._input = input_name
-        operators = sorted({node.op_type for node in model.graph.node})
-        try:
-            self._session = onnxruntime.InferenceSession(
-                model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # its exceptions have no common base
-            raise _refusal(path, "ONNX Runtime", error, operators) from None
+        self._session = open_session(path, model, "cpu")
         self.outputs = [output.name for output in self._session.get_outputs()]
 
     def forward(self, blob: np.ndarray) -> dict[str, np.ndarray]:
         """See :class:`Runtime`."""
-        arrays = self._session.run(self.outputs, {self._input: blob})
+        with refusals(self._path, "ONNX Runtime", self._model):
+            arrays = self._session.run(self.outputs, {self._input: blob})
         return dict(zip(self.outputs, arrays, strict=True))
+
+
+CUDA = "CUDAExecutionProvider"
+
+CUDA_OPTIONS = {"cudnn_conv_algo_search": "DEFAULT", "use_tf32": "0"}
+"""No search for the fastest algorithm, which would end differently on another day, and whole
+float32: what a result depends on."""
+
+
+def open_session(path: Path, model: Any, device: str) -> Any:
+    """An ONNX Runtime session on ``cpu`` or ``cuda:N``, with as many threads on the CPU as OpenCV
+    has now.
+
+    Raises:
+        ModelError: not installed, no such device for it, or it cannot run the model; one line.
+    """
+    try:
+        import onnxruntime
+    except ModuleNotFoundError:
+        raise ModelError(
+            f"{path}: onnxruntime is not installed; install it, or choose opencv"
+        ) from None
+    onnxruntime.set_default_logger_severity(4)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = cv2.getNumThreads()
+    options.log_severity_level = 4
+    providers: list[Any] = ["CPUExecutionProvider"]
+    cuda = device.startswith("cuda")
+    if cuda:
+        if CUDA not in onnxruntime.get_available_providers():
+            raise ModelError(
+                f"{path}: this onnxruntime has no {CUDA}; install onnxruntime-gpu in its place,"
+                " or choose opencv"
+            )
+        with contextlib.redirect_stdout(sys.stderr):  # it prints what it does not find
+            onnxruntime.preload_dlls()
+        providers.insert(0, (CUDA, {"device_id": device.partition(":")[2], **CUDA_OPTIONS}))
+    with refusals(path, "ONNX Runtime", model):
+        session = onnxruntime.InferenceSession(
+            model.SerializeToString(),
+            options,
+            providers=providers,
+            # Never on by itself with another device, whose last bits are others.
+            enable_fallback=0,
+        )
+    if cuda and session.get_providers()[0] != CUDA:
+        raise ModelError(
+            f"{path}: ONNX Runtime cannot use {device}: CUDA or cuDNN of the version that it needs"
+            " is not here; install onnxruntime-gpu[cuda,cudnn], or choose opencv"
+        )
+    return session
+
+
+@contextmanager
+def refusals(path: Path, who: str, model: Any) -> Iterator[None]:
+    """Errors of ``who``, a library whose exceptions have no common base, as one line."""
+    try:
+        yield
+    except ModelError:
+        raise
+    except Exception as error:
+        operators = sorted({node.op_type for node in model.graph.node})
+        raise _refusal(path, who, error, operators) from None
 
 
 def _refusal(path: Path, who: str, error: object, operators: Sequence[str]) -> ModelError:

@@ -183,7 +183,7 @@ def _match(
     method: Method,
 ) -> np.ndarray:
     """Right, false or ignored, for each detection of one class, by falling confidence."""
-    one, other = _pairs(image, truth_image)
+    one, other = pairs(image, truth_image)
     overlap = overlaps(box[one], truth_box[other])
     enough = overlap >= overlap_min
     one, other, overlap = one[enough], other[enough], overlap[enough]
@@ -192,7 +192,7 @@ def _match(
     return _match_coco(len(image), one, other, overlap, ignored)
 
 
-def _pairs(image: np.ndarray, truth_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pairs(image: np.ndarray, truth_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Indices of all (detection, truth) in the same image, by detection, then by truth."""
     by_image = np.argsort(truth_image, kind="stable")
     ordered = truth_image[by_image]

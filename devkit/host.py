@@ -17,7 +17,7 @@ from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
 from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.key_file import Key
 from twin.fabric.process import (
     PARENT_VARIABLE,
@@ -91,9 +91,13 @@ def serve(link: StackEnd, stack: Stack) -> None:
         except Exception as error:
             where = _origin(error)
             reason = f"{type(error).__name__}: {error} ({where})"
+            if isinstance(error, TwinError):  # one line for people already
+                reason = str(error)
             link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason))
             raise
-        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands))
+        # A stack that is none of ours may lack the method.
+        costs = stack.costs() if isinstance(stack, Stack) else []
+        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs))
 
 
 def step(stack: Stack, incoming: Incoming) -> list[Any]:

@@ -13,7 +13,10 @@ night   low beam, parking, fog      10
 ======  ==========================  =====
 
 Low beam in fog because high beam lights up the fog instead of the road. Hazard indicators burn from
-the AEB trigger on.
+the AEB trigger on (there: from the collision on).
+
+The published script means this table but lights for fog always: its condition, "not sunny or not
+cloudy", holds in every weather.
 """
 
 from __future__ import annotations
@@ -23,9 +26,10 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from schemas.kpi import HEADLIGHTS, INDICATORS, headlight_code
 from schemas.messages import Lights
 
-INDICATORS_OFF, INDICATORS_HAZARD = 0, 3
+INDICATORS_OFF, INDICATORS_HAZARD = INDICATORS.index("off"), INDICATORS.index("hazard")
 
 
 class LightsSwitch(Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,3 +93,33 @@ def choose(surroundings: Surroundings, aeb: bool) -> Lights:
         fog=surroundings.fog,
         indicators=INDICATORS_HAZARD if aeb else INDICATORS_OFF,
     )
+
+
+def code_of(lights: Lights) -> int:
+    """AutoDRIVE's headlight code of what burns, 0 to 11; high beam wins over low beam."""
+    return headlight_code(lights.low, lights.high, lights.parking, lights.fog)
+
+
+def name_of(code: int) -> str:
+    """The lamps of a headlight code in words: ``low beam, parking, fog`` for 10.
+
+    Raises:
+        ValueError: no such code.
+    """
+    return HEADLIGHTS[_known(code)][0]
+
+
+def of_code(code: int, indicators: int = INDICATORS_OFF) -> Lights:
+    """The lamps that AutoDRIVE's headlight code stands for; the inverse of :func:`code_of`.
+
+    Raises:
+        ValueError: no such code.
+    """
+    burning = HEADLIGHTS[_known(code)][1].split()
+    return Lights(**dict.fromkeys(burning, True), indicators=indicators)
+
+
+def _known(code: int) -> int:
+    if not 0 <= code < len(HEADLIGHTS):
+        raise ValueError(f"headlight code {code}: allowed: 0 to {len(HEADLIGHTS) - 1}")
+    return code

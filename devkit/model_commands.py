@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -80,6 +81,49 @@ def darknet_cfg(
     )
     build_network(sections, name)  # a size that does not fit is found here
     print(to_text(sections), end="")
+
+
+def models(output: OutputOption = Output.human) -> None:
+    """List the networks that come with the package: names for `model` in a campaign file."""
+    from devkit.model_files import shipped_models
+
+    found = shipped_models()
+    if output is Output.json:
+        print(json.dumps({name: str(path) for name, path in found.items()}))
+        return
+    for name, path in found.items():
+        card = path.with_suffix(".md")
+        print(f"{name:20} {path.stat().st_size / 1e6:6.1f} MB  {card if card.is_file() else ''}")
+    if not found:
+        print("none is shipped with this version; `devkit import-darknet --help`", file=sys.stderr)
+
+
+def check_models(
+    device: Annotated[str, typer.Option(help="Where the worker computes: cpu or cuda:N.")] = "cpu",
+    width: Annotated[int, typer.Option(min=1, help="Of the pictures [px].")] = 640,
+    height: Annotated[int, typer.Option(min=1, help="Of the pictures [px].")] = 360,
+) -> None:
+    """Load perception variants of type network, as a worker would, and say what is wrong.
+
+    Reads JSON from standard input, name -> variant with absolute paths, and writes JSON, name ->
+    {"error": one line, empty: it works; "runtime": what would run it}. The exit code is 0 either
+    way; `conductor` asks this before it leases a case.
+    """
+    from devkit.model_files import open_detector
+    from schemas.perception import NetworkPerception
+
+    try:
+        variants = msgspec.json.decode(sys.stdin.buffer.read(), type=dict[str, NetworkPerception])
+    except msgspec.DecodeError as error:
+        raise UsageError(f"standard input: {error}") from None
+    answer = {}
+    for name, variant in variants.items():
+        try:
+            detector = open_detector(variant, {}, device, (width, height))
+            answer[name] = {"error": "", "runtime": detector.runtime}
+        except UsageError as error:
+            answer[name] = {"error": str(error), "runtime": ""}
+    print(json.dumps(answer))
 
 
 def detect(

@@ -18,6 +18,7 @@ from typing import IO
 from devkit.planning import Cruise, Planner, plan
 from devkit.planning_autodrive import HEIGHT_PX, WIDTH_PX
 from devkit.view import View
+from schemas.lens_curve import Intrinsics
 from schemas.messages import Detection
 from twin.fabric.errors import UsageError
 
@@ -32,7 +33,8 @@ LOG_BYTES_MAX = 64 << 20
 """A larger log is refused [bytes]; the published ones have 60 kB."""
 
 PLANNER = Planner(rules="autodrive")
-VIEW = View(WIDTH_PX, HEIGHT_PX, focal_px=500.0, forward_m=0.0, lateral_m=0.0, above_m=1.0)
+_LENS = Intrinsics(500.0, 500.0, 0.5 * WIDTH_PX, 0.5 * HEIGHT_PX)
+VIEW = View(WIDTH_PX, HEIGHT_PX, _LENS, forward_m=0.0, lateral_m=0.0, above_m=1.0)
 """The image of the script; its field of view plays no part in these rules."""
 
 

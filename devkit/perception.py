@@ -11,12 +11,14 @@ everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from schemas import campaign
+from devkit.images import Images
+from schemas import perception
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Detection
 
 CONFIDENCE_MIN = 0.25
@@ -56,43 +58,62 @@ _CLASS, _X, _Y, _WIDTH, _HEIGHT, _VISIBLE = (
 class Perception(Protocol):
     """One perception variant; stateless, so that it may serve every slot of a rig."""
 
-    def detect(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
-        """Objects seen in one frame, most confident first.
+    runtime: str
+    """What runs it, for people: ``opencv cpu``."""
+
+    def detect(self, images: Images, boxes: Sequence[np.ndarray]) -> list[list[Detection]]:
+        """Objects seen in n frames; a frame's do not depend on the others.
 
         Args:
-            image: uint8 [H, W, 3], RGB.
-            boxes: float32 [n, 7], rows of the box sensor (``schemas.messages.BOX_COLUMNS``);
-                a real detector ignores them.
+            images: frames of n slots, in any order.
+            boxes: of each frame float32 [k, 7], rows of the box sensor
+                (``schemas.messages.BOX_COLUMNS``); a real detector ignores them.
+
+        Returns:
+            Of each frame its objects, in the order that the variant asks for.
         """
         ...
 
 
-_BUILDERS: dict[type[Any], Callable[[Any], Perception]] = {}
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Where a variant is used."""
+
+    device: str = "cpu"
+    """Where the worker computes, ``cpu`` or ``cuda:N``."""
+    size_px: tuple[int, int] = (640, 360)
+    """Width and height of the frames [px]."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 that the files must have which the variant names."""
 
 
-def register(
-    spec_type: type[Any],
-) -> Callable[[Callable[[Any], Perception]], Callable[[Any], Perception]]:
+Builder = Callable[[Any, Setting], Perception]
+
+_BUILDERS: dict[type[Any], Builder] = {}
+
+
+def register(spec_type: type[Any]) -> Callable[[Builder], Builder]:
     """Class decorator: the decorated class perceives for variants of ``spec_type``."""
 
-    def add(builder: Callable[[Any], Perception]) -> Callable[[Any], Perception]:
+    def add(builder: Builder) -> Builder:
         _BUILDERS[spec_type] = builder
         return builder
 
     return add
 
 
-def build_perception(spec: Any) -> Perception:
+def build_perception(spec: Any, setting: Setting | None = None) -> Perception:
     """The perception of one variant, ``Episode.perception``.
 
     Raises:
         ValueError: nothing is registered for the type of ``spec``.
+        UsageError: a file that the variant names cannot be used; one line.
     """
     builder = _BUILDERS.get(type(spec))
     if builder is None:
         known = ", ".join(sorted(t.__name__ for t in _BUILDERS))
         raise ValueError(f"perception {type(spec).__name__}: not known to devkit; allowed: {known}")
-    return builder(spec)
+    return builder(spec, setting or Setting())
 
 
 def confidence(contrast: float, contrast_min: float) -> float:
@@ -100,7 +121,7 @@ def confidence(contrast: float, contrast_min: float) -> float:
     return contrast / (contrast + contrast_min)
 
 
-@register(campaign.GroundTruthPerception)
+@register(perception.GroundTruthPerception)
 class GroundTruthPerception:
     """The box sensor seen through a contrast threshold.
 
@@ -109,12 +130,18 @@ class GroundTruthPerception:
     detections as it would for a person.
     """
 
-    def __init__(self, spec: campaign.GroundTruthPerception) -> None:
+    runtime = "numpy cpu"
+
+    def __init__(self, spec: perception.GroundTruthPerception, _setting: Setting) -> None:
         self.contrast_min = spec.contrast_min
         self.pixels_min = spec.pixels_min
 
-    def detect(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
-        """See :class:`Perception`; reported from :data:`CONFIDENCE_MIN` up."""
+    def detect(self, images: Images, boxes: Sequence[np.ndarray]) -> list[list[Detection]]:
+        """See :class:`Perception`; reported from :data:`CONFIDENCE_MIN` up, most confident
+        first."""
+        return [self._see(image, rows) for image, rows in zip(images, boxes, strict=True)]
+
+    def _see(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
         found = [self._detect_one(image, row) for row in boxes.tolist()]
         # The box sensor's row order is none of the planner's business: sort by content.
         return sorted(

@@ -215,10 +215,11 @@ class Extent(NamedTuple):
 def extent_m(detection: Detection, view: View, curvature_per_m: float = 0.0) -> Extent | None:
     """Where an object stands on a flat road, from its box alone.
 
-    The bottom edge of the box is the object's near end. A box that lies on one side of straight
-    ahead shows the object's flank: the edge nearer to that is the far corner, one flank further
-    away. (Without this, a parked car that leaves the image seems to reach into the lane.) The
-    middle of the path lies k x^2 / 2 to the left, with curvature k and x from the rear axle.
+    The bottom edge of the box is the object's near end. Objects stand along the path, which has
+    the slope k x with curvature k and x from the rear axle. One that is seen to one side of that
+    direction shows its flank: the edge nearer to it is the far corner, one flank further away.
+    (Without this, a parked car that leaves the image seems to reach into the lane.) The middle of
+    the path lies k x^2 / 2 to the left.
 
     Returns:
         None if the box ends at or above the horizon, so that it stands nowhere, or if its label has
@@ -238,7 +239,8 @@ def extent_m(detection: Detection, view: View, curvature_per_m: float = 0.0) -> 
         return view.across_m(end_px, bottom_px, distance_m) - middle_m
 
     def is_left(end_px: float) -> bool:
-        return view.ray(end_px, bottom_px)[1] > 0.0
+        x, y, _ = view.ray(end_px, bottom_px)
+        return y > x * curvature_per_m * (view.forward_m + ahead_m)
 
     left_px, right_px = ends_px
     left_m = across_m(left_px, ahead_m if is_left(left_px) else far_m)

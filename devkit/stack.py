@@ -49,7 +49,7 @@ from typing import cast
 
 import numpy as np
 
-from schemas.messages import Command, Episode
+from schemas.messages import Command, Episode, PerceptionCost
 from schemas.validation import suggest
 
 ParameterValue = bool | int | float | str
@@ -137,6 +137,11 @@ class Stack(ABC):
             One command per active slot, in any order, echoing slot, token and tick. An exception
             ends the rig.
         """
+
+    def costs(self) -> list[PerceptionCost | None]:
+        """Wall time that perception took in the last :meth:`step`, for the report: one entry per
+        command that it returned, None where no frame was looked at. Optional."""
+        return []
 
     def close(self) -> None:  # noqa: B027 - optional: most stacks hold nothing to release
         """Release what the stack holds; nothing is called afterwards."""

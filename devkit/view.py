@@ -2,44 +2,49 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from schemas.lens_curve import Intrinsics, intrinsics
+from schemas.lens_projection import vehicle_from_camera
 from schemas.messages import CameraSite
+
+Axis = tuple[float, float, float]
+Axes = tuple[Axis, Axis, Axis]
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A pinhole camera above a flat road; distortion of the lens is left out.
+    """A camera above a flat road, by the pinhole of its lens; distortion is left out: boxes of
+    detectors are no more exact. (:mod:`devkit.lane_view` projects markings with all of it.)
 
     Vehicle axes: x forward, y left, z up, from the middle of the rear axle on the ground.
     """
 
     width_px: int
     height_px: int
-    focal_px: float
+    lens: Intrinsics
     forward_m: float
     """Camera before the rear axle [m]."""
     lateral_m: float
     """Camera left of the centre line [m]; right is negative."""
     above_m: float
     """Camera above the road [m]."""
-    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    """Rotation from the camera's forward, left, up to vehicle axes, by rows."""
+    axes: Axes = ((0, -1, 0), (0, 0, -1), (1, 0, 0))
+    """The camera's right, down and forward in vehicle axes."""
 
     @classmethod
     def of_site(cls, site: CameraSite) -> View:
-        """The view of a camera with square pixels; ``site`` stands in the episode."""
-        focal_px = 0.5 * site.width / math.tan(0.5 * math.radians(site.hfov_deg))
-        forward_m, lateral_m, above_m = site.position_m
-        axes = _rotation(*(math.radians(angle) for angle in site.rotation_deg))
-        return cls(site.width, site.height, focal_px, forward_m, lateral_m, above_m, axes)
+        """The view of a camera; ``site`` stands in the episode."""
+        lens = intrinsics(site.lens, site.width, site.height, site.hfov_deg)
+        right, down, forward = vehicle_from_camera(site.rotation_deg).T.tolist()
+        axes = (tuple(right), tuple(down), tuple(forward))
+        return cls(site.width, site.height, lens, *site.position_m, axes)
 
     def ray(self, x_px: float, y_px: float) -> tuple[float, float, float]:
         """Direction of a point of the image, vehicle axes; of no particular length."""
-        left = (0.5 * self.width_px - x_px) / self.focal_px
-        up = (0.5 * self.height_px - y_px) / self.focal_px
-        x, y, z = (row[0] + row[1] * left + row[2] * up for row in self.axes)
+        right = (x_px - self.lens.cx_px) / self.lens.fx_px
+        down = (y_px - self.lens.cy_px) / self.lens.fy_px
+        x, y, z = (f + r * right + d * down for r, d, f in zip(*self.axes, strict=True))
         return x, y, z
 
     def ground_m(self, x_px: float, y_px: float) -> float | None:
@@ -55,14 +60,3 @@ class View:
         left of the centre line [m]."""
         x, y, _ = self.ray(x_px, y_px)
         return self.lateral_m + ahead_m * y / x
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> tuple[tuple[float, float, float], ...]:
-    """Roll about x, then pitch about y, then yaw about z, all about the vehicle's axes."""
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    return (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )

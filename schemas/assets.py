@@ -62,11 +62,19 @@ def asset_digest(path: Path) -> str:
     """
     sha = hashlib.sha256()
     for file in asset_files(path):
-        with file.open("rb") as stream:
-            content = hashlib.file_digest(stream, "sha256").hexdigest()
         name = os.path.relpath(file, path.parent)
-        sha.update(f"{name}\0{content}\n".encode())
+        sha.update(f"{name}\0{file_digest(file)}\n".encode())
     return sha.hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content, whatever it is called.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _named(value: Any) -> list[str]:

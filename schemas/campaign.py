@@ -20,6 +20,9 @@ from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.names import TimeOfDay, minutes
 from schemas.names import Weather as Weather
+from schemas.perception import GroundTruthPerception as GroundTruthPerception
+from schemas.perception import NetworkPerception as NetworkPerception
+from schemas.perception import Perception, file_fields
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
 from schemas.view_mode import View
@@ -65,16 +68,17 @@ class Camera(_Spec, frozen=True):
 
 
 class Scenario(_Spec, frozen=True):
-    """The AEB jump scare: the ego drives down its lane towards a broken-down car."""
+    """What the ego is asked to do, where, and when that counts as done."""
 
-    type: Literal["jump_scare"] = "jump_scare"
-    """What happens: an obstacle stands in the ego's lane."""
+    type: Literal["jump_scare", "lane_keeping"] = "jump_scare"
+    """``jump_scare``: a broken-down car stands in the ego's lane. ``lane_keeping``: the ego follows
+    its lane from its beginning on."""
     scene: str = "downtown"
     """Name of a shipped scene, or the path of a scene file."""
     vehicle: str = "opencav"
     """Name of a shipped vehicle, or the path of a vehicle file."""
     ego_start_m: Annotated[float, Meta(ge=5, le=180)] = 148.0
-    """Hull-to-hull distance from the ego to the broken-down car at the start [m]."""
+    """Hull-to-hull distance from the ego to the broken-down car; jump_scare only [m]."""
     ego_speed_mps: Annotated[float, Meta(ge=0, le=30)] = 0.0
     """Speed of the ego at the start [m/s]."""
     duration_s: Annotated[float, Meta(ge=0.1, le=3600)] = 60.0
@@ -82,16 +86,31 @@ class Scenario(_Spec, frozen=True):
     standstill_s: Annotated[float, Meta(ge=0, le=60)] = 2.0
     """The case ends this long after the ego has come to rest [s]."""
     false_braking_m: Annotated[float, Meta(gt=0, le=1000)] = 30.0
-    """Coming to rest further than this from the obstacle is false braking [m]."""
+    """Coming to rest further than this from the obstacle is false braking; jump_scare only [m]."""
+    distance_m: Annotated[float, Meta(ge=1, le=100_000)] = 1000.0
+    """Way along the lane after which the case ends; lane_keeping only [m]."""
+    lateral_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.75
+    """Largest distance of the rear axle's middle from the lane's centre; beyond it the ego leaves
+    its lane and the case ends; lane_keeping only [m]."""
+    lateral_rms_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.25
+    """Largest root mean square of that distance over the case; lane_keeping only [m]."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that the type would not look at."""
+        for type_, names in _OF_TYPE.items():
+            for name in names:
+                default = Scenario.__struct_defaults__[Scenario.__struct_fields__.index(name)]
+                if self.type != type_ and getattr(self, name) != default:
+                    raise ValueError(
+                        f"{name} is set, but it belongs to type {type_} and this is {self.type}"
+                    )
 
 
-class GroundTruthPerception(_Spec, frozen=True, tag_field="type", tag="ground_truth"):
-    """The box sensor seen through a contrast threshold: fog, night and rain make it miss."""
-
-    contrast_min: Annotated[float, Meta(gt=0, le=1)] = 0.05
-    """Contrast of object against surroundings at which confidence is 0.5 [-]."""
-    pixels_min: Annotated[int, Meta(ge=1)] = 24
-    """Fewest visible pixels of an object that can be detected [px]."""
+_OF_TYPE = {
+    "jump_scare": ("ego_start_m", "false_braking_m"),
+    "lane_keeping": ("distance_m", "lateral_limit_m", "lateral_rms_limit_m"),
+}
+"""Keys of the scenario that only one type looks at."""
 
 
 class Autonomy(_Spec, frozen=True):
@@ -105,7 +124,7 @@ class Autonomy(_Spec, frozen=True):
     """Delay between a frame and the effect of its command, in sim time [ms]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
-    perception: dict[Name, GroundTruthPerception] = msgspec.field(
+    perception: dict[Name, Perception] = msgspec.field(
         default_factory=lambda: {"default": GroundTruthPerception()}
     )
     """Perception variants by name; the matrix axis ``model`` chooses one."""
@@ -177,8 +196,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Points removed from the matrix; an axis left out matches every value."""
     batch: Batch | None = None
     files: dict[str, str] = {}
-    """SHA-256 of scene and vehicle files given by path, with the files that those name; filled in
-    at submission, so that a file that changes meanwhile is noticed."""
+    """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
+    filled in at submission, so that a file that changes meanwhile is noticed."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -203,7 +222,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     parameters: dict[str, bool | int | float | str]
     model: str
     """Name of the perception variant."""
-    perception: GroundTruthPerception
+    perception: Perception
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
     """Local time [minutes after midnight]."""
     weather: Name
@@ -222,6 +241,16 @@ class Case(_Spec, frozen=True, kw_only=True):
     def seeing(self) -> list[Camera]:
         """The cameras that see, the main one first."""
         return [self.camera, *self.cameras] if self.render else []
+
+    def simulator_files(self) -> dict[str, str]:
+        """Digests of the files that the simulator reads: scene and vehicle."""
+        names = (self.scenario.scene, self.scenario.vehicle)
+        return {name: self.files[name] for name in names if name in self.files}
+
+    def model_files(self) -> dict[str, str]:
+        """Digests of the files that the stack reads: those of the perception variant."""
+        names = file_fields(self.perception).values()
+        return {name: self.files[name] for name in names if name in self.files}
 
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
@@ -439,7 +468,10 @@ def _case(
             batch=batch,
             files={
                 name: campaign.files[name]
-                for name in (scenario.scene, scenario.vehicle)
+                for name in (
+                    *(scenario.scene, scenario.vehicle),
+                    *file_fields(variants[str(model)]).values(),
+                )
                 if name in campaign.files
             },
             view=campaign.view,

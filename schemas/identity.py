@@ -41,7 +41,7 @@ def rig_key(case: Case) -> str:
     parts = (
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement, case.files, case.view, case.render),
+        *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -72,7 +72,7 @@ def _rig_key(case: Case) -> str:
         "stack": case.stack,
         "parameters": case.parameters,
         "placement": case.placement,
-        "files": case.files,
+        "files": case.simulator_files(),
         "view": case.view,
         "render": case.render,
     }

@@ -34,6 +34,13 @@ KPI_COLUMNS: tuple[Column, ...] = (
     Column("dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull"),
     Column("ttc_s", "float64", "s", "Time to collision at constant speed", nullable=True),
     Column("collisions", "int32", "", "Collisions of the ego so far"),
+    Column(
+        "lateral_error_m",
+        "float64",
+        "m",
+        "Middle of the rear axle left of the lane's centre; lane_keeping only",
+        nullable=True,
+    ),
     Column("throttle", "float64", "", "Throttle command", nullable=True),
     Column("brake", "float64", "", "Brake command", nullable=True),
     Column("steering_rad", "float64", "rad", "Road-wheel angle command", nullable=True),
@@ -57,27 +64,44 @@ SCALARS: tuple[Column, ...] = (
     Column("decel_peak_mps2", "float64", "m/s^2", "Peak deceleration"),
     Column("speed_max_mps", "float64", "m/s", "Highest speed"),
     Column("collisions", "int32", "", "Collisions of the ego"),
+    Column("distance_m", "float64", "m", "Way driven along the lane; lane_keeping", nullable=True),
+    Column(
+        "lateral_error_rms_m",
+        "float64",
+        "m",
+        "Root mean square of the lateral error; lane_keeping",
+        nullable=True,
+    ),
+    Column("lateral_error_max_m", "float64", "m", "Largest of it; lane_keeping", nullable=True),
 )
 
 DETECTION_FIELDS = ("label", "confidence", "x_px", "y_px", "width_px", "height_px")
 
-# AutoDRIVE's headlight codes: (low, high, parking, fog) -> code.
-_HEADLIGHT_CODES = {
-    (False, False, False, False): 0,
-    (True, False, False, False): 1,
-    (False, True, False, False): 2,
-    (False, False, True, False): 3,
-    (False, False, False, True): 4,
-    (True, False, True, False): 5,
-    (True, False, False, True): 6,
-    (False, True, True, False): 7,
-    (False, True, False, True): 8,
-    (False, False, True, True): 9,
-    (True, False, True, True): 10,
-    (False, True, True, True): 11,
-}
+HEADLIGHTS = (
+    ("off", ""),
+    ("low beam", "low"),
+    ("high beam", "high"),
+    ("parking", "parking"),
+    ("fog", "fog"),
+    ("low beam, parking", "low parking"),
+    ("low beam, fog", "low fog"),
+    ("high beam, parking", "high parking"),
+    ("high beam, fog", "high fog"),
+    ("parking, fog", "parking fog"),
+    ("low beam, parking, fog", "low parking fog"),
+    ("high beam, parking, fog", "high parking fog"),
+)
+"""Headlight codes 0 to 11 as AutoDRIVE publishes them, in ``opencav_aeb.py`` of
+AutoDRIVE-Simulator-HPC (0 disabled, 1 low beam, 2 high beam, 3 parking, 4 fog, 5 = 1 + 3,
+6 = 1 + 4, 7 = 2 + 3, 8 = 2 + 4, 9 = 3 + 4, 10 = 1 + 3 + 4, 11 = 2 + 3 + 4): name and lamps."""
+
+INDICATORS = ("off", "left", "right", "hazard")
+"""Indicator codes 0 to 3, of the same source."""
+
+_CODES = {frozenset(lamps.split()): code for code, (_, lamps) in enumerate(HEADLIGHTS)}
 
 
 def headlight_code(low: bool, high: bool, parking: bool, fog: bool) -> int:
     """AutoDRIVE's code of a lamp combination; high beam wins over low beam."""
-    return _HEADLIGHT_CODES[(low and not high, high, parking, fog)]
+    burning = {"low": low and not high, "high": high, "parking": parking, "fog": fog}
+    return _CODES[frozenset(lamp for lamp, on in burning.items() if on)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -54,8 +55,12 @@ def radial(lens: Lens, x: Floats) -> Floats:
     return x
 
 
+@functools.lru_cache(maxsize=64)
 def curve(lens: Lens) -> tuple[Floats, Floats]:
-    """Arguments and radii of the rising part of the radial curve, from 0 on, for look-ups."""
+    """Arguments and radii of the rising part of the radial curve, from 0 on, for look-ups.
+
+    Read only: asked for with every projection of points.
+    """
     if lens.model == "fisheye":
         x = np.linspace(0.0, math.radians(lens.circle_deg) / 2.0, _STEPS)
     else:
@@ -63,6 +68,7 @@ def curve(lens: Lens) -> tuple[Floats, Floats]:
     y = radial(lens, x)
     rising = np.diff(y) > 0.0  # false beside a NaN, too
     end = len(x) if rising.all() else int(np.argmin(rising)) + 1
+    x.flags.writeable = y.flags.writeable = False
     return x[:end], y[:end]
 
 

@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-from schemas.campaign import Case, GroundTruthPerception
+from schemas.campaign import Case
 from schemas.lens import Lens
+from schemas.perception import Perception
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -160,7 +161,7 @@ class Episode(Struct, frozen=True):
     case: str
     seed: int
     model: str
-    perception: GroundTruthPerception
+    perception: Perception
     camera: str
     width: int
     height: int
@@ -169,6 +170,10 @@ class Episode(Struct, frozen=True):
     cameras: list[CameraSite] = []
     """All cameras, the main one first."""
     lidars: list[LidarSite] = []
+    device: str = "cpu"
+    """Where the worker computes, ``cpu`` or ``cuda:N``: there a network may run, too."""
+    files: dict[str, str] = {}
+    """SHA-256 of the files that ``perception`` names, as they were at submission."""
 
 
 class Detection(Struct, frozen=True):
@@ -207,6 +212,16 @@ class SensorErrors(Struct, frozen=True):
     imu_bias: float = 1.0
 
 
+class PerceptionCost(Struct, frozen=True):
+    """What perception took: wall-clock time, so it never reaches a KPI."""
+
+    runtime: str
+    """What ran it, e.g. ``opencv cpu``."""
+    frames: int
+    wall_s: float
+    """Share of these frames in the time of the calls that they were part of [s]."""
+
+
 class Command(Struct, frozen=True):
     """What the stack asks of one slot's vehicle for the coming control period."""
 
@@ -236,6 +251,8 @@ class Commands(Struct, frozen=True):
     commands: list[Command]
     error: str = ""
     """Not empty: the stack cannot go on; the rig ends with this reason."""
+    costs: list[PerceptionCost | None] = []
+    """One per command, None where no frame was looked at; empty: the stack does not measure it."""
 
 
 def command_mistake(command: Command) -> str:
@@ -300,6 +317,10 @@ class Result(Struct, frozen=True):
     kpi_sha256: str = ""
     manifest_sha256: str = ""
     wall_s: float = 0.0
+    perception: PerceptionCost | None = None
+    """Sum over the case; None: the stack reported none."""
+    rig_wall_s: float = 0.0
+    """The rig's wall time, each tick divided evenly among the cases in its slots [s]."""
 
 
 class Ended(Struct, frozen=True):

@@ -46,15 +46,17 @@ class Controls(Struct, frozen=True):
 
 
 class Stage(Struct, frozen=True):
-    """What stands still, for 3D views; lengths in metres, world x along the street."""
+    """What stands still, for 3D views; lengths in metres."""
 
-    road_start_m: float
-    road_end_m: float
+    lane: list[list[float]]
+    """Centre line of the ego's lane, from its start on: world x, y and heading [rad]; at least two
+    places, straight between them. A closed road ends where it begins."""
     lane_width_m: float
     parking_width_m: float
     sidewalk_width_m: float
     obstacle_center_m: list[float]
     """Centre of the obstacle's hull, world x, y, z."""
+    obstacle_yaw_rad: float
     obstacle_size_m: list[float]
     """Length, width and height."""
     ego_center_m: list[float]

@@ -160,6 +160,10 @@ def snapshot(
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
+    at_m: Annotated[
+        float | None,
+        typer.Option(help="Stand so far along the lane instead, from the road's start [m]."),
+    ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",
 ) -> None:
@@ -174,6 +178,7 @@ def snapshot(
         scene=scene,
         vehicle=vehicle,
         distance_m=distance,
+        at_m=at_m,
         width_px=width,
         device=device,
     )
@@ -220,23 +225,36 @@ def dataset(
         list[str] | None,
         typer.Option(help="A rule of what is a label, KEY=NUMBER, repeatable; docs/dataset.md."),
     ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=256, help="Processes; default: cores, on a GPU at most 4. Changes no byte."
+        ),
+    ] = None,
     slots: Annotated[
-        int, typer.Option(min=1, max=4096, help="Images rendered together; changes no byte.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=1,
+            max=4096,
+            help="Images a process renders together; default: by their size. Changes no byte.",
+        ),
+    ] = None,
     preview: Annotated[
         Path | None, typer.Option(help="Write a contact sheet with boxes, .png or .jpg.")
     ] = None,
     device: Device = "cpu",
+    output: OutputOption = Output.human,
 ) -> None:
     """Render labelled images for detectors into a folder, or go on where it was stopped.
 
-    On a folder that is there, options left away are what it was begun with.
+    On a folder that is there, options left away are what it was begun with. Ends with a table of
+    what the dataset holds.
     """
     from twin.world.kernel_cache import prepare_kernels
 
     prepare_kernels()  # before the modules that define kernels
 
-    from twin.dataset.command import DatasetRequest, run_dataset
+    from twin.dataset.command import DatasetRequest, show_dataset
 
     plain = {"count": count, "seed": seed, "format": file_format, "quality": quality}
     plain |= {"scene": scene, "other_scene": other_scene, "vehicle": vehicle}
@@ -249,14 +267,11 @@ def dataset(
         streets=streets,
         rules=tuple(rule or ()),
         slots=slots,
+        jobs=jobs,
         device=device,
         preview=preview,
     )
-    found = run_dataset(request)
-    for split, counts in found["counts"].items():
-        labels = ", ".join(f"{number} {name}" for name, number in counts["labels"].items())
-        print(f"{split}: {counts['images']} images; labels: {labels}")
-    print(out)
+    show_dataset(request, as_json=output is Output.json)
 
 
 @app.command()

@@ -13,11 +13,12 @@ import numpy as np
 import warp as wp
 
 from schemas.assets import asset_digest
-from schemas.campaign import Case
+from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
 from twin.fabric.frames import Channel
 from twin.kpi import verdict as judging
+from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
 from twin.sensors import exteroceptive
@@ -29,6 +30,7 @@ from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
+from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.environment import CaseEnvironment
 from twin.world.kernel_cache import prepare_kernels
@@ -66,6 +68,8 @@ class _Run:
     """Commands with the physics step from which they are in force."""
     lights: Lights = _NO_LIGHTS
     """Lamps in force."""
+    lane: LaneProgress | None = None
+    """Of a case of lane keeping."""
 
 
 class Engine:
@@ -169,19 +173,27 @@ class Engine:
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
-        scenario = case.scenario
-        rear = self._world.obstacle_rear_m
-        x_m = rear - scenario.ego_start_m - self._vehicle.front_offset_m
-        self._vehicles.place(slot, x_m, scenario.ego_speed_mps, 1.0)
+        x_m, y_m, yaw_rad = self._start(case.scenario)
+        speed_mps = case.scenario.ego_speed_mps
+        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad)
         self._vehicles.active[slot] = 1
         self._eyes.reset(slot, case)
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
         self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
         self._runs[slot] = _Run(case, environment)
+        if case.scenario.type == "lane_keeping":
+            self._runs[slot].lane = LaneProgress(self._world.lane, x_m, y_m)
         self.active[slot] = True
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
+
+    def _start(self, scenario: Scenario) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] of the ego at the start."""
+        if scenario.type == "jump_scare":
+            return self._world.before_obstacle(scenario.ego_start_m + self._vehicle.front_offset_m)
+        pose = self._world.lane.at(0.0)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
 
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
@@ -320,8 +332,13 @@ class Engine:
             run.lights = current.lights
 
     def _record(self, slot: int, run: _Run, command: Command | None) -> None:
-        state = self.state[slot]
-        run.recorder.add(int(self.tick[slot]), int(self.sim_time_ns[slot]), state, command)
+        run.recorder.add(
+            int(self.tick[slot]),
+            int(self.sim_time_ns[slot]),
+            self.state[slot],
+            command,
+            run.lane.lateral_m if run.lane else None,
+        )
 
     def _end(self, slot: int, run: _Run) -> Finished | None:
         """The finished case if it ends at the tick just reached."""
@@ -329,11 +346,14 @@ class Engine:
         fault = self._vehicles.fault(slot)
         if fault:
             return self._fail(slot, run, f"{fault}, at {self.sim_time_ns[slot] / 1e9:.3f} s")
-        if not judging.has_ended(run.case.scenario, int(self.sim_time_ns[slot]), state):
+        scenario, lane = run.case.scenario, run.lane
+        if lane is not None:
+            lane.move(float(state[COLUMN["x_m"]]), float(state[COLUMN["y_m"]]))
+        if not judging.has_ended(scenario, int(self.sim_time_ns[slot]), state, lane):
             return None
         self._record(slot, run, None)
-        result = judging.judge(run.case.scenario, run.recorder, state)
-        scalars = judging.scalars(run.recorder, state)
+        result = judging.judge(scenario, run.recorder, state, lane)
+        scalars = judging.scalars(run.recorder, state, lane)
         table = run.recorder.table()
         self.clear(slot)
         return Finished(
@@ -341,7 +361,7 @@ class Engine:
         )
 
     def _fail(self, slot: int, run: _Run, reason: str) -> Finished:
-        scalars = judging.scalars(run.recorder, self.state[slot])
+        scalars = judging.scalars(run.recorder, self.state[slot], run.lane)
         table = run.recorder.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)
@@ -358,7 +378,7 @@ def frame_channels(case: Case, slots: int) -> list[Channel]:
 
 def _check_files(case: Case) -> None:
     """Refuse scene and vehicle files that are not those of the submission."""
-    for name, digest in case.files.items():
+    for name, digest in case.simulator_files().items():
         if asset_digest(Path(name)) != digest:
             raise ValueError(
                 f"{name}: it, or a file it names, is not what the campaign was submitted with; "

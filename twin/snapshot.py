@@ -52,6 +52,7 @@ def contact_sheet(
     *,
     environment: Environment = _PLAIN,
     distance_m: float = 25.0,
+    at_m: float | None = None,
     camera: Camera | None = None,
     scene: str = "downtown",
     vehicle: str = "opencav",
@@ -65,7 +66,8 @@ def contact_sheet(
         weathers: presets, or custom weathers of ``environment``.
         times: local times ``HH:MM``.
         environment: family, date, sun, exposure and custom weathers.
-        distance_m: distance from the ego's front to the obstacle [m].
+        distance_m: distance from the ego's front to the obstacle, along the lane [m].
+        at_m: the ego stands at this station of its lane instead [m].
         camera: size and field of view of one picture; 320x180 by default.
         lights: lamps of the ego; those of :func:`usual_lights` by default.
 
@@ -78,7 +80,8 @@ def contact_sheet(
         raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
-    street = _Street(scene, vehicle, camera, distance_m, device)
+    street = _Street(scene, vehicle, camera, device)
+    street.stand(distance_m, at_m)
     rows = []
     for time in times:
         pictures = []
@@ -110,6 +113,7 @@ class SheetRequest:
     scene: str = "downtown"
     vehicle: str = "opencav"
     distance_m: float = 25.0
+    at_m: float | None = None
     width_px: int = 320
     device: str = "cpu"
 
@@ -139,6 +143,7 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         times,
         environment=environment,
         distance_m=request.distance_m,
+        at_m=request.at_m,
         camera=size,
         scene=request.scene,
         vehicle=request.vehicle,
@@ -164,12 +169,11 @@ def _custom(text: str) -> tuple[str, dict[str, Any]]:
 class _Street:
     """One camera behind a windscreen, in a street."""
 
-    def __init__(
-        self, scene: str, vehicle: str, camera: Camera, distance_m: float, device: str
-    ) -> None:
+    def __init__(self, scene: str, vehicle: str, camera: Camera, device: str) -> None:
         prepare_kernels()
         target, car = load_scene(scene), load_vehicle(vehicle)
-        world = build_world(target)
+        world = self._world = build_world(target)
+        self._front_m = car.front_offset_m
         warp_device = wp.get_device(device)
         self.place = target.origin
         self._noise = int(camera.noise)
@@ -183,8 +187,22 @@ class _Street:
             car.camera(camera.name),
             tuple(car.headlamps_m),
         )
-        x_m = world.obstacle_rear_m - distance_m - car.front_offset_m
-        self._pose = wp.array([[x_m, 0.0, 0.0]], dtype=wp.float64, device=warp_device)
+        self._pose = wp.zeros((1, 3), dtype=wp.float64, device=warp_device)
+
+    def stand(self, distance_m: float, at_m: float | None) -> None:
+        """Put the ego ``distance_m`` before the obstacle, or with its reference point at the
+        station ``at_m`` of its lane."""
+        pose = self._world.before_obstacle(distance_m + self._front_m)
+        if at_m is not None:
+            length = self._world.lane.length_m
+            if not 0.0 <= at_m <= length:
+                raise ValueError(
+                    f"snapshot: at-m {at_m:g}: not on the lane, which is {length:.1f} m long; "
+                    f"give a number from 0 to {length:.1f}"
+                )
+            x, y, yaw, _ = self._world.lane.at(at_m)
+            pose = (float(x), float(y), float(yaw))
+        self._pose.assign(np.array([pose]))
 
     def picture(
         self,

@@ -131,12 +131,12 @@ def _in_full(bus: Bus, index: int, turn: int, picture: bytes, cloud: bytes) -> N
 
 def _start(index: int) -> CaseStart:
     stage = Stage(
-        road_start_m=0.0,
-        road_end_m=300.0,
+        lane=[[0.0, 0.0, 0.0], [300.0, 0.0, 0.0]],
         lane_width_m=3.5,
         parking_width_m=2.3,
         sidewalk_width_m=4.0,
         obstacle_center_m=[240.0, 0.0, 0.7],
+        obstacle_yaw_rad=0.0,
         obstacle_size_m=[4.5, 1.8, 1.46],
         ego_center_m=[1.5, 0.0, 0.75],
         ego_size_m=[5.0, 1.9, 1.5],

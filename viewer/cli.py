@@ -5,7 +5,10 @@ from __future__ import annotations
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
+import os
+import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +16,7 @@ import typer
 
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.errors import UsageError
+from twin.fabric.process import PARENT_VARIABLE
 
 app = make_app(
     "viewer",
@@ -37,9 +41,12 @@ def record(
 
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
+AnyCase = Annotated[str, typer.Argument(help="Case id; none: all cases that were recorded.")]
 At = Annotated[
     str,
-    typer.Option(help="aeb (without a trigger: closest approach), or seconds of sim time."),
+    typer.Option(
+        help="aeb (without a trigger: closest approach), closest, or seconds of sim time."
+    ),
 ]
 
 
@@ -53,10 +60,11 @@ def shot(
 ) -> None:
     """Render one moment of a recorded case as a picture; needs no display."""
     from viewer.folder import find_moment, find_recording
-    from viewer.shot import check_out, parse_size, shoot
+    from viewer.outputs import check_out
+    from viewer.shot import parse_size, shoot
 
     pixels = parse_size(size)
-    check_out(out)
+    check_out(out, ".png")
     found = find_recording(folder, case)
     moment = find_moment(found, at)
     shoot(found.path, moment, out, pixels)
@@ -66,15 +74,93 @@ def shot(
 
 
 @app.command()
-def replay(folder: Folder, case: Case, at: At = "aeb") -> None:
-    """Open a recorded case in the native viewer, paused at a moment."""
+def frame(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("frame.png"),
+    at: At = "aeb",
+) -> None:
+    """Write the camera's picture of a moment with its boxes; needs no graphics driver."""
     from viewer.folder import find_moment, find_recording
-    from viewer.replay import replay as show
+    from viewer.frames import read_case
+    from viewer.outputs import check_out
+    from viewer.still import write_still
 
+    check_out(out, ".png")
     found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    seconds = write_still(read_case(found.path), moment, out)
     if not found.complete:
         tell(f"{found.path}: the recording is incomplete")
-    show(found, find_moment(found, at))
+    print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
+
+
+@app.command()
+def export(
+    folder: Folder,
+    case: Case,
+    mp4: Annotated[Path | None, typer.Option(help="Film of the camera to write.")] = None,
+    mcap: Annotated[
+        Path | None, typer.Option(help="MCAP file to write, for Foxglove and the like.")
+    ] = None,
+) -> None:
+    """Write a recorded case as a film or an MCAP file; needs no graphics driver."""
+    from viewer.folder import find_recording
+    from viewer.frames import read_case
+    from viewer.mcap_file import write_mcap
+    from viewer.outputs import check_out
+    from viewer.video import write_film
+
+    if mp4 is None and mcap is None:
+        raise UsageError("say what to write: --mp4 FILE, --mcap FILE, or both")
+    for out, suffix in ((mp4, ".mp4"), (mcap, ".mcap")):
+        if out is not None:
+            check_out(out, suffix)
+    found = find_recording(folder, case)
+    recorded = read_case(found.path)
+    if not found.complete:
+        tell(f"{found.path}: the recording is incomplete")
+    if mp4 is not None:
+        film = write_film(recorded, mp4)
+        if film.held:
+            tell(f"{film.held} of {film.frames} pictures are missing; their predecessors stand in")
+        length_s = float(film.frames / film.rate_hz)
+        print(f"{mp4}: {film.frames} frames at {float(film.rate_hz):g} Hz, {length_s:.2f} s")
+    if mcap is not None:
+        written = write_mcap(recorded, mcap)
+        print(f"{mcap}: {written.messages} messages, {written.end_ns / 1e9:.2f} s")
+
+
+@app.command()
+def replay(
+    folder: Folder,
+    case: AnyCase = "",
+    at: At = "aeb",
+    output: OutputOption = Output.human,
+) -> None:
+    """Open a recorded case in the native viewer, paused at a moment; or the table of all cases.
+
+    With --output json nothing is opened.
+    """
+    from viewer.catalogue import read_catalogue
+    from viewer.folder import find_moment, find_recording
+    from viewer.replay import print_catalogue, replay_all
+    from viewer.replay import replay as show
+
+    if case:
+        if output is Output.json:
+            raise UsageError("--output json lists all recordings; leave out the case")
+        found = find_recording(folder, case)
+        if not found.complete:
+            tell(f"{found.path}: the recording is incomplete")
+        show(found, find_moment(found, at))
+        return
+    catalogue = read_catalogue(folder, at)
+    for line in catalogue.remarks():
+        tell(line)
+    print_catalogue(catalogue, output)
+    if output is Output.human:
+        replay_all(catalogue)
 
 
 @app.command()
@@ -117,6 +203,7 @@ def live(
     """
     from viewer.live import LiveOptions, run_live
 
+    _end_with_parent()
     if bool(connect) == (run_folder is not None):
         raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
     if node and not ssh:
@@ -135,6 +222,70 @@ def live(
         json=output is Output.json,
     )
     raise typer.Exit(run_live(options))
+
+
+@app.command()
+def web(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Campaign folder whose recordings are shown.")
+    ] = None,
+    case: Annotated[str, typer.Argument(help="Case id; none: the table of all.")] = "",
+    connect: Annotated[
+        str, typer.Option(help="Or live: the conductor's endpoint, e.g. tls/login1:7447.")
+    ] = "",
+    run_folder: Annotated[
+        Path | None,
+        typer.Option("--run", help="Or live: campaign or state folder on a shared file system."),
+    ] = None,
+    focus: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="Live: show this case in full as well; up to 8 times."),
+    ] = None,
+    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    key: KeyOption = None,
+    at: At = "aeb",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
+    ] = 0,
+    output: OutputOption = Output.human,
+) -> None:
+    """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
+    from viewer.browser.serve import WebOptions, run_web
+    from viewer.catalogue import read_catalogue
+    from viewer.folder import find_moment, find_recording
+
+    if sum((bool(connect), run_folder is not None, folder is not None)) != 1:
+        raise UsageError(
+            "give a campaign folder (its recordings), or for running cases one of "
+            "--connect tls/HOST:PORT and --run FOLDER"
+        )
+    as_json = output is Output.json
+    if folder is None:
+        live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
+        live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
+        live_options += [f"--case={name}" for name in focus or ()]
+        raise typer.Exit(run_web(WebOptions(port, live=tuple(live_options), json=as_json)))
+    moment = None
+    if case:
+        moment = find_moment(find_recording(folder, case), at)
+    else:
+        for line in read_catalogue(folder, at).remarks():
+            tell(line)
+    options = WebOptions(port, folder, at, case, moment, json=as_json)
+    raise typer.Exit(run_web(options))
+
+
+def _end_with_parent() -> None:
+    """As a child of `viewer web`: leave when it is gone, however it ended."""
+    if not os.environ.pop(PARENT_VARIABLE, ""):
+        return
+
+    def wait() -> None:
+        while os.read(0, 4096):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="lifeline", daemon=True).start()
 
 
 @app.command("bench")

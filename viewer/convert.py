@@ -158,7 +158,8 @@ class CaseConverter:
         x_m = sample.x_m + nose * math.cos(sample.yaw_rad)
         y_m = sample.y_m + nose * math.sin(sample.yaw_rad)
         center = stage.obstacle_center_m
-        rear = [center[0] - stage.obstacle_size_m[0] / 2, center[1], 0.3]
+        half, yaw = stage.obstacle_size_m[0] / 2, stage.obstacle_yaw_rad
+        rear = [center[0] - half * math.cos(yaw), center[1] - half * math.sin(yaw), 0.3]
         return rr.LineStrips3D(
             [[[x_m, y_m, 0.3], rear]],
             colors=[RED if braking else GREEN],

@@ -64,6 +64,7 @@ class Recording:
                 weather=start.weather,
                 time_of_day=clock(start.time_of_day_min),
                 seed=start.seed,
+                schema=start.v,
             ),
         )
         self._log(self._converter.start(), static=True)

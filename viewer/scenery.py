@@ -27,7 +27,13 @@ ORANGE: Color = (245, 166, 35)
 CYAN: Color = (90, 200, 220)
 GREY: Color = (120, 126, 138)
 
-VERDICT_COLORS: dict[str, Color] = {"pass": GREEN, "collision": RED, "false_braking": ORANGE}
+VERDICT_COLORS: dict[str, Color] = {
+    "pass": GREEN,
+    "collision": RED,
+    "lane_departure": RED,
+    "false_braking": ORANGE,
+    "time_up": ORANGE,
+}
 
 BUILDING_HEIGHT_M = 0.2
 """Buildings are drawn as flat as their ground plan, so that they hide nothing [m]."""
@@ -84,11 +90,10 @@ def unpacked(scene: SceneMesh) -> rr.Mesh3D:
 
 def outline(stage: Stage) -> list[Logged]:
     """Lane edges, kerbs, the obstacle, parked cars and buildings."""
-    start, end, lane = stage.road_start_m, stage.road_end_m, stage.lane_width_m
+    lane = stage.lane_width_m
     right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
     edges = [-lane / 2, lane / 2, 1.5 * lane]
-    strips = [[[start, y, 0.02], [end, y, 0.02]] for y in edges]
-    strips += [[[start, y, 0.02], [end, y, 0.02]] for y in (right, left)]
+    strips = [_beside(stage.lane, y) for y in (*edges, right, left)]
     colors = [GREY, (225, 190, 80), GREY, (80, 84, 92), (80, 84, 92)]
     cars = stage.hulls[: stage.cars]
     walls = [hull for hull in stage.hulls[stage.cars :] if hull[3] >= POST_M]
@@ -100,6 +105,9 @@ def outline(stage: Stage) -> list[Logged]:
             rr.Boxes3D(
                 centers=[stage.obstacle_center_m],
                 sizes=[stage.obstacle_size_m],
+                rotation_axis_angles=[
+                    rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=stage.obstacle_yaw_rad))
+                ],
                 colors=[RED],
                 fill_mode="solid",
             ),
@@ -110,6 +118,11 @@ def outline(stage: Stage) -> list[Logged]:
     if walls:
         logged.append((naming.BUILDINGS, _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57))))
     return logged
+
+
+def _beside(lane: list[list[float]], y_m: float) -> list[list[float]]:
+    """The line ``y_m`` to the left of a lane, a little above the ground."""
+    return [[x - y_m * math.sin(yaw), y + y_m * math.cos(yaw), 0.02] for x, y, yaw in lane]
 
 
 def eyes(start: CaseStart) -> list[Logged]:

@@ -12,6 +12,11 @@ _SCALARS = {
     "decel_peak_mps2": "peak deceleration [m/s²]",
     "sim_time_s": "sim time [s]",
 }
+_LANE_SCALARS = {
+    "distance_m": "along the lane [m]",
+    "lateral_error_rms_m": "lateral error RMS [m]",
+    "lateral_error_max_m": "largest lateral error [m]",
+}
 
 
 def running_text(start: CaseStart) -> str:
@@ -40,7 +45,8 @@ def _what(start: CaseStart) -> str:
 
 def _table(end: CaseEnd) -> str:
     lines = ["| | |", "|---|---|"]
-    for name, label in _SCALARS.items():
+    lane = {} if end.scalars.get("distance_m") is None else _LANE_SCALARS
+    for name, label in {**lane, **_SCALARS}.items():
         value = end.scalars.get(name)
         lines.append(f"| {label} | {'-' if value is None else f'{value:.2f}'} |")
     return "\n".join(lines)

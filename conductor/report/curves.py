@@ -14,7 +14,7 @@ from conductor.report.dossier import Dossier, Row
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.kpi_file import kpi_sha256, read_kpi
 
-CURVES = ("aeb", "dtc_m", "collisions", "throttle", "brake", "speed_mps")
+CURVES = ("lateral_error_m", "aeb", "dtc_m", "collisions", "throttle", "brake", "speed_mps")
 """KPI columns that are drawn, from top to bottom."""
 
 POINTS_MAX = 600
@@ -38,6 +38,11 @@ class Curve:
     """By column of :data:`CURVES`."""
     ticks: int
     """Rows before thinning."""
+
+
+def drawn(dossier: Dossier) -> tuple[str, ...]:
+    """The curves that the scenario of a campaign fills."""
+    return tuple(name for name in CURVES if name != "lateral_error_m" or dossier.lane_keeping)
 
 
 def read_curve(dossier: Dossier, row: Row, points_max: int = POINTS_MAX) -> Curve | None:

@@ -9,6 +9,7 @@ from typing import Any
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
 from conductor.report.page import render
+from conductor.report.perception_cost import perception_costs
 from conductor.report.resources import gather_resources
 from conductor.report.resources_use import Resources, Use
 from conductor.report.summary import write_summary_of
@@ -73,6 +74,7 @@ def report_json(folder: Path) -> dict[str, Any]:
         "disagreements": evidence.disagreements,
         "systems": [{**asdict(line), "rate": line.rate} for line in verdict_table(dossier)],
         "cases": [case_record(dossier, row) for row in dossier.rows],
+        "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources),
     }
 

@@ -11,6 +11,7 @@ from conductor.folders import CAMPAIGN_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
+from schemas.perception import file_fields
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -62,8 +63,13 @@ class Dossier:
         return sum(not row.end.outcome for row in self.rows)
 
     @property
+    def lane_keeping(self) -> bool:
+        """The ego keeps its lane, and nothing stands in it; else it brakes for an obstacle."""
+        return self.campaign.scenario.type == "lane_keeping"
+
+    @property
     def passed(self) -> int:
-        """Cases that passed by the paper's rule: no collision."""
+        """Cases that passed by the rule of their scenario."""
         return sum(row.passed is True for row in self.rows)
 
 
@@ -100,16 +106,17 @@ def open_dossier(folder: Path) -> Dossier:
 
 def perception_text(case: Case) -> str:
     """What the perception variant of ``case`` really is, e.g. ``ground_truth stand-in,
-    contrast_min 0.05``: the name of a network alone would claim too much."""
+    contrast_min 0.05``: the name of a network alone would claim too much. Files by their name."""
     spec = case.perception
     kind = str(spec.__struct_config__.tag or "")
     defaults = dict(
         zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
     )
     values = msgspec.to_builtins(spec)
+    values.update((name, Path(path).name) for name, path in file_fields(spec).items())
     stand_in = kind == "ground_truth" and case.model != kind
     shown = [
-        f"{name} {values[name]}"
+        name if values[name] is True else f"{name} {values[name]}"
         for name in spec.__struct_fields__
         if name == "contrast_min" or values[name] != defaults.get(name)
     ]

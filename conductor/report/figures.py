@@ -13,16 +13,17 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from conductor.report.axes import axis_label, axis_value, axis_values, heat_axes
-from conductor.report.curves import CURVES
+from conductor.report.axes import axis_label, axis_values, heat_axes
+from conductor.report.cells import cell_text, cells_of, worst
 from conductor.report.dossier import Dossier, Row
-from conductor.report.palette import status_color, status_symbol
+from conductor.report.palette import status_color
 from conductor.report.tables import statuses
 
 SAFETY_M = 1.0
 """Factor of safety of the paper's Fig. 5 [m]."""
 
 TITLES = {
+    "lateral_error_m": ("Lateral error", "left of lane's centre [m]"),
     "aeb": ("AEB trigger", "AEB [0/1]"),
     "dtc_m": ("Distance to collision", "DTC [m]"),
     "collisions": ("Collisions so far", "count [-]"),
@@ -34,10 +35,14 @@ TITLES = {
 
 _SAFETY_COLOR = "#B3261E"
 
-# From bad to good: a cell of several cases shows the worst of them.
-_WORST_FIRST = ("collision", "failed", "unresolved", "cancelled", "not ended")
 _CASES_IN_HOVER = 6
-_ROW_HEIGHTS = {"aeb": 0.6, "dtc_m": 1.6, "collisions": 0.6, "speed_mps": 1.2}
+_ROW_HEIGHTS = {
+    "aeb": 0.6,
+    "dtc_m": 1.6,
+    "collisions": 0.6,
+    "speed_mps": 1.2,
+    "lateral_error_m": 1.6,
+}
 
 
 def heat_maps(dossier: Dossier) -> list[dict[str, Any]]:
@@ -53,13 +58,9 @@ def heat_maps(dossier: Dossier) -> list[dict[str, Any]]:
 
 
 def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> dict[str, Any]:
-    xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
+    cells = cells_of(dossier, rows, x_axis, y_axis)
+    xs, ys, grid = cells.xs, cells.ys, cells.rows
     known = statuses(dossier)
-    cells: dict[tuple[Any, Any], list[Row]] = {}
-    for row in rows:
-        key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
-        cells.setdefault(key, []).append(row)
-    grid = [[cells.get((x, y), []) for x in xs] for y in ys]
     count = len(known)
     scale = []
     for index, status in enumerate(known):
@@ -71,10 +72,10 @@ def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> di
         go.Heatmap(
             x=[_tick(x) for x in xs],
             y=[_tick(y) for y in ys],
-            z=[[known.index(_worst(c).status) if c else None for c in line] for line in grid],
-            text=[[_cell_text(c) for c in line] for line in grid],
+            z=[[known.index(worst(c).status) if c else None for c in line] for line in grid],
+            text=[[cell_text(c) for c in line] for line in grid],
             hovertext=[[_hover(c) for c in line] for line in grid],
-            customdata=[[_worst(c).case.id if c else "" for c in line] for line in grid],
+            customdata=[[worst(c).case.id if c else "" for c in line] for line in grid],
             texttemplate="%{text}",
             hovertemplate="%{hovertext}<extra></extra>",
             hoverongaps=False,
@@ -105,37 +106,16 @@ def _tick(value: object) -> str:
     return html.escape(str(value).replace("_", " "), quote=False)
 
 
-def _worst(cell: list[Row]) -> Row:
-    def severity(row: Row) -> int:
-        if row.status in _WORST_FIRST:
-            return _WORST_FIRST.index(row.status)
-        return len(_WORST_FIRST) + (row.status == "pass") + (row.passed is True)
-
-    return min(cell, key=severity)
-
-
-def _cell_text(cell: list[Row]) -> str:
-    """Symbol and the number that matters: how near it came, or how hard it hit."""
-    if not cell:
-        return ""
-    row = _worst(cell)
-    symbol = status_symbol(row.status)
-    if len(cell) > 1:
-        return f"{symbol} {sum(r.passed is True for r in cell)}/{len(cell)}"
-    if row.status == "collision":
-        speed = row.scalar("impact_speed_mps")
-        return symbol if speed is None else f"{symbol} {speed:.1f}"
-    distance = row.scalar("dtc_min_m") if row.passed else None
-    return symbol if distance is None else f"{symbol} {distance:.1f}"
-
-
 def _hover(cell: list[Row]) -> str:
     lines = []
     for row in cell[:_CASES_IN_HOVER]:
         lines.append(f"<b>{html.escape(row.case.id, quote=False)}</b>")
         lines.append(html.escape(row.status.replace("_", " "), quote=False))
         distance, speed = row.scalar("dtc_min_m"), row.scalar("impact_speed_mps")
-        if distance is not None:
+        error = row.scalar("lateral_error_rms_m")
+        if error is not None:
+            lines.append(f"lateral error {error:.3f} m RMS")
+        elif distance is not None:
             lines.append(f"smallest distance {distance:.3f} m")
         if speed is not None:
             lines.append(f"impact at {speed:.2f} m/s")
@@ -149,32 +129,34 @@ def _short(text: str) -> str:
     return text if len(text) <= 90 else text[:89] + "…"
 
 
-def curve_frame() -> dict[str, Any]:
+def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
     """Layout of the curve figure: one row per KPI over a shared sim time axis, without traces.
 
-    Axis ``y<n>`` belongs to the n-th of :data:`CURVES`.
+    Axis ``y<n>`` belongs to the n-th of ``curves``.
     """
     figure = make_subplots(
-        rows=len(CURVES),
+        rows=len(curves),
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.035,
-        row_heights=[_ROW_HEIGHTS.get(name, 0.8) for name in CURVES],
-        subplot_titles=[TITLES[name][0] for name in CURVES],
+        row_heights=[_ROW_HEIGHTS.get(name, 0.8) for name in curves],
+        subplot_titles=[TITLES[name][0] for name in curves],
     )
     # make_subplots centres the titles; a reader looks for them at the left.
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left", font={"size": 13, "weight": 600})
-    for index, name in enumerate(CURVES, 1):
+    for index, name in enumerate(curves, 1):
         figure.update_yaxes(title={"text": TITLES[name][1]}, row=index, col=1)
         if name in ("aeb", "throttle", "brake"):
             figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 0.5, 1], row=index, col=1)
         elif name == "collisions":
             figure.update_yaxes(rangemode="tozero", dtick=1, row=index, col=1)
+        elif name == "lateral_error_m":
+            figure.update_yaxes(zeroline=True, row=index, col=1)
         else:
             figure.update_yaxes(rangemode="tozero", row=index, col=1)
-    figure.update_yaxes(tickvals=[0, 1], row=CURVES.index("aeb") + 1, col=1)
-    row = CURVES.index("dtc_m") + 1
+    figure.update_yaxes(tickvals=[0, 1], row=curves.index("aeb") + 1, col=1)
+    row = curves.index("dtc_m") + 1
     figure.add_shape(
         type="line",
         xref="x domain",
@@ -198,10 +180,10 @@ def curve_frame() -> dict[str, Any]:
         row=row,
         col=1,
     )
-    figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(CURVES), col=1)
+    figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(curves), col=1)
     figure.update_layout(
         template=go.layout.Template(),
-        height=1080,
+        height=180 * len(curves),
         margin={"l": 72, "r": 12, "t": 98, "b": 48},
         hovermode="closest",
         # Below the tool bar, above the first row, whatever the height.

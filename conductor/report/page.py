@@ -16,13 +16,14 @@ from plotly.offline import get_plotlyjs
 
 from conductor.report.axes import axis_label, axis_value, axis_values, further_axes, varied_axes
 from conductor.report.content import Content
-from conductor.report.curves import CURVES, Floats
+from conductor.report.curves import Floats, drawn
 from conductor.report.dossier import Dossier
 from conductor.report.evidence import commands, versions
 from conductor.report.figures import curve_frame, heat_maps
 from conductor.report.palette import line_styles, status_color, status_symbol
+from conductor.report.perception_cost import perception_costs
 from conductor.report.resources_figure import resource_figure
-from conductor.report.tables import statuses, verdict_table, without_verdict
+from conductor.report.tables import case_columns, statuses, verdict_table, without_verdict
 
 _ASSETS = Path(__file__).parent / "assets"
 
@@ -44,10 +45,12 @@ def render(content: Content) -> str:
         outcomes=dossier.outcomes,
         evidence=content.evidence,
         resources=content.resources,
+        perception=perception_costs(dossier),
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),
         shown=content.shown,
+        columns=case_columns(dossier),
         further=[(axis, axis_label(axis)) for axis in further_axes(dossier.campaign)],
         axis_value=axis_value,
         color=status_color,
@@ -65,13 +68,14 @@ def render(content: Content) -> str:
 def _page_data(content: Content) -> dict[str, Any]:
     """What the page's script draws from."""
     dossier = content.dossier
+    curves = drawn(dossier)
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     groups = [*(axes or ["weather"]), "model", "status"]
     if "weather" in groups:
         groups = ["weather", *(axis for axis in groups if axis != "weather")]
     return {
-        "curves": CURVES,
-        "frame": curve_frame()["layout"],
+        "curves": curves,
+        "frame": curve_frame(curves)["layout"],
         "heat": heat_maps(dossier),
         "collision_color": status_color("collision"),
         "models": axis_values(dossier, "model"),
@@ -99,7 +103,9 @@ def _case_data(content: Content, groups: list[str]) -> Iterator[dict[str, Any]]:
                 for axis in groups
             },
             "time_s": _packed(curve.time_s) if curve else None,
-            "values": [_packed(curve.values[name]) for name in CURVES] if curve else [],
+            "values": [_packed(curve.values[name]) for name in drawn(content.dossier)]
+            if curve
+            else [],
         }
 
 

@@ -14,12 +14,16 @@ KNOWN_STATUSES = (
     "pass",
     "false_braking",
     "collision",
+    "lane_departure",
+    "time_up",
     "failed",
     "unresolved",
     "cancelled",
     NOT_ENDED,
 )
-"""Statuses in the order of the report; verdicts that are new to it stand after ``collision``."""
+"""Statuses in the order of the report; verdicts that are new to it stand after ``time_up``."""
+
+_VERDICTS = KNOWN_STATUSES.index("failed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,8 @@ class SystemRow:
     """Status -> cases, in the order of :func:`statuses`; 0 where there is none."""
     stops_m: tuple[float, float, float] | None
     """Smallest, median and largest of the smallest distances of passed cases [m]."""
+    lateral_rms_m: tuple[float, float, float] | None
+    """Smallest, median and largest lateral error (RMS) of decided cases; lane keeping [m]."""
 
     @property
     def rate(self) -> float:
@@ -47,7 +53,7 @@ def statuses(dossier: Dossier) -> list[str]:
     """Statuses that occur, in the order of the report; ``pass`` and ``collision`` always."""
     found = {row.status for row in dossier.rows} | {"pass", "collision"}
     new = sorted(found - set(KNOWN_STATUSES))
-    order = [*KNOWN_STATUSES[:3], *new, *KNOWN_STATUSES[3:]]
+    order = [*KNOWN_STATUSES[:_VERDICTS], *new, *KNOWN_STATUSES[_VERDICTS:]]
     return [status for status in order if status in found]
 
 
@@ -64,8 +70,6 @@ def verdict_table(dossier: Dossier) -> list[SystemRow]:
 
 
 def _system(dossier: Dossier, model: str, perception: str, rows: list[Row]) -> SystemRow:
-    distances = [row.scalar("dtc_min_m") for row in rows if row.passed]
-    known = [d for d in distances if d is not None]
     return SystemRow(
         model=model,
         perception=perception,
@@ -73,8 +77,35 @@ def _system(dossier: Dossier, model: str, perception: str, rows: list[Row]) -> S
         passed=sum(row.passed is True for row in rows),
         total=len(rows),
         counts={s: sum(row.status == s for row in rows) for s in statuses(dossier)},
-        stops_m=(min(known), statistics.median(known), max(known)) if known else None,
+        stops_m=_spread([row.scalar("dtc_min_m") for row in rows if row.passed]),
+        lateral_rms_m=_spread(
+            [row.scalar("lateral_error_rms_m") for row in rows if row.passed is not None]
+        ),
     )
+
+
+def _spread(values: list[float | int | None]) -> tuple[float, float, float] | None:
+    known = [value for value in values if value is not None]
+    return (min(known), statistics.median(known), max(known)) if known else None
+
+
+def case_columns(dossier: Dossier) -> list[tuple[str, str]]:
+    """Title and scalar of the numbers in the case table."""
+    lane = [
+        ("Distance [m]", "distance_m"),
+        ("Lateral error RMS [m]", "lateral_error_rms_m"),
+        ("Largest [m]", "lateral_error_max_m"),
+    ]
+    brake = [
+        ("Min DTC [m]", "dtc_min_m"),
+        ("Impact [m/s]", "impact_speed_mps"),
+        ("AEB at [s]", "aeb_time_s"),
+        ("AEB DTC [m]", "aeb_dtc_m"),
+        ("AEB TTC [s]", "aeb_ttc_s"),
+        ("Peak decel. [m/s²]", "decel_peak_mps2"),
+    ]
+    drive = [("Top speed [m/s]", "speed_max_mps"), ("Sim time [s]", "sim_time_s")]
+    return [*(lane + brake[1:3] if dossier.lane_keeping else brake), *drive]
 
 
 def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from devkit.darknet.build import read_network
 from devkit.darknet.network import Network
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import coco_names
-from devkit.darknet.weights import float_count, read_weights
+from devkit.darknet.weights import Weights, float_count, read_weights
 
 NAMES_BYTES_MAX = 1 << 20
 """A larger file is no list of names [bytes]."""
@@ -57,10 +58,7 @@ def import_darknet(
     network = read_network(cfg, width, height)
     labels = _labels(network, names)
     numbers = read_weights(weights, network)
-
-    from devkit.darknet.onnx_writer import write_onnx
-
-    model = write_onnx(network, numbers, labels, half=half)
+    model = _written(network, numbers, labels, half=half)
     partial = out.with_name(f".{out.name}.partial")
     try:
         partial.write_bytes(model.SerializeToString(deterministic=True))
@@ -76,6 +74,24 @@ def import_darknet(
         classes=list(labels),
         seen=numbers.seen,
     )
+
+
+def darknet_model(cfg: Path, weights: Path, names: Path | None = None) -> Any:
+    """``cfg`` and ``weights`` as an ``onnx.ModelProto``; nothing is written.
+
+    Raises:
+        DarknetError: one line naming the file and what is wrong with it.
+    """
+    network = read_network(cfg)
+    return _written(network, read_weights(weights, network), _labels(network, names))
+
+
+def _written(
+    network: Network, numbers: Weights, labels: Sequence[str], *, half: bool = False
+) -> Any:
+    from devkit.darknet.onnx_writer import write_onnx
+
+    return write_onnx(network, numbers, labels, half=half)
 
 
 def _labels(network: Network, path: Path | None) -> Sequence[str]:

@@ -44,13 +44,18 @@ def architecture(
         name, width_multiple = match[1], width_multiple * int(match[2]) / 100
     if name not in ARCHITECTURES:
         raise DarknetError(f"architecture '{name}': {suggest(name, list(ARCHITECTURES))}")
-    sections = read_sections(_FOLDER / f"{name}.cfg")
+    sections = read_sections(published_cfg(name))
     return vary(sections, width_multiple, classes, width, height, anchors)
 
 
 def architecture_network(name: str, **how: object) -> Network:
     """The :class:`~devkit.darknet.network.Network` of :func:`architecture`."""
     return build_network(architecture(name, **how), name)  # type: ignore[arg-type]
+
+
+def published_cfg(name: str) -> Path:
+    """The cfg of one of :data:`ARCHITECTURES`."""
+    return _FOLDER / f"{name}.cfg"
 
 
 def coco_names() -> list[str]:

@@ -19,8 +19,8 @@ from pictures import (
 
 from schemas.campaign import Camera
 from schemas.lens import CameraMount, Lens
+from schemas.lens_projection import project
 from twin.render.camera import wanted_of
-from twin.render.lens import project
 from twin.render.outputs import bytes_per_pixel
 from twin.render.texture import pack_textures, srgb_to_linear
 from twin.world.motion import ObjectKind

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import shutil
+import signal
+from pathlib import Path
 
 import cv2
 import pytest
 import yaml
 
 from schemas.messages import OBJECT_CLASSES
-from twin.dataset.command import DatasetRequest, run_dataset
+from twin.dataset.command import DatasetRequest, run_dataset, show_dataset
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, Shares, Streets
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 
 RECIPE = Recipe(
     seed=6,
@@ -162,6 +166,30 @@ def test_the_head_counts_what_is_there(made):
     assert len(head["software"]) == 64
 
 
+def test_the_tally_is_that_of_the_annotations(made, capsys):
+    show_dataset(DatasetRequest(out=made, plain={}), as_json=True)
+    found = json.loads(capsys.readouterr().out)
+    head = yaml.safe_load((made / "dataset.yaml").read_text())["counts"]
+    assert found["images"] == {split: head[split]["images"] for split in SPLITS}
+    for kind in ("labels", "ignored"):
+        assert found[kind]["split"] == {split: head[split][kind] for split in SPLITS}
+        for groups in found[kind].values():
+            for name in OBJECT_CLASSES:
+                total = sum(counts[name] for counts in groups.values())
+                assert total == sum(head[split][kind][name] for split in SPLITS)
+    rows = []
+    for split in SPLITS:
+        rows += json.loads((made / "annotations" / f"{split}.json").read_text())["annotations"]
+    low = [r for r in rows if r["category_id"] == 1 and not r["ignore"] and r["bbox"][3] < 8]
+    assert found["labels"]["height_px"].get("< 8", {}).get("car", 0) == len(low)
+    small = [r for r in rows if r["category_id"] == 6 and "small" in r["ignored_for"]]
+    assert found["ignored_for"]["traffic_sign"]["small"] == len(small) > 0
+    show_dataset(DatasetRequest(out=made, plain={}), as_json=False)
+    text = capsys.readouterr().out
+    assert "ignored for small" in text
+    assert text.splitlines()[-1] == str(made)
+
+
 def test_a_sheet_shows_the_boxes(made, tmp_path):
     sheet = tmp_path / "sheet.png"
     run_dataset(DatasetRequest(out=made, plain={}, preview=sheet))
@@ -169,3 +197,61 @@ def test_a_sheet_shows_the_boxes(made, tmp_path):
     assert green.sum() > 100
     with pytest.raises(UsageError, match="ends in"):
         run_dataset(DatasetRequest(out=made, plain={}, preview=tmp_path / "sheet.gif"))
+
+
+def children():
+    """Processes that this one has started."""
+    found = []
+    for path in Path("/proc/self/task").glob("*/children"):
+        found += [int(pid) for pid in path.read_text().split()]
+    return found
+
+
+def test_the_same_bytes_by_several_processes(made, tmp_path):
+    seen = []
+    make_dataset(
+        tmp_path / "d", RECIPE, slots=2, jobs=3, device="cpu", report=lambda *a: seen.append(a)
+    )
+    assert seen == [(done, RECIPE.count) for done in range(RECIPE.count + 1)]
+    assert digests(tmp_path / "d") == digests(made)
+    assert not children()
+
+
+def test_interrupts_and_dead_processes_leave_nothing_and_it_goes_on(made, tmp_path):
+    folder = tmp_path / "d"
+
+    def interrupt(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=interrupt)
+    assert not children()
+    assert not list(folder.rglob(".*.tmp"))
+    first = []
+
+    def kill(done, total):
+        first.append(done)
+        if len(first) == 3:
+            os.kill(children()[0], signal.SIGKILL)
+
+    with pytest.raises(InfrastructureError, match="killed by SIGKILL") as caught:
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=kill)
+    assert "\n" not in str(caught.value)
+    assert first[0] >= 2
+    assert not children()
+    assert not list(folder.rglob(".*.tmp"))
+    make_dataset(folder, RECIPE, slots=1, device="cpu", report=quiet)
+    assert digests(folder) == digests(made)
+
+
+def test_what_a_process_cannot_do_is_one_line(tmp_path):
+    folder = tmp_path / "d"
+
+    def spoil(done, total):
+        shutil.rmtree(folder / "images" / "train", ignore_errors=True)
+
+    with pytest.raises(InfrastructureError, match="images/train") as caught:
+        make_dataset(folder, RECIPE, slots=1, jobs=2, device="cpu", report=spoil)
+    assert "\n" not in str(caught.value)
+    assert not children()

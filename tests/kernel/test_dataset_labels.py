@@ -11,17 +11,17 @@ import pytest
 import warp as wp
 
 from schemas.lens import Lens
+from schemas.lens_projection import project
 from schemas.messages import SEMANTIC_CLASSES
 from twin.dataset.cameras import eyes_of
 from twin.dataset.cast import streets_of
-from twin.dataset.eyepoint import View, eyepoint_of, outline_of
+from twin.dataset.eyepoint import View, eyepoint_of, outlines_of
 from twin.dataset.labels import contrast
 from twin.dataset.pose import Pose, attitude
 from twin.dataset.recipe import Recipe, Streets
 from twin.dataset.shot import plan_shot
 from twin.dataset.studio import Studio
 from twin.dataset.traffic import Placed
-from twin.render.lens import project
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.materials import SIGN
 from twin.world.mesh import DECAL
@@ -144,7 +144,8 @@ def test_an_object_across_the_edge_is_half_outside(studio, street, eye):
         shot = shot_of(street, standing(street, "car", 55.0, float(y_m)), eye=eye)
         (x0, _, x1, _), _ = drawn_box(studio, street, shot, EYES[eye])
         subject = studio._subject(shot, studio._world.first_mover, seat)
-        share = outline_of(view, subject.corners_m(studio._bodies)).truncation
+        (outline,) = outlines_of(view, [subject.shape(studio._bodies)])
+        share = outline.truncation
         shares.append(share)
         if np.isfinite([x0, x1]).all() and lens.model == "pinhole":
             outside = -min(x0, 0.0) / (x1 - min(x0, x1))
@@ -173,7 +174,9 @@ def test_truncation_of_a_plate_is_exact():
         return np.concatenate(parts)
 
     for outside in (0.0, 0.25, 0.6, 1.0):
-        found = outline_of(view, plate(edge - 1 + outside, edge + outside)).truncation
+        corners = plate(edge - 1 + outside, edge + outside)
+        shape = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+        found = outlines_of(view, [shape])[0].truncation
         assert found == pytest.approx(outside, abs=0.02)
 
 
@@ -193,7 +196,7 @@ def test_contrast_is_that_of_means_or_of_the_object_itself():
     image = np.full((40, 60, 3), 90, np.uint8)
     instances = np.full((40, 60), -1, np.int32)
     instances[10:20, 20:40] = 7
-    box = np.array((20, 10, 20, 10))
+    box = (20, 10, 20, 10)
     assert contrast(image, instances, 7, box) == 0.0
     image[10:20, 20:40, 1] = 120
     assert contrast(image, instances, 7, box) == 30.0

@@ -13,7 +13,7 @@ from twin.fabric.errors import UsageError
 from twin.world.content import SceneObject
 from twin.world.scene import Scene, load_scene
 
-CAST = (("car", 14), ("truck", 3), ("bus", 2), ("pedestrian", 8), ("cyclist", 3))
+CAST = (("car", 14), ("truck", 4), ("bus", 3), ("pedestrian", 8), ("cyclist", 3))
 """How many looks of each kind a street has."""
 PAINT_DISTANCE = 0.06
 """Paints of vehicles outside ``train`` differ by at least this from those of the same body in it:
@@ -86,10 +86,10 @@ def _base(name: str) -> Scene:
         scene = load_scene(name)
     except ValueError as error:
         raise UsageError(f"dataset: {error}") from None
-    if not scene.street or scene.terrain is not None:
+    if not scene.street or scene.terrain is not None or scene.road.path:
         raise UsageError(
-            f"dataset: scene '{name}': it has no generated street on level ground; "
-            "give a scene with street: true and no terrain"
+            f"dataset: scene '{name}': it has no straight generated street on level ground; "
+            "give a scene with street: true, without road.path and terrain"
         )
     return scene
 
@@ -147,7 +147,7 @@ def _varied(base: Scene, recipe: Recipe, split: str, index: int) -> Scene:
             base.furniture,
             tree_spacing_m=round(between(rng, 13.0, 30.0), 1),
             lamp_spacing_m=round(between(rng, 24.0, 36.0), 1),
-            lamp_intensity_cd=round(between(rng, 250.0, 900.0)),
+            lamp_intensity_cd=round(far_and_near(rng, 300.0, 3000.0)),
         ),
         obstacle=replace(
             base.obstacle,

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +14,8 @@ import yaml
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
 from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.files import write_atomic
+from twin.fabric.files import sync_files, write_atomic
+from twin.fabric.folder_lock import after_all_writers, one_of_the_writers
 
 HEAD = "dataset.yaml"
 _PARTS = ".parts"
@@ -88,9 +86,18 @@ class Folder:
             return True
         for folder in ("annotations", _PARTS, *(f"images/{split}" for split in recipe.counts())):
             (self.path / folder).mkdir(parents=True, exist_ok=True)
-        for left in self.path.rglob(".*.tmp"):
-            left.unlink()  # of a process that was killed while it wrote
+        with after_all_writers(self.path / _PARTS):  # processes of a killed command are gone
+            self.sweep()
         return False
+
+    def sweep(self) -> None:
+        """Remove what processes left that ended while they wrote."""
+        for left in self.path.rglob(".*.tmp"):
+            left.unlink(missing_ok=True)
+
+    def writing(self) -> contextlib.AbstractContextManager[None]:
+        """In a process that writes images for the only writer."""
+        return one_of_the_writers(self.path / _PARTS)
 
     def _check(self, head: dict[str, Any], recipe: Recipe, maker: Maker) -> None:
         stored = parse_recipe(head["recipe"], str(self.head_path))
@@ -117,22 +124,38 @@ class Folder:
         return self.path / _PARTS / f"{split}-{index:06d}.json"
 
     def done(self, recipe: Recipe, split: str, index: int) -> bool:
-        """Whether an image and its labels are there; labels are written last."""
-        part = self.part_path(split, index)
-        return part.exists() and self.image_path(recipe, split, index).exists()
+        """Whether an image and its labels are there; labels are written last.
+
+        A file without a byte is what a power cut leaves.
+        """
+        with contextlib.suppress(FileNotFoundError):
+            paths = self.part_path(split, index), self.image_path(recipe, split, index)
+            return all(path.stat().st_size for path in paths)
+        return False
 
     def write(self, recipe: Recipe, split: str, index: int, image: bytes, part: Any) -> None:
         """Keep a finished image and its labels."""
-        write_atomic(self.image_path(recipe, split, index), image)
+        write_atomic(self.image_path(recipe, split, index), image, sync=False)
         text = json.dumps(part, separators=(",", ":"))
-        write_atomic(self.part_path(split, index), text.encode())
+        write_atomic(self.part_path(split, index), text.encode(), sync=False)
 
     def read_part(self, split: str, index: int) -> Any:
-        """Labels of a finished image."""
-        return json.loads(self.part_path(split, index).read_bytes())
+        """Labels of a finished image.
+
+        Raises:
+            InfrastructureError: they are damaged; one line.
+        """
+        path = self.part_path(split, index)
+        try:
+            return json.loads(path.read_bytes())
+        except ValueError:
+            raise InfrastructureError(
+                f"{path}: damaged, as by a power cut; remove it and run the same command again"
+            ) from None
 
     def finish(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
         """Say that everything is there, and tidy up."""
+        sync_files(self.path)
         self.write_head(recipe, maker, {"complete": True, **more})
         self._drop_parts()
 
@@ -142,27 +165,6 @@ class Folder:
             for path in parts.iterdir():
                 path.unlink()
             parts.rmdir()
-
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Nobody else writes here meanwhile.
-
-        Raises:
-            InfrastructureError: somebody does.
-        """
-        self.path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self.path, os.O_RDONLY)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            raise InfrastructureError(
-                f"{self.path}: another process is writing to it; wait for it or give another folder"
-            ) from None
-        try:
-            yield
-        finally:
-            os.close(descriptor)
 
 
 def _shown(value: Any) -> str:

@@ -82,7 +82,9 @@ def ignored_for(seen: Seen, rules: Rules, extinction_per_m: float) -> list[str]:
     return [reason for reason, holds in found.items() if holds]
 
 
-def contrast(image: np.ndarray, instances: np.ndarray, instance: int, box: np.ndarray) -> float:
+def contrast(
+    image: np.ndarray, instances: np.ndarray, instance: int, box: tuple[int, int, int, int]
+) -> float:
     """How much an object stands out [1/255].
 
     The larger of the difference of its mean from that of its surroundings, in the channel where it
@@ -94,7 +96,7 @@ def contrast(image: np.ndarray, instances: np.ndarray, instance: int, box: np.nd
         instances: int32 [H, W].
         box: x, y, width, height.
     """
-    x, y, width, height = (int(v) for v in box)
+    x, y, width, height = box
     dx, dy = max(2, round(_RING * width)), max(2, round(_RING * height))
     rows = slice(max(0, y - dy), y + height + dy)
     columns = slice(max(0, x - dx), x + width + dx)

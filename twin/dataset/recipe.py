@@ -28,14 +28,14 @@ class Rules(_Spec, frozen=True):
     """Smallest longer side of the visible box [px]."""
     short_side_px_min: Annotated[int, Meta(ge=1)] = 4
     """Smallest shorter side of the visible box [px]."""
-    visibility_min: Share = 0.25
+    visibility_min: Share = 0.4
     """Smallest share of the object's pixels that nothing hides [-]."""
     truncation_max: Share = 0.85
     """Largest share of the object outside the image [-]."""
     transmission_min: Share = 0.05
     """Smallest share of contrast that the air lets through, exp(-extinction x distance); at the
     meteorological optical range it is 0.05 [-]."""
-    contrast_min: Annotated[float, Meta(ge=0, le=255)] = 3.0
+    contrast_min: Annotated[float, Meta(ge=0, le=255)] = 5.0
     """Smallest contrast in the image, in steps of 8 bits: the object's mean against that of its
     surroundings, or its own standard deviation, whichever is larger [1/255]."""
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from twin.dataset.eyepoint import Eyepoint, Outline, View
+from twin.dataset.eyepoint import Eyepoint, Outline, Shape, View, rotated
 from twin.render import bvh, traverse
 from twin.render.geometry import turned
 from twin.world.materials import SIGN
@@ -94,8 +94,10 @@ def silhouette_kernel(
 class Body:
     """The triangles of one object or kind, in axes of its own."""
 
-    corners_m: np.ndarray
-    """float64 [F, 3, 3]"""
+    points_m: np.ndarray
+    """float64 [V, 3]"""
+    faces: np.ndarray
+    """Three points each [F, 3]."""
 
 
 def bodies_of(world: World) -> list[Body]:
@@ -118,7 +120,8 @@ def sign_fronts(world: World) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 
 
 def _body(mesh: Mesh, own: np.ndarray) -> Body:
-    return Body(mesh.points_m[mesh.faces[own]].astype(float))
+    used, faces = np.unique(mesh.faces[own], return_inverse=True)
+    return Body(mesh.points_m[used].astype(float), faces.reshape(-1, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,12 +133,13 @@ class Subject:
     yaw_rad: float
     eyepoint: Eyepoint
 
-    def corners_m(self, bodies: list[Body]) -> np.ndarray:
-        """Corners of its triangles in the camera's frame [F, 3, 3]."""
+    def shape(self, bodies: list[Body]) -> Shape:
+        """Its points in the camera's frame, and its triangles."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        world = bodies[self.body].corners_m @ turn.T + self.position_m
-        return self.eyepoint.camera_from_world(world)
+        body = bodies[self.body]
+        world = rotated(body.points_m, turn) + self.position_m
+        return self.eyepoint.camera_from_world(world), body.faces
 
 
 class Silhouettes:
@@ -147,9 +151,7 @@ class Silhouettes:
         nodes, leaves, roots = [], [], []
         node = leaf = 0
         for body in bodies:
-            count = len(body.corners_m)
-            points = body.corners_m.reshape(-1, 3).astype(np.float32)
-            built = bvh.build_bvh(points, np.arange(3 * count).reshape(-1, 3), shape)
+            built = bvh.build_bvh(body.points_m.astype(np.float32), body.faces, shape)
             words = built.words(node, leaf, shape)
             nodes.append(words[0])
             leaves.append(words[1])

@@ -15,7 +15,8 @@ from schemas.identity import stream_key
 from schemas.messages import OBJECT_CLASSES, Lights
 from twin.dataset.cameras import Eye
 from twin.dataset.cast import Street
-from twin.dataset.eyepoint import Eyepoint, Outline, View, eyepoint_of, outline_of
+from twin.dataset.eyepoint import Eyepoint, Outline, View, eyepoint_of, outlines_of
+from twin.dataset.heights import on_steps
 from twin.dataset.labels import Seen, annotation, contrast
 from twin.dataset.pose import attitude, quaternion
 from twin.dataset.recipe import Recipe
@@ -29,9 +30,11 @@ from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, sw
 from twin.render.memory import check_free, plan
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
-from twin.world.environment import light_of, wind_towards
+from twin.world.almanac import heavens
+from twin.world.environment import wind_towards
 from twin.world.motion import Placement, Still
 from twin.world.street import World, build_world
+from twin.world.sun import daylight_under
 from twin.world.weather import parameters
 
 
@@ -52,6 +55,8 @@ class _Places(Still):
     count = sum(PLACES.values())
 
 
+_PIXELS = 4
+"""Column of the number of pixels among :data:`twin.render.boxes.BOX_FIELDS`."""
 _FIRST = dict(zip(PLACES, np.cumsum([0, *PLACES.values()]).tolist(), strict=False))
 """Number of the first object of each class."""
 
@@ -91,7 +96,7 @@ class Studio:
         assert all(shot.eye == shots[0].eye for shot in shots)
         camera, rays = self._camera(shots[0].eye)
         lights = self._expose(camera, shots)
-        found = self._annotations(shots, camera.image, camera.outputs["instance"], rays)
+        found = self._annotations(shots, camera, rays)
         for slot, shot in enumerate(shots):
             yield Taken(shot, camera.image[slot], lights[slot], found[slot])
 
@@ -113,28 +118,34 @@ class Studio:
         return lights
 
     def _annotations(
-        self, shots: list[Shot], images: np.ndarray, instances: np.ndarray, rays: wp.array
+        self, shots: list[Shot], camera: RayCamera, rays: wp.array
     ) -> list[list[dict[str, Any]]]:
-        """Of every image, by instance; ``images`` [S, H, W, 3] and ``instances`` [S, H, W]."""
+        """Of every image, by instance."""
         eye = self._eyes[shots[0].eye]
         spec = eye.camera
         view = View(eye.mount.lens, spec.width, spec.height, spec.hfov_deg)
-        subjects, outlines, numbers = [], [], []
+        boxes = camera.boxes.numpy()
+        subjects, outlines, present = [], [], []
         for slot, shot in enumerate(shots):
             seat = eyepoint_of(*attitude(shot.pose), eye.mount)
-            for instance in np.unique(instances[slot][instances[slot] >= 0]).tolist():
-                subject = self._subject(shot, instance, seat)
-                subjects.append(subject)
-                outlines.append(outline_of(view, subject.corners_m(self._bodies)))
-                numbers.append((slot, instance))
-        alone = self._silhouettes.count(subjects, outlines, rays, view)
-        found: list[list[dict[str, Any]]] = [[] for _ in shots]
-        for (slot, instance), outline, full in zip(numbers, outlines, alone, strict=True):
-            shot = shots[slot]
-            seen = self._seen(shot, instance, full, outline, images[slot], instances[slot])
-            seen = replace(seen, behind=self._behind(instance, shot, eye))
+            there = np.flatnonzero(boxes[slot, :, _PIXELS]).tolist()
+            own = [self._subject(shot, instance, seat) for instance in there]
+            outlines += outlines_of(view, [subject.shape(self._bodies) for subject in own])
+            subjects += own
+            present.append(there)
+        alone = iter(self._silhouettes.count(subjects, outlines, rays, view))
+        around = iter(outlines)
+        found = []
+        for slot, (shot, there) in enumerate(zip(shots, present, strict=True)):
             extinction = parameters(shot.conditions).extinction_per_m
-            found[slot].append(annotation(seen, self._recipe.rules, extinction))
+            seat = eyepoint_of(*attitude(shot.pose), eye.mount)
+            picture = camera.image[slot], camera.outputs["instance"][slot]
+            rows = []
+            for instance in there:
+                counted = boxes[slot, instance], next(alone), next(around)
+                seen = self._seen(shot, instance, counted, picture, seat)
+                rows.append(annotation(seen, self._recipe.rules, extinction))
+            found.append(rows)
         return found
 
     def _camera(self, number: int) -> tuple[RayCamera, wp.array]:
@@ -159,7 +170,8 @@ class Studio:
         place = self._street.scene.origin
         weather = parameters(shot.conditions)
         environment = Environment(date=shot.date)
-        light = light_of(environment, place, shot.minute, weather)
+        bodies = on_steps(heavens(place, shot.date, shot.minute, environment.sun))
+        light = daylight_under(bodies, weather, environment.exposure_ev100)
         lamps = shot.lights(light.illuminance_lx)
         row = camera.lights.host[slot]
         fill_light(row, light, weather, wind_towards(environment, place))
@@ -216,26 +228,25 @@ class Studio:
             return self._street.cast[one.look].name
         return self._street.obstacle.name if instance == 0 else ""
 
-    def _behind(self, instance: int, shot: Shot, eye: Eye) -> bool:
+    def _behind(self, instance: int, seat: Eyepoint) -> bool:
         """Whether the camera sees the back of a traffic sign."""
         if instance not in self._fronts:
             return False
         middle, front = self._fronts[instance]
-        eye_m = eyepoint_of(*attitude(shot.pose), eye.mount).eye_m
-        return bool(np.dot(eye_m - middle, front) < 0.0)
+        return bool(np.dot(seat.eye_m - middle, front) < 0.0)
 
     def _seen(
         self,
         shot: Shot,
         instance: int,
-        full: np.ndarray,
-        outline: Outline,
-        image: np.ndarray,
-        instances: np.ndarray,
+        counted: tuple[np.ndarray, np.ndarray, Outline],
+        picture: tuple[np.ndarray, np.ndarray],
+        seat: Eyepoint,
     ) -> Seen:
-        rows, columns = np.nonzero(instances == instance)
-        pixels, low_x, high_x = len(rows), int(columns.min()), int(columns.max())
-        low_y, high_y = int(rows[0]), int(rows[-1])
+        """``counted``: its pixels in the picture, alone, and where it lies; ``picture``: the image
+        [H, W, 3] and its instances [H, W]."""
+        here, full, outline = counted
+        low_x, low_y, high_x, high_y, pixels = here[: _PIXELS + 1].tolist()
         box = (low_x, low_y, high_x - low_x + 1, high_y - low_y + 1)
         # The picture may draw where it is faster than casting; edges then differ by a pixel.
         x0, y0 = min(int(full[0]), low_x), min(int(full[1]), low_y)
@@ -251,7 +262,8 @@ class Studio:
             unoccluded_px=max(pixels, int(full[4])),
             truncation=outline.truncation,
             distance_m=distance_m,
-            contrast=contrast(image, instances, instance, np.array(box)),
+            contrast=contrast(*picture, instance, box),
+            behind=self._behind(instance, seat),
         )
 
 

@@ -17,10 +17,12 @@ from twin.world.layout import Layout
 from twin.world.person import PHASES
 from twin.world.scene import Scene
 
-PLACES = {"car": 18, "truck": 3, "bus": 2, "pedestrian": 8, "bicycle": 3}
+PLACES = {"car": 18, "truck": 4, "bus": 3, "pedestrian": 8, "bicycle": 3}
 """Most objects of each class in one image, beside the broken-down car."""
 PARKED_AHEAD_M = 90.0
 """Cars are parked from 10 m behind the ego to here before it [m]."""
+DARK_SHARE, STANDING_DARK_SHARE = 0.06, 0.4
+"""Share of the vehicles in traffic without lamps, of those that move and those that stand [-]."""
 
 _CLASS = {"van": "car", "cyclist": "bicycle"}
 _PERSON_HALF_M = 0.3
@@ -147,7 +149,7 @@ def populate(
 
 def _vehicle(crowd: _Crowd) -> tuple[str, int]:
     dice = crowd.rng.random()
-    name = "car" if dice < 0.76 else ("truck" if dice < 0.91 else "bus")
+    name = "car" if dice < 0.68 else ("truck" if dice < 0.88 else "bus")
     return name, crowd.choose(name)
 
 
@@ -163,7 +165,9 @@ def _traffic(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:
         yaw = (0.0 if forward else math.pi) + math.radians(scattered(rng, 2.0, 8.0))
         brake = float(rng.random() < 0.35)
         speed = 0.0 if rng.random() < 0.2 else between(rng, 2.0, 14.0)
-        crowd.add(name, look, (x, y, 0.0, yaw), speed_mps=speed, brake=brake, lamps=1.0, gap_m=1.0)
+        lit = float(rng.random() > (DARK_SHARE if speed else STANDING_DARK_SHARE))
+        place = (x, y, 0.0, yaw)
+        crowd.add(name, look, place, speed_mps=speed, brake=brake * lit, lamps=lit, gap_m=1.0)
 
 
 def _crossing(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:
@@ -197,12 +201,13 @@ def _parked(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:
         taken, shift, sway, big, turned = rng.random(5)
         if taken > share:
             continue
-        name = "truck" if big < 0.05 else "car"
+        name = "car" if big < 0.9 else ("truck" if big < 0.96 else "bus")
         look = crowd.choose(name)
+        lamps = float(name == "bus")  # it stands at its stop
         y = kerb - sign * strip + 0.16 * (sway - 0.5)
         yaw = 0.0 if (sign < 0.0) != (turned < 0.1) else math.pi
         yaw += math.radians(scattered(rng, 1.0, 3.0))
-        crowd.add(name, look, (x + shift - 0.5, y, 0.0, yaw), gap_m=0.3)
+        crowd.add(name, look, (x + shift - 0.5, y, 0.0, yaw), lamps=lamps, gap_m=0.3)
 
 
 def _cyclists(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import secrets
 from pathlib import Path
 
 
-def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666) -> None:
+def write_atomic(
+    path: Path, data: bytes | bytearray | memoryview, *, mode: int = 0o666, sync: bool = True
+) -> None:
     """Write a file that is complete or absent, also after a power cut; its folder must exist.
 
     Args:
         path: the file.
         data: its content.
         mode: who may read and write it, less the umask, from the first byte on.
+        sync: False for many files: whoever writes them calls :func:`sync_files` when all are
+            there; after a power cut before that one of them may be empty.
 
     Raises:
         OSError: it cannot be written; what stood there before still stands.
@@ -24,14 +29,33 @@ def write_atomic(path: Path, data: bytes | bytearray | memoryview, *, mode: int 
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
+    if not sync:
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def sync_files(folder: Path) -> None:
+    """Bring everything written to the file system of ``folder`` to the disk.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        if library.syncfs(descriptor) != 0:
+            number = ctypes.get_errno()
+            raise OSError(number, os.strerror(number), str(folder))
+    finally:
+        os.close(descriptor)

@@ -43,7 +43,14 @@ class Recorder:
         self._offsets = [0]
         self._commanded: list[bool] = []
 
-    def add(self, tick: int, sim_time_ns: int, state: np.ndarray, command: Command | None) -> None:
+    def add(
+        self,
+        tick: int,
+        sim_time_ns: int,
+        state: np.ndarray,
+        command: Command | None,
+        lateral_error_m: float | None = None,
+    ) -> None:
         """Append the row of a tick: ``state`` [T] of its slot, and the command given for it."""
         if self.rows == len(self._values["tick"]):
             for columns in (self._values, self._valid):
@@ -58,6 +65,8 @@ class Recorder:
         closing = state[COLUMN["closing_mps"]]
         if closing > CLOSING_MIN_MPS:
             self._set(row, "ttc_s", state[COLUMN["dtc_m"]] / closing)
+        if lateral_error_m is not None:
+            self._set(row, "lateral_error_m", lateral_error_m)
         if command is not None:
             lights = command.lights
             self._set(row, "throttle", command.throttle)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from schemas.campaign import Scenario
 from schemas.kpi import SCALARS
+from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.state import COLUMN
@@ -20,16 +22,25 @@ class Verdict:
     """What a finished case comes to."""
 
     verdict: str
-    """``pass``, ``collision`` or ``false_braking``."""
+    """``pass``, ``collision`` or ``false_braking``; of lane keeping also ``lane_departure`` and
+    ``time_up``."""
     passed: bool
-    """No collision; false braking is told apart by ``verdict``."""
+    """Jump scare: no collision, false braking is told apart by ``verdict``. Lane keeping: the whole
+    distance, within the limits."""
     reasons: list[str]
     """Short sentences."""
 
 
-def has_ended(scenario: Scenario, sim_time_ns: int, state: np.ndarray) -> bool:
-    """Whether a case ends at this control tick: collision, long enough at rest, or time up."""
+def has_ended(
+    scenario: Scenario, sim_time_ns: int, state: np.ndarray, lane: LaneProgress | None
+) -> bool:
+    """Whether a case ends at this control tick: collision, long enough at rest, or time up; in lane
+    keeping (``lane`` is given) also at the end of the distance and when the ego leaves its lane."""
     if state[COLUMN["collisions"]] > 0 or sim_time_ns >= round(scenario.duration_s * 1e9):
+        return True
+    if lane is not None and (
+        lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
+    ):
         return True
     rest_ns = rest_time_ns(state)
     return rest_ns is not None and sim_time_ns - rest_ns >= round(scenario.standstill_s * 1e9)
@@ -41,7 +52,7 @@ def rest_time_ns(state: np.ndarray) -> int | None:
     return step * PHYSICS_STEP_NS if step >= 0 else None
 
 
-def scalars(recorder: Recorder, state: np.ndarray) -> Scalars:
+def scalars(recorder: Recorder, state: np.ndarray, lane: LaneProgress | None) -> Scalars:
     """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
@@ -63,21 +74,63 @@ def scalars(recorder: Recorder, state: np.ndarray) -> Scalars:
     fastest = max(recorder.column("speed_mps").max(), state[COLUMN["impact_speed_mps"]])
     values["speed_max_mps"] = float(fastest)
     values["collisions"] = int(state[COLUMN["collisions"]])
+    if lane is not None:
+        error = recorder.column("lateral_error_m")
+        values["distance_m"] = lane.distance_m
+        values["lateral_error_rms_m"] = _rms(error)
+        values["lateral_error_max_m"] = float(np.abs(error).max())
     return values
 
 
-def judge(scenario: Scenario, recorder: Recorder, state: np.ndarray) -> Verdict:
-    """The verdict of an ended case.
+def _rms(values: np.ndarray) -> float:
+    return math.sqrt(float((values * values).sum()) / len(values))
 
-    A collision fails. Any rest (standing still after having moved, at a control tick) further than
-    ``false_braking_m`` from the obstacle is false braking, even if the ego drove on later; so is
-    never having moved when time is up. Everything else passes, with a reason that says whether the
-    ego stopped or time ran out.
-    """
+
+def judge(
+    scenario: Scenario, recorder: Recorder, state: np.ndarray, lane: LaneProgress | None
+) -> Verdict:
+    """The verdict of an ended case; ``lane`` is given in lane keeping."""
     if state[COLUMN["collisions"]] > 0:
         speed = state[COLUMN["impact_speed_mps"]]
         at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9
         return Verdict("collision", False, [f"collision at {speed:.2f} m/s after {at:.3f} s"])
+    if lane is not None:
+        return _judge_lane_keeping(scenario, recorder, lane)
+    return _judge_jump_scare(scenario, recorder, state)
+
+
+def _judge_lane_keeping(scenario: Scenario, recorder: Recorder, lane: LaneProgress) -> Verdict:
+    """Out of the lane, or out of its middle for long, is ``lane_departure``. Nothing stands in the
+    lane, so a rest before the end is false braking."""
+    driven = f"after {lane.distance_m:.1f} m of {scenario.distance_m:g} m"
+    if abs(lane.lateral_m) > scenario.lateral_limit_m:
+        side = "left" if lane.lateral_m > 0.0 else "right"
+        reason = (
+            f"{abs(lane.lateral_m):.2f} m {side} of the lane's centre {driven}; "
+            f"allowed: {scenario.lateral_limit_m:g} m"
+        )
+        return Verdict("lane_departure", False, [reason])
+    rms_m = _rms(recorder.column("lateral_error_m"))
+    kept = f"lateral error {rms_m:.3f} m RMS"
+    if rms_m > scenario.lateral_rms_limit_m:
+        reason = f"{kept} {driven}; allowed: {scenario.lateral_rms_limit_m:g} m"
+        return Verdict("lane_departure", False, [reason])
+    if lane.distance_m >= scenario.distance_m:
+        return Verdict("pass", True, [f"drove {lane.distance_m:.1f} m, {kept}"])
+    speed_mps = recorder.column("speed_mps")[-1]
+    if speed_mps == 0.0 and (recorder.column("speed_mps") > 0.0).any():
+        return Verdict("false_braking", False, [f"came to rest {driven}"])
+    return Verdict("time_up", False, [f"time is up at {speed_mps:.2f} m/s, {driven}"])
+
+
+def _judge_jump_scare(scenario: Scenario, recorder: Recorder, state: np.ndarray) -> Verdict:
+    """The verdict without a collision.
+
+    Any rest (standing still after having moved, at a control tick) further than
+    ``false_braking_m`` from the obstacle is false braking, even if the ego drove on later; so is
+    never having moved when time is up. Everything else passes, with a reason that says whether the
+    ego stopped or time ran out.
+    """
     dtc = recorder.column("dtc_m")
     speed = recorder.column("speed_mps")
     limit = scenario.false_braking_m

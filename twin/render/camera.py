@@ -9,12 +9,13 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.lens import CameraMount
+from schemas.lens_projection import vehicle_from_camera
 from twin.render import lamps, raster, rays, visibility
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import Build, Tuning, tuning_for
 from twin.render.geometry import Geometry
-from twin.render.lamps import BEAMS_MAX, Beams, StreetLamps
-from twin.render.lens import ray_table, vehicle_from_camera
+from twin.render.lamps import BEAMS_MAX, Beams
+from twin.render.lens import ray_table
 from twin.render.light import SlotLight
 from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted
@@ -23,6 +24,7 @@ from twin.render.post import PostEffects, needs_depth, needs_flow
 from twin.render.raster import raster_of
 from twin.render.rays import Optics, SlotPose
 from twin.render.sky import SKY_COLUMNS, SKY_ROWS
+from twin.render.street_lamps import street_lamps
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
 from twin.world.scene import Furniture
@@ -71,7 +73,7 @@ class RayCamera:
         self._geometry = geometry
         self._device = device
         self._period_s = 1.0 / camera.hz
-        self._lamps = _street_lamps(world, furniture)
+        self._lamps = street_lamps(world, furniture, geometry.device)
         self._optics = _optics(camera, mount, lamps_m)
         table = ray_table(mount.lens, camera.width, camera.height, camera.hfov_deg)
         self._optics.pixel = _pixel_angle(table)
@@ -308,13 +310,3 @@ def _pixel_angle(table: np.ndarray) -> float:
     """Angle between two rays in the middle of a table [rad]."""
     row, column = table.shape[0] // 2, table.shape[1] // 2
     return float(np.linalg.norm(table[row, column] - table[row, column - 1]))
-
-
-def _street_lamps(world: World, furniture: Furniture) -> StreetLamps:
-    found = StreetLamps()
-    found.spacing = furniture.lamp_spacing_m
-    found.height = furniture.lamp_height_m
-    found.intensity = furniture.lamp_intensity_cd
-    found.right = wp.vec2(*world.lamps_right)
-    found.left = wp.vec2(*world.lamps_left)
-    return found

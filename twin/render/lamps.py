@@ -27,7 +27,7 @@ _BACKSCATTER = wp.constant(0.6)
 
 @wp.struct
 class StreetLamps:
-    """Two rows of lamps along the street."""
+    """Two rows of lamps along a straight street, or lamps anywhere, found by a grid of cells."""
 
     spacing: wp.float32
     """Distance between lamps of a row [m]."""
@@ -39,6 +39,33 @@ class StreetLamps:
     """World x of one lamp of the right row, world y of the row [m]."""
     left: wp.vec2
     """World x of one lamp of the left row, world y of the row [m]."""
+    scattered: wp.int32
+    """1: the lamps of ``at``; 0: the two rows."""
+    at: wp.array(dtype=wp.vec2)
+    """World x, y of each lamp [m]."""
+    near: wp.array3d(dtype=wp.int32)
+    """Lamps nearest to the middle of each cell [rows along y, columns along x, LAMPS_GLOWING];
+    -1: none."""
+    corner: wp.vec2
+    """World x, y at which the cells begin [m]."""
+    cell: wp.float32
+    """Width of a cell [m]."""
+
+
+LAMPS_GLOWING = 8
+"""Street lamps whose glow an eye sees in fog."""
+_LAMPS_GLOWING = wp.constant(LAMPS_GLOWING)
+_LAMPS_LIGHTING = wp.constant(4)  # a point; at the usual distances the next ones give < 1 %
+
+
+@wp.func
+def _near_lamp(x: wp.float32, y: wp.float32, i: wp.int32, lamps: StreetLamps) -> wp.int32:
+    """The ``i``-th of the lamps that light a place; -1: none."""
+    column = wp.int32(wp.floor((x - lamps.corner[0]) / lamps.cell))
+    row = wp.int32(wp.floor((y - lamps.corner[1]) / lamps.cell))
+    if row < 0 or row >= lamps.near.shape[0] or column < 0 or column >= lamps.near.shape[1]:
+        return wp.int32(-1)
+    return lamps.near[row, column, i]
 
 
 @wp.func
@@ -109,23 +136,39 @@ def headlamp_glow(
 
 
 @wp.func
+def _lamp_lux(to_lamp: wp.vec3, normal: wp.vec3) -> wp.float32:
+    """Illuminance by a luminaire of 1 cd [lx]."""
+    square = wp.dot(to_lamp, to_lamp)
+    cosine = wp.dot(to_lamp, normal)
+    if cosine > 0.0 and to_lamp[2] > 0.0:
+        down = to_lamp[2] * to_lamp[2] / square  # luminaires shine downwards
+        return cosine * down / (square * wp.sqrt(square))
+    return 0.0
+
+
+@wp.func
 def _row_lux(point: wp.vec3, normal: wp.vec3, row: wp.vec2, lamps: StreetLamps) -> wp.float32:
     total = wp.float32(0.0)
     cell = wp.floor((point[0] - row[0]) / lamps.spacing)
     for i in range(2):
         x = row[0] + (cell + wp.float32(i)) * lamps.spacing
         to_lamp = wp.vec3(x - point[0], row[1] - point[1], lamps.height - point[2])
-        square = wp.dot(to_lamp, to_lamp)
-        cosine = wp.dot(to_lamp, normal)
-        if cosine > 0.0 and to_lamp[2] > 0.0:
-            down = to_lamp[2] * to_lamp[2] / square  # luminaires shine downwards
-            total += cosine * down / (square * wp.sqrt(square))
+        total += _lamp_lux(to_lamp, normal)
     return total
 
 
 @wp.func
 def street_lamp_lux(point: wp.vec3, normal: wp.vec3, lamps: StreetLamps) -> wp.float32:
-    """Illuminance by the nearest lamps of both rows [lx]."""
+    """Illuminance by the nearest lamps [lx]."""
+    if lamps.scattered != 0:
+        total = wp.float32(0.0)
+        for i in range(_LAMPS_LIGHTING):
+            k = _near_lamp(point[0], point[1], i, lamps)
+            if k >= 0:
+                at = lamps.at[k]
+                to_lamp = wp.vec3(at[0] - point[0], at[1] - point[1], lamps.height - point[2])
+                total += _lamp_lux(to_lamp, normal)
+        return total * lamps.intensity
     rows = _row_lux(point, normal, lamps.right, lamps) + _row_lux(point, normal, lamps.left, lamps)
     return rows * lamps.intensity
 
@@ -281,16 +324,26 @@ def lamps_glow(
     total = wp.vec3(0.0, 0.0, 0.0)
     if light.lamps_on <= 0.0 or light.extinction < _FOGGY_PER_M:
         return total
-    for side in range(2):
-        row = lamps.right
-        if side == 1:
-            row = lamps.left
-        cell = wp.floor((eye[0] - row[0]) / lamps.spacing)
-        for i in range(3):
-            step = wp.where(direction[0] > 0.0, wp.float32(i), 1.0 - wp.float32(i))
-            x = row[0] + (cell + step) * lamps.spacing
-            to = wp.vec3(x - eye[0], row[1] - eye[1], lamps.height - eye[2])
-            total += SODIUM * (lamps.intensity * _halo(to, direction, distance, light.extinction))
+    if lamps.scattered != 0:
+        for i in range(_LAMPS_GLOWING):
+            k = _near_lamp(eye[0], eye[1], i, lamps)
+            if k >= 0:
+                at = lamps.at[k]
+                to = wp.vec3(at[0] - eye[0], at[1] - eye[1], lamps.height - eye[2])
+                halo = _halo(to, direction, distance, light.extinction)
+                total += SODIUM * (lamps.intensity * halo)
+    else:
+        for side in range(2):
+            row = lamps.right
+            if side == 1:
+                row = lamps.left
+            cell = wp.floor((eye[0] - row[0]) / lamps.spacing)
+            for i in range(3):
+                step = wp.where(direction[0] > 0.0, wp.float32(i), 1.0 - wp.float32(i))
+                x = row[0] + (cell + step) * lamps.spacing
+                to = wp.vec3(x - eye[0], row[1] - eye[1], lamps.height - eye[2])
+                halo = _halo(to, direction, distance, light.extinction)
+                total += SODIUM * (lamps.intensity * halo)
     for b in range(_BEAMS_MAX):
         if beams[slot, b].there == 0:
             break

@@ -6,13 +6,12 @@ and pixel centres lie at half numbers: OpenCV's coordinates plus 0.5.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.lens import Lens
 from schemas.lens_curve import Intrinsics, check_lens, curve, intrinsics, radial
+from schemas.lens_projection import distorted, distortion
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +57,7 @@ def _undistorted(lens: Lens, xd: Floats, yd: Floats) -> tuple[Floats, Floats, ND
     start = np.interp(rd, radii, arguments) / np.where(rd > 0.0, rd, 1.0)
     x, y = xd * start, yd * start
     for _ in range(_ITERATIONS_MAX):
-        off_x, off_y = (a - b for a, b in zip(_distort(lens, x, y), (xd, yd), strict=True))
+        off_x, off_y = (a - b for a, b in zip(distorted(lens, x, y), (xd, yd), strict=True))
         # Points that the lens does not see have no solution: they must not hold up the others.
         if max(np.abs(off_x[seen]).max(initial=0), np.abs(off_y[seen]).max(initial=0)) < _TOLERANCE:
             break
@@ -70,28 +69,9 @@ def _undistorted(lens: Lens, xd: Floats, yd: Floats) -> tuple[Floats, Floats, ND
     return x, y, seen & ~wrong
 
 
-def _distort(lens: Lens, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Brown-Conrady: where the point (x, y, 1) is drawn, in focal lengths."""
-    q = x * x + y * y
-    scale = _scale(lens, q)[0]
-    return (
-        x * scale + 2.0 * lens.p1 * x * y + lens.p2 * (q + 2.0 * x * x),
-        y * scale + lens.p1 * (q + 2.0 * y * y) + 2.0 * lens.p2 * x * y,
-    )
-
-
-def _scale(lens: Lens, q: Floats) -> tuple[Floats, Floats]:
-    """Radial factor and its derivative, over the squared radius ``q``."""
-    above = 1.0 + q * (lens.k1 + q * (lens.k2 + q * lens.k3))
-    below = 1.0 + q * (lens.k4 + q * (lens.k5 + q * lens.k6))
-    above_q = lens.k1 + q * (2.0 * lens.k2 + q * 3.0 * lens.k3)
-    below_q = lens.k4 + q * (2.0 * lens.k5 + q * 3.0 * lens.k6)
-    return above / below, (above_q * below - above * below_q) / (below * below)
-
-
 def _derivatives(lens: Lens, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     """d xd/dx, d xd/dy = d yd/dx and d yd/dy of :func:`_distort`."""
-    scale, scale_q = _scale(lens, x * x + y * y)
+    scale, scale_q = distortion(lens, x * x + y * y)
     return (
         scale + 2.0 * x * x * scale_q + 2.0 * lens.p1 * y + 6.0 * lens.p2 * x,
         2.0 * x * y * scale_q + 2.0 * lens.p1 * x + 2.0 * lens.p2 * y,
@@ -118,37 +98,6 @@ def _fisheye_rays(lens: Lens, x: Floats, y: Floats) -> Floats:
     rays = np.stack([x * across, y * across, np.cos(theta)], axis=-1)
     rays[~seen] = 0.0
     return rays
-
-
-def project(
-    lens: Lens, width: int, height: int, hfov_deg: float, points: NDArray[np.floating]
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Where points [N, 3] of the camera frame [m] are drawn: px [N, 2], and which are visible [N].
-
-    Visible: inside the image and what the lens draws, between its near and far planes (of a
-    fisheye lens: spheres). Invisible points behind a perspective camera have NaN for coordinates.
-    """
-    inner = intrinsics(lens, width, height, hfov_deg)
-    x, y, z = np.asarray(points, np.float64).reshape(-1, 3).T
-    arguments, _ = curve(lens)
-    if lens.model == "fisheye":
-        across = np.hypot(x, y)
-        argument = np.arctan2(across, z)
-        factor = radial(lens, argument) / np.where(across > 0.0, across, 1.0)
-        xd, yd = x * factor, y * factor
-        depth = np.hypot(across, z)
-    else:
-        depth = z
-        front = np.where(z > 0.0, z, np.nan)
-        xd, yd = x / front, y / front
-        argument = np.hypot(xd, yd)
-        if lens.model == "brown_conrady":
-            xd, yd = _distort(lens, xd, yd)
-    px = np.stack([inner.fx_px * xd + inner.cx_px, inner.fy_px * yd + inner.cy_px], axis=-1)
-    with np.errstate(invalid="ignore"):
-        visible = (depth >= lens.near_m) & (depth <= lens.far_m) & (argument <= arguments[-1])
-        visible &= ((px >= 0.0) & (px <= (width, height))).all(axis=-1)
-    return px, visible
 
 
 def projection_matrix(lens: Lens, width: int, height: int, hfov_deg: float) -> Floats:
@@ -185,19 +134,3 @@ def _offsets(inner: Intrinsics, width: int, height: int) -> tuple[float, float, 
         inner.cy_px / inner.fy_px,
         (inner.cy_px - height) / inner.fy_px,
     )
-
-
-def vehicle_from_camera(rotation_deg: list[float]) -> Floats:
-    """Rotation matrix [3, 3] of a mount: its columns are the camera's right, down and forward.
-
-    ``rotation_deg`` is :attr:`schemas.lens.CameraMount.rotation_deg`; without rotation the camera
-    looks along the vehicle's x.
-    """
-    roll, pitch, yaw = (math.radians(angle) for angle in rotation_deg)
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    level = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    return about_z @ about_y @ about_x @ level

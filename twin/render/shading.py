@@ -21,7 +21,9 @@ from twin.render.surface import Surface, surface_at
 from twin.render.texture import texture_at
 from twin.render.visibility import LIT, OBJECT_MASK, Seen
 from twin.world import materials
+from twin.world.mesh import UV_METRES
 
+_UV_METRES = wp.constant(UV_METRES)
 _FOLIAGE = wp.constant(materials.FOLIAGE)
 PI_INVERSE = wp.constant(0.31830989)
 # An object's underside is this much over the road, at which height its shadow fades out [m].
@@ -89,13 +91,19 @@ def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
 
 
 @wp.func
+def _uv_at(scene: Scene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
+    first = 3 * row
+    return scene.uv[first] * u + scene.uv[first + 1] * v + scene.uv[first + 2] * (1.0 - u - v)
+
+
+@wp.func
 def albedo_at(
     scene: Scene, face: Face, row: wp.int32, u: wp.float32, v: wp.float32, footprint: wp.float32
 ) -> wp.vec3:
     """Colour of a face, times its image if it has one; ``footprint``: width of the pixel [m]."""
     if face.texture < 0:
         return face.color
-    at = scene.uv[3 * row] * u + scene.uv[3 * row + 1] * v + scene.uv[3 * row + 2] * (1.0 - u - v)
+    at = _uv_at(scene, row, u, v)
     texel = texture_at(scene.textures, face.texture, at, footprint * face.uv_per_m)
     return wp.cw_mul(face.color, texel)
 
@@ -184,7 +192,14 @@ def surface_of(
     slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
     albedo = albedo_at(scene, face, at.face, at.u, at.v, at.distance * optics.pixel / slope)
     on = _object_lamps(scene, slot, at.object)
-    return surface_at(face, albedo, on, at.p, at.n, at.distance, light)
+    ground = wp.vec2(at.p[0], at.p[1])
+    along = at.p[0]
+    if wp.abs(at.n[0]) > 0.7:
+        along = at.p[1] + 0.7
+    if face.texture == _UV_METRES:
+        ground = _uv_at(scene, at.face, at.u, at.v)
+        along = ground[0]
+    return surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
 
 
 @wp.func

@@ -34,6 +34,10 @@ STOPPED_GRACE_S = 0.5
 FILE_GRACE_S = 1.0
 """After that: longest wait for it to finish its files without the rest [s]."""
 
+THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
+"""Variables that say how many threads libraries of a stack start: one unless the user says
+otherwise, because there is a worker per core, and its simulator waits while the stack computes."""
+
 if TYPE_CHECKING:
     from twin.worker.shell import WorkerOptions
 
@@ -170,7 +174,9 @@ class RigProcess:
             self._announce(arguments)
             return
         self._stack = spawn(
-            [sys.executable, "-m", "devkit", "host", *arguments], log=self._stack_log
+            [sys.executable, "-m", "devkit", "host", *arguments],
+            environment={name: os.environ.get(name, "1") for name in THREADS},
+            log=self._stack_log,
         )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 

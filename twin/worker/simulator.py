@@ -15,11 +15,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
+from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Case
 from schemas.identity import stream_key
-from schemas.messages import Command, Episode, Frame, Lease, Tick
+from schemas.messages import (
+    Command,
+    Commands,
+    Episode,
+    Frame,
+    Lease,
+    PerceptionCost,
+    Tick,
+)
 from twin.fabric.bus import Bus
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
@@ -61,6 +70,10 @@ class _Slot:
     started_s: float
     fresh: bool = True
     """The episode has not been published yet."""
+    perception: PerceptionCost | None = None
+    """Sum so far; None: the stack reported none."""
+    rig_wall_s: float = 0.0
+    """This slot's share of the rig's wall time so far [s]."""
 
 
 class Orders:
@@ -171,6 +184,7 @@ class Simulator:
                 self._feed.begin(index, lease, self._engine)
 
     def _tick(self) -> None:
+        started_s = time.monotonic()
         sensed = self._engine.sense()
         sensors = self._outgoing(sensed)
         episodes = self._episodes()
@@ -191,7 +205,9 @@ class Simulator:
                 slot.fresh = False
         commands = self._checked(answer.commands)
         self._feed.tick(self._engine, sensed, commands)
-        for finished in self._engine.step(commands):
+        ended = self._engine.step(commands)
+        self._account(answer, time.monotonic() - started_s)
+        for finished in ended:
             slot = self._slots[finished.slot]
             assert slot is not None
             self._feed.end(finished)
@@ -199,8 +215,19 @@ class Simulator:
             from twin.worker.attempt import write_attempt
 
             result = write_attempt(slot.lease, finished, time.monotonic() - slot.started_s)
+            result = structs.replace(result, perception=slot.perception, rig_wall_s=slot.rig_wall_s)
             self._slots[finished.slot] = None
             send(self._out, Done(result))
+
+    def _account(self, answer: Commands, wall_s: float) -> None:
+        """What the tick took: for the report, never for a KPI."""
+        running = [slot for slot in self._slots if slot is not None]
+        for slot in running:
+            slot.rig_wall_s += wall_s / len(running)
+        for command, cost in zip(answer.commands, answer.costs, strict=False):
+            slot = self._slots[command.slot] if 0 <= command.slot < len(self._slots) else None
+            if slot is not None:
+                slot.perception = summed(slot.perception, cost)
 
     def _tokens(self) -> list[int]:
         return [slot.lease.token if slot else 0 for slot in self._slots]
@@ -232,7 +259,7 @@ class Simulator:
 
     def _episodes(self) -> list[Episode]:
         return [
-            _episode(index, slot.lease, self._seq, self._engine)
+            _episode(index, slot.lease, self._seq, self._engine, self._device)
             for index, slot in enumerate(self._slots)
             if slot is not None and slot.fresh
         ]
@@ -276,7 +303,18 @@ class Simulator:
         )
 
 
-def _episode(index: int, lease: Lease, seq: int, engine: Engine) -> Episode:
+def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:
+    """Both together; what a foreign stack says and can be no time or number is left out."""
+    if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
+        return total
+    if total is None:
+        return cost
+    return structs.replace(
+        total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
+    )
+
+
+def _episode(index: int, lease: Lease, seq: int, engine: Engine, device: str) -> Episode:
     case = lease.case
     return Episode(
         v=SCHEMA_VERSION,
@@ -295,6 +333,8 @@ def _episode(index: int, lease: Lease, seq: int, engine: Engine) -> Episode:
         control_period_ns=engine.control_period_ns,
         cameras=engine.camera_sites,
         lidars=engine.lidar_sites,
+        device=device,
+        files=case.model_files(),
     )
 
 

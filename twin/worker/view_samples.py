@@ -30,6 +30,8 @@ JPEG_QUALITY = 80
 THUMBNAIL_WIDTH_PX = 160
 """Widest thumbnail [px]."""
 
+_LANE_STEP_M = 3.0
+
 _BOX = {name: i for i, name in enumerate(BOX_COLUMNS)}
 _POINT = {name: i for i, name in enumerate(POINT_COLUMNS)}
 
@@ -53,12 +55,12 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
     vehicle = load_vehicle(lease.case.scenario.vehicle)
     road = scene.road
     return Stage(
-        road_start_m=road.start_m,
-        road_end_m=road.end_m,
+        lane=road.lane().places(_LANE_STEP_M).tolist(),
         lane_width_m=road.lane_width_m,
         parking_width_m=road.parking_width_m,
         sidewalk_width_m=road.sidewalk_width_m,
         obstacle_center_m=[float(colliders[0, 0]), float(colliders[0, 1]), HEIGHT_M / 2],
+        obstacle_yaw_rad=float(colliders[0, 2]),
         obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],

@@ -72,7 +72,7 @@ def sunlight_left(elevation_rad: float, level: int) -> np.ndarray:
     return _transmitted(_tables(level)[0], np.array([_GROUND + _EYE_M]), sine)[0]
 
 
-@functools.lru_cache(maxsize=512)
+@functools.lru_cache(maxsize=1024)
 def _sky_for(elevation_steps: int, level: int) -> np.ndarray:
     transmittance, multiple = _tables(level)
     elevation = elevation_steps * ELEVATION_STEP_RAD

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from schemas.messages import SEMANTIC_CLASSES
+from twin.world import materials
 
 Color = tuple[float, float, float]
 """Linear RGB reflectance [-]."""
 
 
+Bend = Callable[[np.ndarray], np.ndarray]
+"""Moves points [n, 3]."""
+
 DECAL = -1
 """Tag of faces that darken or paint what lies under them."""
+UV_METRES = -2
+"""Texture of what has its patterns not in world coordinates but at uv [m]: ground of a road that
+bends, in street coordinates, and walls askew to the world's axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +45,8 @@ class Mesh:
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none"""
+    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
+    :data:`UV_METRES`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
     0 where there is no image"""
@@ -82,6 +90,17 @@ class MeshBuilder:
         self._offset = np.zeros(3)
         self._instance = -1
         self._semantic = 0
+        self._bend: Bend | None = None
+
+    @contextmanager
+    def bent(self, bend: Bend | None) -> Iterator[None]:
+        """Let ``bend`` move the points that are added inside the block, after their places; where
+        they were before are then their street coordinates."""
+        before, self._bend = self._bend, bend
+        try:
+            yield
+        finally:
+            self._bend = before
 
     @contextmanager
     def place(
@@ -143,7 +162,13 @@ class MeshBuilder:
         moved = points.copy()
         moved[:, 0] = cosine * points[:, 0] - sine * points[:, 1]
         moved[:, 1] = sine * points[:, 0] + cosine * points[:, 1]
-        self._points.append(moved + self._offset)
+        moved += self._offset
+        if self._bend is not None:
+            uv, texture = moved[:, :2], UV_METRES
+            moved = self._bend(moved)
+        elif material in materials.WALLS and abs(cosine * sine) > 1e-6:
+            uv, texture = np.stack([points[:, 0] + points[:, 1], points[:, 2]], axis=1), UV_METRES
+        self._points.append(moved)
         faces = np.asarray(faces, np.int32)
         self._faces.append(faces + self._count)
         self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))
@@ -194,8 +219,11 @@ class MeshBuilder:
         """A level rectangle cut into pieces of at most ``pitch_m``: long faces spoil a BVH."""
         columns = max(1, math.ceil((x_m[1] - x_m[0]) / pitch_m))
         rows = max(1, math.ceil((y_m[1] - y_m[0]) / pitch_m))
-        xs = np.linspace(*x_m, columns + 1)
-        ys = np.linspace(*y_m, rows + 1)
+        self.grid(np.linspace(*x_m, columns + 1), np.linspace(*y_m, rows + 1), z_m, material, color)
+
+    def grid(self, xs: np.ndarray, ys: np.ndarray, z_m: float, material: int, color: Color) -> None:
+        """A level rectangle cut at ``xs`` and ``ys``, both growing."""
+        columns, rows = len(xs) - 1, len(ys) - 1
         points = np.stack(
             [*np.meshgrid(xs, ys, indexing="ij"), np.full((len(xs), len(ys)), z_m)], -1
         )

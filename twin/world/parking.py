@@ -27,14 +27,15 @@ _MIX = ("hatchback", "hatchback", "saloon", "saloon", "suv", "suv", "van")
 _TRUCK_SHARE = 0.04
 
 
-def add_obstacle(mesh: MeshBuilder, scene: Scene) -> Hull:
+def add_obstacle(mesh: MeshBuilder, scene: Scene, layout: Layout) -> Hull:
     """Add the broken-down car, instance 0."""
     obstacle = scene.obstacle
-    with mesh.place(obstacle.x_m, obstacle.y_m, 0.0, instance=0):
+    half = car_body.LENGTH_M / 2
+    place = layout.at(obstacle.x_m + half, obstacle.y_m)
+    with mesh.place(*place, instance=0), mesh.place(-half, 0.0):
         r, g, b = obstacle.color
         car_body.add_car(mesh, (r, g, b), hazard=obstacle.hazard_lights, wheel_sides=20)
-    half = car_body.LENGTH_M / 2
-    return (obstacle.x_m + half, obstacle.y_m, 0.0, half, car_body.WIDTH_M / 2)
+    return (*place, half, car_body.WIDTH_M / 2)
 
 
 def add_parked(
@@ -43,12 +44,16 @@ def add_parked(
     """Add the parked vehicles, instances from 1 on.
 
     Args:
-        keep_free: stretches without parked cars: x from, x to [m], sign of the side.
+        keep_free: stretches without parked cars: x from, x to [m], sign of the side; in street
+            coordinates.
 
     Returns:
         Their hulls, and the class of each.
     """
     rng = generator(scene, 3)
+    obstacle = scene.obstacle
+    if obstacle.y_m < -0.8:  # it stands among the parked cars
+        keep_free = [*keep_free, (obstacle.x_m - 1.0, obstacle.x_m + car_body.LENGTH_M + 1.0, -1.0)]
     hulls: list[Hull] = []
     classes: list[str] = []
     strip = scene.road.parking_width_m / 2
@@ -70,13 +75,12 @@ def add_parked(
                 length = heavy_body.TRUCK_M[0] if truck else body.length_m
                 width = heavy_body.TRUCK_M[1] if truck else body.width_m
                 y = kerb - sign * strip + (-sign * sway if truck else sway)
-                yaw = 0.0 if sign < 0 else np.pi
-                rear = place + shift if sign < 0 else place + shift + length
-                with mesh.place(rear, y, yaw, instance=len(hulls) + 1):
+                at = layout.at(place + shift + length / 2, y, 0.0 if sign < 0 else np.pi)
+                with mesh.place(*at, instance=len(hulls) + 1), mesh.place(-length / 2, 0.0):
                     if truck:
                         heavy_body.add_truck(mesh, PAINTS[paint])
                     else:
                         car_body.add_car(mesh, PAINTS[paint], False, 10, body)
-                hulls.append((place + shift + length / 2, y, yaw, length / 2, width / 2))
+                hulls.append((*at, length / 2, width / 2))
                 classes.append("truck" if truck else "car")
     return hulls, classes

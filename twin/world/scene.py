@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from schemas.assets import is_path
 from schemas.validation import convert_all
 from schemas.yaml_file import load_yaml
+from twin.world.circuit import SEGMENTS_MAX, Segment, closed_lane
 from twin.world.content import (
     DRIVABLE,
     MESHES_MAX,
@@ -19,6 +20,7 @@ from twin.world.content import (
     SceneObject,
     Terrain,
 )
+from twin.world.lane import LanePath, straight
 from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"
@@ -26,13 +28,22 @@ _SCENES = Path(__file__).parent / "scenes"
 T = TypeVar("T")
 
 
+_END_M = 340.0
+
+
 class Road(Spec):
-    """A straight street along +x; the ego's lane is centred on y = 0, oncoming traffic is left."""
+    """A street; the ego's lane begins on the x axis towards +x, oncoming traffic is left of it.
+
+    Without ``path`` it is straight, and the lane's centre is y = 0. With it, ``x`` of what is said
+    of the street counts along the lane's centre from ``start_m`` on, and ``y`` to the left of it.
+    """
 
     start_m: Position = -70.0
     """Where the street begins, world x [m]."""
-    end_m: Position = 340.0
-    """Where a building closes the street, world x [m]."""
+    end_m: Position = _END_M
+    """Where a building closes a straight street, world x [m]."""
+    path: Annotated[list[Segment], Meta(max_length=SEGMENTS_MAX)] = field(default_factory=list)
+    """Straights and curves of a closed road, in the direction of travel."""
     lane_width_m: Length = 3.5
     parking_width_m: Length = 2.2
     """Strip for parked cars on either side [m]."""
@@ -41,6 +52,22 @@ class Road(Spec):
     cross_streets_m: list[Position] = field(default_factory=list)
     """Centres of side streets, world x [m]; each has zebra crossings before and behind."""
     cross_street_width_m: Length = 11.0
+
+    def __post_init__(self) -> None:
+        if not self.path:
+            return
+        if self.cross_streets_m:
+            raise ValueError("cross_streets_m: a road with a path has no side streets; leave it []")
+        if self.end_m != _END_M:
+            raise ValueError("end_m: a road with a path ends where it begins; leave end_m away")
+        self.lane()
+
+    def lane(self) -> LanePath:
+        """The centre line of the ego's lane."""
+        if not self.path:
+            return straight(self.start_m, self.end_m)
+        lane, parking, walk = self.lane_width_m, self.parking_width_m, self.sidewalk_width_m
+        return closed_lane(self.start_m, self.path, 1.5 * lane + parking + walk)
 
 
 class Buildings(Spec):
@@ -69,9 +96,9 @@ class Obstacle(Spec):
     """The broken-down car in the ego's lane, standing along the street."""
 
     x_m: Position
-    """Its rear bumper, world x [m]."""
-    y_m: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
-    """Offset from the lane's centre [m]."""
+    """Its rear bumper, world x; on a road with a path, along the lane [m]."""
+    y_m: Annotated[float, Meta(ge=-3.5, le=0.8)] = 0.0
+    """To the left of the lane's centre; about -2.9 is the strip of parked cars beside it [m]."""
     color: Annotated[list[Share], Meta(min_length=3, max_length=3)] = field(
         default_factory=lambda: [0.5, 0.05, 0.04]
     )
@@ -121,6 +148,8 @@ class Scene(Spec, kw_only=True):
 
     def __post_init__(self) -> None:
         road = self.road
+        if road.path and not self.street:
+            raise ValueError("road.path needs the generated street; leave street: false away")
         if not self.street:
             grounds = [mesh for mesh in self.meshes if mesh.semantic in DRIVABLE]
             level = self.terrain is not None and self.terrain.semantic in DRIVABLE
@@ -128,6 +157,13 @@ class Scene(Spec, kw_only=True):
                 raise ValueError(
                     "street: false needs other ground: terrain, or a mesh with semantic "
                     f"{', '.join(DRIVABLE)}"
+                )
+        elif road.path:
+            end = road.start_m + road.lane().length_m
+            if not road.start_m <= self.obstacle.x_m < end:
+                raise ValueError(
+                    f"obstacle.x_m {self.obstacle.x_m:g} must lie on the road, from "
+                    f"{road.start_m:g} to {end:.1f} m along its lane"
                 )
         elif not road.start_m + 200.0 <= self.obstacle.x_m <= road.end_m - 65.0:
             raise ValueError(

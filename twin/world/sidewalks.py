@@ -19,8 +19,9 @@ STOP_M = 18.0
 
 
 def bus_stop(layout: Layout) -> tuple[float, float] | None:
-    """World x [m] from and to of the bus stop in the longest block; None: all are short."""
-    block = max(layout.blocks, key=lambda b: b.end - b.start, default=None)
+    """x [m] from and to of the bus stop in the longest straight block; None: all are short."""
+    straight = [block for block in layout.blocks if block.curvature == 0.0]
+    block = max(straight, key=lambda b: b.end - b.start, default=None)
     if block is None or block.end - block.start < 60.0:
         return None
     middle = block.start + STOP_SHARE * (block.end - block.start)
@@ -41,30 +42,32 @@ def add_trees(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
                 chosen = kind if rng.random() < 0.75 else other
                 if sign > 0 and stop and stop[0] - 2.0 < x < stop[1] + 2.0:
                     continue
-                y = kerb + sign * 1.15
-                plants.add_tree(mesh, x, y, scene.road.kerb_height_m, chosen, rng)
-                hulls.append((x, y, 0.0, 0.16, 0.16))
+                at = layout.at(x, kerb + sign * 1.15)
+                plants.add_tree(mesh, *at[:2], scene.road.kerb_height_m, chosen, rng)
+                hulls.append((*at, 0.16, 0.16))
     return hulls
 
 
 def add_lamps(
     mesh: MeshBuilder, scene: Scene, layout: Layout
-) -> tuple[tuple[float, float], tuple[float, float], list[Hull]]:
-    """Street lamps; x of one lamp and y of the row of luminaires, right and left; hulls."""
+) -> tuple[list[np.ndarray], list[Hull]]:
+    """Street lamps; world x, y of the luminaires of the right and the left row [n, 2]; hulls."""
     spacing, height = scene.furniture.lamp_spacing_m, scene.furniture.lamp_height_m
     rows = []
     hulls: list[Hull] = []
     for (kerb, _, sign), shift in zip(layout.rows(), (0.0, 0.5), strict=True):
         y = kerb + sign * 0.6
-        first = scene.road.start_m + 9.0 + shift * spacing
-        for x in np.arange(first, scene.road.end_m, spacing):
+        first = layout.start + 9.0 + shift * spacing
+        heads = []
+        for x in np.arange(first, layout.end, spacing):
+            heads.append(layout.at(x, y - sign * 1.9)[:2])
             if any(abs(x - centre) < layout.half_side + 0.3 for centre in layout.sides):
                 continue  # it would stand in the roadway; choose the spacing so that none does
-            with mesh.place(x, y, 0.0 if sign > 0 else np.pi):
+            with mesh.place(*layout.at(x, y, 0.0 if sign > 0 else np.pi)):
                 pieces.add_lamp(mesh, height)
-            hulls.append((x, y, 0.0, 0.1, 0.1))
-        rows.append((first, y - sign * 1.9))
-    return rows[0], rows[1], hulls
+            hulls.append((*layout.at(x, y), 0.1, 0.1))
+        rows.append(np.array(heads))
+    return rows, hulls
 
 
 def add_signs(
@@ -81,10 +84,10 @@ def add_signs(
 
     def put(x: float, y: float, yaw: float, plate: signs.Plate) -> None:
         nonlocal count
-        with mesh.place(x, y, yaw, z_m=z):
+        with mesh.place(*layout.at(x, y, yaw), z_m=z):
             signs.add_sign(mesh, plate, first + count)
         count += 1
-        hulls.append((x, y, 0.0, 0.06, 0.06))
+        hulls.append((*layout.at(x, y), 0.06, 0.06))
 
     for block in layout.blocks:
         for kerb, _, sign in layout.rows():
@@ -139,17 +142,18 @@ def add_pieces(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
     stop = bus_stop(layout)
     for block in layout.blocks:
         for kerb, wall, sign in layout.rows():
-            _block_pieces(mesh, (block, kerb, wall, sign), z, stop, rng, hulls)
+            _block_pieces(mesh, layout, (block, kerb, wall, sign), z, stop, rng, hulls)
     if stop is not None:
         x, y = (stop[0] + stop[1]) / 2, layout.kerb_left + 1.8
-        with mesh.place(x, y, 0.0, z_m=z):
+        with mesh.place(*layout.at(x, y), z_m=z):
             pieces.add_shelter(mesh)
-        hulls.append((x, y, 0.0, 2.2, 0.8))
+        hulls.append((*layout.at(x, y), 2.2, 0.8))
     return hulls
 
 
 def _block_pieces(
     mesh: MeshBuilder,
+    layout: Layout,
     row: tuple[Block, float, float, float],
     z_m: float,
     stop: tuple[float, float] | None,
@@ -164,9 +168,9 @@ def _block_pieces(
     ) -> None:
         if sign > 0 and stop and stop[0] - 1.0 < x < stop[1] + 1.0:
             return
-        with mesh.place(x, y, facing, z_m=z_m):
+        with mesh.place(*layout.at(x, y, facing), z_m=z_m):
             piece(mesh)
-        hulls.append((x, y, 0.0, *half))
+        hulls.append((*layout.at(x, y), *half))
 
     for x in np.arange(block.start + 14.0 + rng.uniform(0, 8), block.end - 10.0, 29.0):
         put(pieces.add_bench, x, kerb + sign * 1.2, (0.9, 0.26))
@@ -179,7 +183,7 @@ def _block_pieces(
             at = (float(x), wall - sign * 0.45)
             put(pieces.add_planter, *at, (0.34, 0.34))
             if not (sign > 0 and stop and stop[0] - 1.0 < x < stop[1] + 1.0):
-                plants.add_shrub(mesh, *at, z_m + 0.4, rng)
+                plants.add_shrub(mesh, *layout.at(*at)[:2], z_m + 0.4, rng)
     for edge, way, there in ((block.start, 1.0, block.opens), (block.end, -1.0, block.closes)):
         if there:  # bollards round the corner, clear of the crossings
             for k in range(3):

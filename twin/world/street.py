@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import msgspec
@@ -11,10 +12,12 @@ from schemas.messages import OBJECT_CLASSES
 from twin.world import sidewalks
 from twin.world.actors import build_cast
 from twin.world.ambient import baked
+from twin.world.bends import add_bends
 from twin.world.buildings import add_buildings
 from twin.world.ground import add_ground
 from twin.world.imports import add_imports
 from twin.world.kept import kept
+from twin.world.lane import LanePath, straight
 from twin.world.layout import Hull, lay_out
 from twin.world.mesh import Mesh, MeshBuilder
 from twin.world.motion import Motion, ObjectKind, Still
@@ -39,6 +42,10 @@ class World:
     """World x of one right-hand lamp and world y of the row [m]."""
     lamps_left: tuple[float, float]
     """World x of one left-hand lamp and world y of the row [m]."""
+    lamps: np.ndarray | None = None
+    """World x, y of the street lamps of a road that bends, float64 [L, 2] [m]; None: the rows."""
+    lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
+    """Centre line of the ego's lane."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -69,6 +76,16 @@ class World:
         static = self.static_classes or (0,) * self.instances
         return np.array([*static, *self.mover_classes], np.int32)
 
+    def before_obstacle(self, distance_m: float) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the obstacle's rear
+        bumper; along the lane."""
+        x, y, yaw, half_length, _ = self.colliders[0].tolist()
+        if not self.lane.closed:
+            return x - half_length - distance_m, 0.0, 0.0
+        rear = (x - half_length * math.cos(yaw), y - half_length * math.sin(yaw))
+        pose = self.lane.at(self.lane.locate(*rear).s_m - distance_m)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+
     @property
     def obstacle_rear_m(self) -> float:
         """World x of the obstacle's rear bumper [m]."""
@@ -98,20 +115,26 @@ _built: dict[bytes, World] = {}
 
 def _build(scene: Scene) -> World:
     mesh = MeshBuilder()
-    colliders: list[Hull] = [add_obstacle(mesh, scene)]
+    layout = lay_out(scene)
+    colliders: list[Hull] = [add_obstacle(mesh, scene, layout)]
     classes = ["car"]
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
+    bent_lamps: np.ndarray | None = None
     if scene.street:
-        layout = lay_out(scene)
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
         parked, bodies = add_parked(mesh, scene, layout, [(*stop, 1.0)] if stop else [])
         colliders += parked
         classes += bodies
         others += add_buildings(mesh, scene, layout)
+        others += add_bends(mesh, scene, layout)
         others += sidewalks.add_trees(mesh, scene, layout)
-        lamps_right, lamps_left, posts = sidewalks.add_lamps(mesh, scene, layout)
+        lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
+        if layout.lane.closed:
+            bent_lamps = np.concatenate(lamps)
+        else:
+            lamps_right, lamps_left = (tuple(row[0].tolist()) for row in lamps)
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
         others += posts + poles + sidewalks.add_pieces(mesh, scene, layout)
@@ -128,6 +151,8 @@ def _build(scene: Scene) -> World:
         instances=len(classes),
         lamps_right=lamps_right,
         lamps_left=lamps_left,
+        lamps=bent_lamps,
+        lane=layout.lane,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,

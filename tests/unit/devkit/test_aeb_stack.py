@@ -14,6 +14,7 @@ from devkit.control import Controller
 from devkit.lights import LightsSwitch
 from devkit.planning import Planner
 from devkit.stack import Observation
+from devkit.steering import Steering
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import BOXES_MAX, Command, Episode
 
@@ -67,7 +68,7 @@ def observe(worlds: list[World | None], tick: int, camera: bool = True) -> Obser
     frames = np.zeros((slots, HEIGHT, WIDTH, 3), np.uint8)
     boxes = np.zeros((slots, BOXES_MAX, 7), np.float32)
     count = np.zeros(slots, np.int32)
-    vehicle, environment = np.zeros((slots, 6)), np.zeros((slots, 2))
+    vehicle, environment = np.zeros((slots, 7)), np.zeros((slots, 2))
     token = np.zeros(slots, np.int64)
     for slot, world in enumerate(worlds):
         if world is None:
@@ -206,8 +207,9 @@ def test_parameters_are_the_fields_of_the_parts():
         for name, p in inspect.signature(AebStack).parameters.items()
         if p.kind is p.KEYWORD_ONLY
     }
-    parts = [msgspec.structs.asdict(type_()) for type_ in (Planner, Controller, LightsSwitch)]
-    assert parameters == {**parts[0], **parts[1], **parts[2]}
+    types = (Planner, Controller, Steering, LightsSwitch)
+    parts = [msgspec.structs.asdict(type_()) for type_ in types]
+    assert parameters == {name: value for part in parts for name, value in part.items()}
     assert len(parameters) == sum(len(part) for part in parts)
 
 
@@ -219,6 +221,16 @@ def test_parameters_are_the_fields_of_the_parts():
         ({"frames_min": 1.5}, "frames_min: given 1.5"),
         ({"throttle_max": "full"}, "throttle_max: given 'full'"),
         ({"corridor_half_m": True}, "corridor_half_m: given True"),
+        ({"cruise": "coast"}, "cruise: given 'coast', allowed: speed, throttle"),
+        ({"cruise_throttle": 0.3}, "cruise_throttle is set, but cruise: speed"),
+        (
+            {"cruise": "throttle", "throttle_gain": 1.0},
+            "throttle_gain is set, but cruise: throttle",
+        ),
+        ({"cruise": "throttle", "cruise_speed_mps": 5.0}, "cruise_speed_mps is set, but cruise"),
+        ({"steering": "blind"}, "steering: given 'blind', allowed: straight, visual"),
+        ({"steering": "straight", "preview_s": 1.0}, "preview_s is set, but steering: straight"),
+        ({"preview_s": 0.1}, "preview_s: given 0.1, allowed: a number >= 0.2 and <= 3"),
         ({"bright_above_lx": 1.0}, "bright_above_lx: given 1, allowed: at least dark_below_lx"),
     ],
 )

@@ -18,19 +18,19 @@ def one(plan: Plan, speed_mps: float, integral: float = 0.0) -> Actuation:
 
 def test_aeb_is_full_brake_at_any_speed_and_clears_the_integral():
     for speed_mps in (0.0, 0.01, 8.0, 30.0):
-        assert control(0.3, AEB, speed_mps, 0.05, CONTROLLER) == (0.0, Actuation(0.0, 1.0, 0.0))
+        assert control(0.3, AEB, speed_mps, 0.05, CONTROLLER) == (0.0, Actuation(0.0, 1.0))
 
 
 def test_throttle_is_limited():
-    assert one(CRUISE, 0.0) == Actuation(0.6, 0.0, 0.0)
-    assert one(CRUISE, 8.0) == Actuation(0.0, 0.0, 0.0)
+    assert one(CRUISE, 0.0) == Actuation(0.6, 0.0)
+    assert one(CRUISE, 8.0) == Actuation(0.0, 0.0)
     assert one(CRUISE, 7.0).throttle == pytest.approx(0.3 + 0.05 * 0.05)
 
 
 def test_gentle_brake_beyond_the_overspeed_only():
-    assert one(CRUISE, 8.5) == Actuation(0.0, 0.0, 0.0)
+    assert one(CRUISE, 8.5) == Actuation(0.0, 0.0)
     assert one(CRUISE, 9.5).brake == pytest.approx(0.1)
-    assert one(CRUISE, 30.0) == Actuation(0.0, 0.2, 0.0)
+    assert one(CRUISE, 30.0) == Actuation(0.0, 0.2)
 
 
 def test_never_throttle_and_brake_together():
@@ -57,3 +57,19 @@ def test_reaches_and_keeps_the_cruise_speed_of_a_car_with_drag():
         fastest_mps = max(fastest_mps, speed_mps)
     assert speed_mps == pytest.approx(8.0, abs=0.05)
     assert fastest_mps < 8.5
+
+
+def test_cruise_by_throttle_is_constant_and_yields_to_the_brake():
+    by_throttle = Controller(cruise="throttle")
+    for speed_mps in (0.0, 8.0, 30.0):
+        assert control(0.0, CRUISE, speed_mps, 0.05, by_throttle) == (0.0, Actuation(0.2, 0.0))
+        assert control(0.0, AEB, speed_mps, 0.05, by_throttle) == (0.0, Actuation(0.0, 1.0))
+    stronger = Controller(cruise="throttle", cruise_throttle=0.35)
+    assert control(0.0, CRUISE, 3.0, 0.05, stronger)[1].throttle == 0.35
+
+
+def test_parameters_that_would_be_ignored_are_refused():
+    with pytest.raises(ValueError, match="cruise_throttle is set, but cruise: speed"):
+        Controller(cruise_throttle=0.3)
+    with pytest.raises(ValueError, match="overspeed_mps is set, but cruise: throttle"):
+        Controller(cruise="throttle", overspeed_mps=1.0)

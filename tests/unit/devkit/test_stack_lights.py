@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from devkit.lights import LightsSwitch, Surroundings, choose, sense
-from schemas.kpi import headlight_code
+from devkit.lights import LightsSwitch, Surroundings, choose, code_of, name_of, of_code, sense
+from schemas.messages import Lights
 
 SWITCH = LightsSwitch()
 
@@ -19,7 +19,7 @@ SWITCH = LightsSwitch()
 @pytest.mark.parametrize("aeb", [False, True])
 def test_table_of_the_original(dark, fog, code, aeb):
     lamps = choose(Surroundings(dark, fog), aeb)
-    assert headlight_code(lamps.low, lamps.high, lamps.parking, lamps.fog) == code
+    assert code_of(lamps) == code
     assert lamps.indicators == (3 if aeb else 0)
 
 
@@ -52,3 +52,35 @@ def test_thresholds_in_the_wrong_order():
         LightsSwitch(bright_above_lx=500.0)
     with pytest.raises(ValueError, match=r"clear_below_per_m: given 0\.01, allowed: at most"):
         LightsSwitch(clear_below_per_m=0.01)
+
+
+# Transcribed from the comments of opencav_aeb.py in AutoDRIVE-Simulator-HPC: 1 low beam, 2 high
+# beam, 3 parking lights, 4 fog lights, and what each further code is the sum of.
+PUBLISHED = {0: (), 1: (1,), 2: (2,), 3: (3,), 4: (4,), 5: (1, 3), 6: (1, 4), 7: (2, 3)}
+PUBLISHED |= {8: (2, 4), 9: (3, 4), 10: (1, 3, 4), 11: (2, 3, 4)}
+
+
+@pytest.mark.parametrize("code", PUBLISHED)
+def test_codes_are_the_published_ones_both_ways(code):
+    lamps = Lights(**{name: n in PUBLISHED[code] for n, name in LAMPS.items()})
+    assert of_code(code) == lamps
+    assert code_of(lamps) == code
+    words = [WORDS[n] for n in PUBLISHED[code]]
+    assert name_of(code) == (", ".join(words) or "off")
+
+
+LAMPS = {1: "low", 2: "high", 3: "parking", 4: "fog"}
+WORDS = {1: "low beam", 2: "high beam", 3: "parking", 4: "fog"}
+
+
+def test_high_beam_wins_and_indicators_are_carried():
+    assert code_of(Lights(low=True, high=True, parking=True)) == 7
+    assert of_code(9, indicators=3) == Lights(parking=True, fog=True, indicators=3)
+
+
+@pytest.mark.parametrize("code", [-1, 12])
+def test_there_are_no_other_codes(code):
+    with pytest.raises(ValueError, match=f"headlight code {code}: allowed: 0 to 11"):
+        of_code(code)
+    with pytest.raises(ValueError, match=f"headlight code {code}"):
+        name_of(code)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from devkit.images import Images
 from devkit.perception import (
     CONFIDENCE_MIN,
     PIXELS_MAX,
@@ -20,6 +21,7 @@ from devkit.perception import (
     visible_contrast,
 )
 from schemas import campaign
+from schemas.messages import Detection
 
 WIDTH, HEIGHT = 160, 90
 BOX = Region(60, 40, 100, 70)
@@ -52,6 +54,20 @@ def perception(contrast_min: float = 0.05, pixels_min: int = 24) -> Perception:
     )
 
 
+def see(eyes: Perception, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
+    """Of one frame."""
+    (seen,) = eyes.detect(Images(image[None], [0]), [boxes])
+    return seen
+
+
+def test_frames_seen_together_are_seen_alone():
+    frames = np.stack([street(2.0, seed) for seed in range(4)])
+    boxes = [row(), row(class_id=3), row()[:0], row(Region(5, 5, 30, 40))]
+    order = [2, 0, 3, 1]
+    together = perception().detect(Images(frames, order), [boxes[i] for i in order])
+    assert together == [see(perception(), frames[i], boxes[i]) for i in order]
+
+
 def test_the_variant_type_chooses_the_implementation():
     assert isinstance(perception(), GroundTruthPerception)
     with pytest.raises(ValueError, match="perception Region: not known to devkit; allowed: Ground"):
@@ -69,7 +85,7 @@ def test_confidence_is_exactly_one_half_at_the_threshold():
 def test_detection_at_the_threshold_of_its_own_image():
     image = street()
     contrast = visible_contrast(image, BOX)
-    (seen,) = perception(contrast_min=contrast).detect(image, row())
+    (seen,) = see(perception(contrast_min=contrast), image, row())
     assert seen.confidence == 0.5
     assert (seen.label, seen.x_px, seen.y_px, seen.width_px, seen.height_px) == (
         "car",
@@ -84,14 +100,14 @@ def test_too_faint_to_report():
     image = veiled(street(), 0.9)
     contrast = visible_contrast(image, BOX)
     just_seen = min(contrast * (1 / CONFIDENCE_MIN - 1), 1.0)
-    assert len(perception(contrast_min=just_seen * 0.999).detect(image, row())) == 1
-    assert perception(contrast_min=just_seen * 1.001).detect(image, row()) == []
+    assert len(see(perception(contrast_min=just_seen * 0.999), image, row())) == 1
+    assert see(perception(contrast_min=just_seen * 1.001), image, row()) == []
 
 
 def test_visible_pixels_limit_is_inclusive():
     image = street()
-    assert len(perception(pixels_min=24).detect(image, row(visible_px=24))) == 1
-    assert perception(pixels_min=24).detect(image, row(visible_px=23)) == []
+    assert len(see(perception(pixels_min=24), image, row(visible_px=24))) == 1
+    assert see(perception(pixels_min=24), image, row(visible_px=23)) == []
 
 
 @pytest.mark.parametrize("noise_levels", [0.0, 4.0])
@@ -111,7 +127,7 @@ def test_contrast_falls_with_noise_and_with_darkness():
 
 
 def test_another_noise_seed_changes_confidence_a_little():
-    one, two = (perception().detect(street(2.0, seed), row())[0].confidence for seed in (1, 2))
+    one, two = (see(perception(), street(2.0, seed), row())[0].confidence for seed in (1, 2))
     assert one != two
     assert one == pytest.approx(two, abs=0.02)
 
@@ -129,7 +145,7 @@ def test_noise_alone_is_not_taken_for_texture(noise_levels):
     noise = noise_levels * np.random.default_rng(3).standard_normal((HEIGHT, WIDTH, 3))
     image = np.rint(120 + noise).astype(np.uint8)
     assert visible_contrast(image, BOX) < 0.005
-    assert perception().detect(image, row()) == []
+    assert see(perception(), image, row()) == []
 
 
 def test_large_boxes_are_sampled_by_rows_without_a_change_of_scale():
@@ -169,10 +185,10 @@ def test_mirrored_and_reversed_pixels_give_the_same_bits():
 def test_tiny_boxes(size, corner):
     image = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
     box = np.array([[0, *corner, *size, 1.0, 90.0]], np.float32)
-    assert perception(pixels_min=1).detect(image, box) == []
+    assert see(perception(pixels_min=1), image, box) == []
     region = pixels_of(box[0].tolist(), WIDTH, HEIGHT)
     image[region.top : region.bottom, region.left : region.right] = 20
-    (seen,) = perception(pixels_min=1).detect(image, box)
+    (seen,) = see(perception(pixels_min=1), image, box)
     assert seen.confidence > 0.8
 
 
@@ -197,17 +213,17 @@ def test_pixels_of_a_box():
 def test_order_is_by_content_not_by_row():
     image = street(2.0)
     boxes = np.concatenate([row(), row(Region(58, 40, 100, 70)), row(Region(60, 38, 100, 74), 1)])
-    detections = perception().detect(image, boxes)
+    detections = see(perception(), image, boxes)
     assert len(detections) == 3
-    assert detections == perception().detect(image, boxes[::-1])
+    assert detections == see(perception(), image, boxes[::-1])
     confidences = [detection.confidence for detection in detections]
     assert confidences == sorted(confidences, reverse=True)
-    assert perception().detect(image, boxes[:0]) == []
+    assert see(perception(), image, boxes[:0]) == []
 
 
 def test_unknown_class_id():
     with pytest.raises(ValueError, match="class id 6, allowed: 0-5"):
-        perception().detect(street(), row(class_id=6))
+        see(perception(), street(), row(class_id=6))
 
 
 @pytest.mark.parametrize("column", range(7))
@@ -215,4 +231,4 @@ def test_unknown_class_id():
 def test_a_box_that_is_not_finite_is_not_seen_and_does_not_raise(column, value):
     boxes = np.concatenate([row(), row()])
     boxes[0, column] = value
-    assert len(perception().detect(street(), boxes)) == 1
+    assert len(see(perception(), street(), boxes)) == 1

@@ -56,10 +56,10 @@ def box_of(
         if z <= 0.1:
             continue
         for y in (right_m, left_m):
-            u = view.focal_px * (view.lateral_m - y) / z
+            u = view.lens.fx_px * (view.lateral_m - y) / z
             if abs(u) <= half_width:
                 us.append(u)
-                vs += [view.focal_px * h / z for h in (view.above_m, -0.1)]
+                vs += [view.lens.fx_px * h / z for h in (view.above_m, -0.1)]
     left, right = min(us) + half_width, max(us) + half_width
     top, bottom = min(vs) + half_height, min(max(vs), half_height) + half_height
     if whole_pixels:
@@ -93,7 +93,7 @@ def test_the_area_limit_is_one_of_distance_for_every_label(label):
     width_m, height_m, _ = SHAPES[label]
     relevant = []
     for ahead_m in (25.0, 34.0, 36.0, 50.0):
-        scale = VIEW.focal_px / ahead_m
+        scale = VIEW.lens.fx_px / ahead_m
         box = Detection(label, 0.9, 300.0, 150.0, width_m * scale, height_m * scale)
         relevant.append(is_relevant(box, VIEW, PLANNER))
     assert relevant == [True, True, False, False]
@@ -131,8 +131,8 @@ def test_a_longer_road_user_is_granted_a_longer_flank():
 def test_the_camera_sits_where_the_episode_says():
     box = Detection("car", 0.9, 270.0, 150.0, 100.0, 100.0)  # 70 px below the horizon, on the axis
     view = view_of(position_m=(2.0, -0.5, 1.4))
-    ahead_m = view.focal_px * 1.4 / 70.0
-    half_m = 50.0 / view.focal_px * ahead_m
+    ahead_m = view.lens.fx_px * 1.4 / 70.0
+    half_m = 50.0 / view.lens.fx_px * ahead_m
     assert extent_m(box, view) == pytest.approx((ahead_m, -0.5 - half_m, -0.5 + half_m))
 
 
@@ -143,14 +143,14 @@ def test_the_camera_sits_where_the_episode_says():
 def test_a_turned_camera_sees_the_same_place_elsewhere(rotation_deg, shift_px):
     turned = view_of(rotation_deg=rotation_deg)
     angle = math.radians(max(rotation_deg))
-    down = VIEW.focal_px * 1.32 / 12.0
+    down = VIEW.lens.fx_px * 1.32 / 12.0
     if shift_px[1]:  # looking down: the ground moves up in the image
-        level = math.atan(down / VIEW.focal_px)
-        y = 180.0 + VIEW.focal_px * math.tan(level - angle)
+        level = math.atan(down / VIEW.lens.fx_px)
+        y = 180.0 + VIEW.lens.fx_px * math.tan(level - angle)
         assert turned.ground_m(320.0, y) == pytest.approx(12.0)
         assert turned.across_m(320.0, y, 12.0) == pytest.approx(-0.35)
     else:  # looking left: straight ahead is right of the middle
-        x = 320.0 + VIEW.focal_px * math.tan(angle)
+        x = 320.0 + VIEW.lens.fx_px * math.tan(angle)
         y = 180.0 + down / math.cos(angle)
         assert turned.ground_m(x, y) == pytest.approx(12.0)
         assert turned.across_m(x, y, 12.0) == pytest.approx(-0.35)

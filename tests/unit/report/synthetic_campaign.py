@@ -76,9 +76,8 @@ def make_campaign(
 def drive(folder: Path, case: Case) -> CaseOutcome:
     """One case: accelerate, see the obstacle at some distance, brake, stop or hit it."""
     dark = 0.8 if case.time_of_day_min < 6 * 60 or case.time_of_day_min > 18 * 60 else 1.0
-    sight_m = (
-        22 * dark * _SIGHT.get(case.weather, 1.0) * (0.06 / case.perception.contrast_min) ** 0.3
-    )
+    contrast_min = getattr(case.perception, "contrast_min", 0.06)
+    sight_m = 22 * dark * _SIGHT.get(case.weather, 1.0) * (0.06 / contrast_min) ** 0.3
     columns = _rows(case, sight_m, 7.0 * _GRIP.get(case.weather, 1.0))
     table = kpi_table(columns)
     attempt = f"cases/{case.id}/attempt-1"
@@ -130,6 +129,7 @@ def _rows(case: Case, sight_m: float, decel_mps2: float) -> dict[str, list[Any]]
                 "dtc_m": max(distance, 0.0),
                 "ttc_s": distance / speed if closing else None,
                 "collisions": int(hit),
+                "lateral_error_m": None,
                 "throttle": None if last else (0.0 if aeb else 0.4 + 0.4 * (speed < 10)),
                 "brake": None if last else float(aeb),
                 "steering_rad": None if last else 0.0,

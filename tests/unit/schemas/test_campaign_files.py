@@ -33,6 +33,23 @@ BAD = [
     ({"camera": {"width": "wide"}}, "camera.width", ["'wide'", ">= 16 and <= 3840"]),
     ({"camera": 3}, "camera", ["given 3", "mapping", "width"]),
     ({"scenario": {"durations_s": 3}}, "scenario.durations_s", ["did you mean 'duration_s'?"]),
+    ({"scenario": {"type": "lane_keep"}}, "scenario.type", ["did you mean 'lane_keeping'?"]),
+    ({"scenario": {"distance_m": 50}}, "scenario", ["distance_m", "belongs to type lane_keeping"]),
+    (
+        {"scenario": {"type": "lane_keeping", "ego_start_m": 60}},
+        "scenario",
+        ["ego_start_m is set", "belongs to type jump_scare", "this is lane_keeping"],
+    ),
+    (
+        {"scenario": {"type": "lane_keeping", "lateral_limit_m": 0}},
+        "scenario.lateral_limit_m",
+        ["given 0", "> 0 and <= 10"],
+    ),
+    (
+        {"matrix": {"scenario.distance_m": [50]}},
+        "matrix.scenario",
+        ["belongs to type lane_keeping"],
+    ),
     ({"scenario": {"scene": "downtwn"}}, "scenario.scene", ["did you mean 'downtown'?"]),
     ({"scenario": {"vehicle": "no/car.yaml"}}, "scenario.vehicle", ["no/car.yaml", "opencav"]),
     ({"camera": {"name": "front"}}, "cameras", ["opencav", "'front'", "front_right"]),
@@ -133,7 +150,7 @@ def test_unreadable_files(tmp_path):
 
 
 def test_shipped_campaigns_are_the_papers():
-    assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16"}
+    assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16", "lane-loop"}
     campaign = load("aeb-256")
     cases = expand(campaign)
     assert len(cases) == len({c.id for c in cases}) == 256
@@ -150,6 +167,9 @@ def test_shipped_campaigns_are_the_papers():
     assert demo[0].scenario.ego_start_m >= 60
     assert demo[0].camera.noise
     assert len(expand(load("chaos-16"))) == 16
+    lane = expand(load("lane-loop"))
+    assert [c.weather for c in lane] == ["clear", "light_rain"]
+    assert {(c.scenario.type, c.scenario.distance_m) for c in lane} == {("lane_keeping", 1000)}
 
 
 def test_ids_do_not_depend_on_the_file():

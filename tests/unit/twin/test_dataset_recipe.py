@@ -82,7 +82,7 @@ def test_a_recipe_survives_being_written():
         ({"visible_px": RULES.visible_px_min - 1, "unoccluded_px": 24}, "small"),
         ({"box": (0, 0, RULES.long_side_px_min - 1, 6)}, "small"),
         ({"box": (0, 0, 8, RULES.short_side_px_min - 1)}, "small"),
-        ({"unoccluded_px": 161}, "hidden"),
+        ({"unoccluded_px": 101}, "hidden"),
         ({"truncation": RULES.truncation_max + 0.001}, "truncated"),
         ({"distance_m": 3001.0}, "air"),
         ({"behind": True}, "behind"),
@@ -98,7 +98,7 @@ def test_beyond_a_limit_a_box_is_ignored(change, reason):
     [
         {"visible_px": RULES.visible_px_min, "unoccluded_px": 24},
         {"box": (0, 0, RULES.long_side_px_min, RULES.short_side_px_min)},
-        {"unoccluded_px": 160},
+        {"unoccluded_px": 100},
         {"truncation": RULES.truncation_max},
         {"distance_m": 2995.0},
         {"contrast": RULES.contrast_min},

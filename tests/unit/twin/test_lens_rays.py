@@ -11,7 +11,8 @@ import pytest
 
 from schemas.lens import Lens
 from schemas.lens_curve import intrinsics
-from twin.render.lens import project, projection_matrix, ray_table, vehicle_from_camera
+from schemas.lens_projection import project, vehicle_from_camera
+from twin.render.lens import projection_matrix, ray_table
 
 WIDTH, HEIGHT = 128, 72
 BROWN = Lens(model="brown_conrady", k1=-0.28, k2=0.09, p1=1e-3, p2=-8e-4, k3=-0.012)

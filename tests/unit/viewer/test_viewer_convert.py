@@ -1,9 +1,10 @@
 """Messages -> what Rerun logs."""
 
+import msgspec
 import numpy as np
 import pytest
 import rerun as rr
-from view_messages import controls, detection, end, start, state
+from view_messages import STAGE, controls, detection, end, start, state
 
 from viewer import naming
 from viewer.convert import CaseConverter
@@ -29,6 +30,18 @@ def test_the_start_holds_intrinsics_street_and_styles():
     assert matrix[0, 0] == pytest.approx(32 / np.tan(np.radians(35)), rel=1e-6)
     assert matrix[2, 0] == pytest.approx(32)
     assert {naming.OBSTACLE, naming.PARKED, naming.BUILDINGS, naming.STREET} <= set(paths(logged))
+
+
+def test_lines_run_beside_a_lane_that_bends():
+    corner = msgspec.structs.replace(
+        STAGE, lane=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 10.0, np.pi / 2]]
+    )
+    lines = only(CaseConverter(start(stage=corner)).start(), naming.STREET)
+    strips = np.array(lines.strips.as_arrow_array().to_pylist())
+    assert strips.shape == (5, 3, 3)  # both edges, the middle, both kerbs
+    assert strips[0, :, :2] == pytest.approx(
+        np.array([(0, -1.75), (10, -1.75), (21.75, 10)]), abs=1e-5
+    )
 
 
 def test_a_tick_is_one_row_of_every_plot():

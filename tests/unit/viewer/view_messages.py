@@ -14,12 +14,12 @@ from schemas.view import (
 )
 
 STAGE = Stage(
-    road_start_m=-60.0,
-    road_end_m=345.0,
+    lane=[[-60.0, 0.0, 0.0], [345.0, 0.0, 0.0]],
     lane_width_m=3.5,
     parking_width_m=2.3,
     sidewalk_width_m=4.2,
     obstacle_center_m=[234.25, 0.0, 0.73],
+    obstacle_yaw_rad=0.0,
     obstacle_size_m=[4.5, 1.8, 1.46],
     ego_center_m=[1.47, 0.0, 0.75],
     ego_size_m=[4.98, 1.95, 1.5],
@@ -38,6 +38,7 @@ def start(folder="/nowhere", seq=0, token=7, **changes):
         "model": "yolov3",
         "weather": "heavy_fog",
         "time_of_day_min": 300,
+        "stage": STAGE,
         **changes,
     }
     return CaseStart(
@@ -53,7 +54,6 @@ def start(folder="/nowhere", seq=0, token=7, **changes):
         width=64,
         height=36,
         hfov_deg=70.0,
-        stage=STAGE,
         **values,
     )
 

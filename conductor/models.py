@@ -1,0 +1,91 @@
+"""Whether the networks of a campaign can be loaded, before any of its cases is leased.
+
+Loading them is the business of ``devkit``, which is asked as any user would ask it: by a process of
+its own, once for all networks. A network that takes its process down is one that cannot be loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import msgspec
+
+from schemas.campaign import Campaign, expand
+from schemas.perception import NetworkPerception
+from schemas.validation import Mistake
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.process import how_it_ended
+
+TIMEOUT_S = 600.0
+"""Longest time to load all networks [s]."""
+
+
+def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
+    """Load the networks that cases of ``campaign`` use, on this machine.
+
+    Args:
+        campaign: with absolute paths, see :func:`conductor.source.load`.
+        shown: name of the campaign for messages.
+        device: where workers on this machine compute, ``cpu`` or ``cuda:N``.
+
+    Raises:
+        UsageError: one line per network that cannot be loaded, naming its file.
+        InfrastructureError: the check itself did not work.
+    """
+    if not any(isinstance(v, NetworkPerception) for v in campaign.autonomy.perception.values()):
+        return
+    cases = expand(campaign)
+    used = {
+        case.model: case.perception
+        for case in cases
+        if isinstance(case.perception, NetworkPerception)
+    }
+    if not used:
+        return
+    # The same network with another threshold is loaded once.
+    first: dict[tuple[str, ...], str] = {}
+    for name, variant in used.items():
+        first.setdefault(_what_is_loaded(variant), name)
+    answer = _ask({name: used[name] for name in first.values()}, cases[0].camera, device)
+    mistakes = [
+        Mistake(f"autonomy.perception.{name}", answer[name]["error"])
+        for name in first.values()
+        if answer[name]["error"]
+    ]
+    if mistakes:
+        raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+
+
+def _what_is_loaded(variant: NetworkPerception) -> tuple[str, ...]:
+    return (variant.model, variant.weights, variant.names, variant.description, variant.runtime)
+
+
+def _ask(variants: dict[str, NetworkPerception], camera: Any, device: str) -> dict[str, Any]:
+    command = [
+        *(sys.executable, "-m", "devkit", "check-models", "--device", device),
+        *("--width", str(camera.width), "--height", str(camera.height)),
+    ]
+    names = ", ".join(variants)
+    try:
+        done = subprocess.run(
+            command, input=msgspec.json.encode(variants), capture_output=True, timeout=TIMEOUT_S
+        )
+    except subprocess.TimeoutExpired:
+        raise InfrastructureError(
+            f"networks {names}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
+        ) from None
+    try:
+        if done.returncode == 0:
+            # What libraries may print stands before the answer.
+            found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+            return found
+    except (ValueError, IndexError):
+        pass
+    words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]
+    raise InfrastructureError(
+        f"networks {names}: the process that loads them ended without an answer"
+        f" ({how_it_ended(done.returncode)}): {words[-1][:300]}"
+    )

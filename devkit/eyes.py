@@ -1,0 +1,67 @@
+"""What the slots of a rig see: slots with equal perception variants look together, once a frame."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import msgspec
+
+import devkit.network_perception  # noqa: F401 - makes itself known
+from devkit.images import Images
+from devkit.perception import Perception, Setting, build_perception
+from devkit.stack import Observation
+from schemas.messages import Detection, Episode, PerceptionCost
+
+
+class Eyes:
+    """The perceptions of a rig's slots.
+
+    A variant is built once and kept: the cases that come later find their network loaded.
+    """
+
+    def __init__(self, slots: int) -> None:
+        self._built: dict[bytes, Perception] = {}
+        self._of_slot: list[Perception | None] = [None] * slots
+        self._costs: dict[int, PerceptionCost] = {}
+
+    def reset(self, slot: int, episode: Episode) -> None:
+        """Give ``slot`` the eyes of a new case.
+
+        Raises:
+            UsageError: its network cannot be loaded; one line naming the file.
+        """
+        setting = Setting(episode.device, (episode.width, episode.height), episode.files)
+        key = msgspec.msgpack.encode(
+            (episode.perception, setting.device, setting.size_px, sorted(setting.files.items()))
+        )
+        if key not in self._built:
+            self._built[key] = build_perception(episode.perception, setting)
+        self._of_slot[slot] = self._built[key]
+
+    def look(self, slots: Sequence[int], observation: Observation) -> dict[int, list[Detection]]:
+        """Detections of the new camera frames of ``slots``; none of a slot where no frame is
+        due."""
+        self._costs = {}
+        camera = observation.sensors.get("camera")
+        if camera is None or "boxes" not in observation.sensors:
+            return {}
+        groups: dict[int, list[int]] = {}
+        for slot in slots:
+            groups.setdefault(id(self._of_slot[slot]), []).append(slot)
+        seen: dict[int, list[Detection]] = {}
+        for group in groups.values():
+            perception = self._of_slot[group[0]]
+            assert perception is not None, f"slot {group[0]} was not reset"
+            boxes = [rows for slot in group if (rows := observation.boxes(slot)) is not None]
+            started_s = time.perf_counter()
+            found = perception.detect(Images(camera, group), boxes)
+            each_s = (time.perf_counter() - started_s) / len(group)
+            seen.update(zip(group, found, strict=True))
+            cost = PerceptionCost(perception.runtime, 1, each_s)
+            self._costs.update(dict.fromkeys(group, cost))
+        return seen
+
+    def costs(self, slots: Sequence[int]) -> list[PerceptionCost | None]:
+        """Wall time that the last look took, per slot."""
+        return [self._costs.get(slot) for slot in slots]

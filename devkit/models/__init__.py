@@ -1,0 +1,1 @@
+"""Shipped networks: ``NAME.onnx``, and ``NAME.md``, its model card."""

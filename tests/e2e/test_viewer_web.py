@@ -1,0 +1,265 @@
+"""`viewer web` in a real browser: what it shows, and that nothing is asked for outside."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from processes import Marked, nothing_left, wait_for
+from test_conductor_restart import serve
+from unit.viewer.recorded_case import write
+from unit.viewer.view_messages import thumbnail
+
+from schemas import topics
+from schemas.wire import encode
+from twin.fabric.bus import Bus
+from twin.fabric.discovery import find_conductor
+from twin.fabric.zenoh_bus import open_bus
+from twin.worker.view_samples import jpeg
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
+expect = sync_api.expect
+
+CHROMIUM = Path("/usr/bin/chromium")
+PATIENCE_MS = 120_000
+"""Rendering in software, on a machine with other work."""
+
+FOREIGN = ("rerun.io", "github", "fonts.g", "outside.example")
+"""Whom Rerun's page would ask, and whom ours asks on purpose. The browser's maker is none of them:
+browsers call home by themselves."""
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"
+)
+
+
+class Outside:
+    """Stands for the rest of the world: the browser's proxy, which counts who calls."""
+
+    def __init__(self):
+        self.calls = []
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}"
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self):
+        while True:
+            try:
+                caller, _ = self._socket.accept()
+            except OSError:
+                return
+            with caller:
+                caller.settimeout(5)
+                self.calls.append(caller.recv(200).split(b"\r\n")[0].decode())
+
+    def close(self):
+        self._socket.close()
+
+
+@pytest.fixture(scope="module")
+def outside():
+    found = Outside()
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def browser(outside):
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=str(CHROMIUM),
+            args=["--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking"],
+            proxy={"server": outside.url, "bypass": "127.0.0.1"},
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(browser, outside):
+    """Opens pages; they may not crash, nor ask anybody but the front."""
+    pages, asked, broken = [], [], []
+
+    def open_(url):
+        page = browser.new_page(viewport={"width": 720, "height": 420})
+        page.set_default_timeout(PATIENCE_MS)
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: broken.append(str(error)))
+        page.on("crash", lambda: broken.append("crash"))
+        page.on("console", lambda m: broken.append(m.text) if "panicked" in m.text else None)
+        page.goto(url)
+        pages.append((page, url))
+        return page
+
+    yield open_
+    for page, _ in pages:
+        page.close()
+    hosts = tuple("/".join(url.split("/")[:3]) + "/" for _, url in pages)
+    assert asked
+    assert [url for url in asked if not url.startswith((*hosts, "data:", "blob:"))] == []
+    assert [call for call in outside.calls if any(host in call for host in FOREIGN)] == []
+    assert broken == []
+
+
+def picture_of(page, path):
+    """What stands on the screen, BGR, kept as a file; None: it could not be taken just now."""
+    page.bring_to_front()
+    try:
+        page.screenshot(path=str(path), timeout=PATIENCE_MS)
+    except sync_api.Error as error:
+        if "Unable to capture" not in str(error):
+            raise
+        return None
+    return cv2.imread(str(path))
+
+
+def grey(shade):
+    """Share of a picture's pixels of about this shade."""
+    return lambda p: float((np.abs(p.astype(int) - shade).max(axis=2) <= 12).mean())
+
+
+def green(picture):
+    """Share of a picture's pixels that are green, also behind the sign of something loading."""
+    blue, middle, red = (picture[..., channel].astype(int) for channel in range(3))
+    return float(((middle > blue + 40) & (middle > red + 40)).mean())
+
+
+def shows(page, share, path):
+    def look():
+        picture = picture_of(page, path)
+        return picture is not None and share(picture) > 0.05
+
+    wait_for(look, f"{path.stem} on the screen")
+
+
+def web(marked, *arguments):
+    """`viewer web` in the background, and the address it prints."""
+    child = marked.start("viewer", "web", *arguments, "--output", "json")
+    line = child.stdout.readline()
+    assert line, child.stderr.read()
+    return child, json.loads(line)
+
+
+def end(child):
+    child.send_signal(signal.SIGINT)
+    assert child.wait(20) == 0
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Three recordings: pictures of shade 10, 120, 230 at 0, 0.1 and 0.2 s."""
+    folder = tmp_path_factory.mktemp("web") / "demo"
+    for case, brakes in (("case-a", True), ("case-b", False), ("case-c", True)):
+        weather = "clear" if brakes else "heavy_rain"
+        write(folder / "cases" / case / "attempt-1", case=case, brakes=brakes, weather=weather)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def served(campaign):
+    """What `viewer web` says that serves them, with a link to the first."""
+    starter = Marked()
+    try:
+        with nothing_left(starter):
+            child, said = web(starter, str(campaign), "case-a")
+            yield said
+            end(child)
+    finally:
+        starter.end()
+
+
+def test_a_link_opens_a_recording_paused_at_its_moment(served, open_page, tmp_path):
+    assert served["url"].endswith("/view?case=case-a#when=sim_time@+0.15s")
+    assert served["laptop"][1] == "http://localhost:9300/view?case=case-a#when=sim_time@+0.15s"
+    page = open_page(served["url"])
+    expect(page.locator("#state")).to_have_text("Paused at 0.15 s", timeout=PATIENCE_MS)
+    expect(page.locator("#title")).to_have_text("case-a: pass")
+    # The picture of 0.1 s stands at 0.15 s; the first is darker, the last brighter.
+    shows(page, grey(120), tmp_path / "paused.png")
+    assert grey(230)(cv2.imread(str(tmp_path / "paused.png"))) < 0.02
+    assert page.evaluate("fetch('http://outside.example/').catch(() => 'blocked')") == "blocked"
+    # Another moment in the address, without loading anything anew.
+    page.evaluate("location.hash = '#when=sim_time@+0.24s'")
+    expect(page.locator("#state")).to_have_text("Paused at 0.24 s")
+    shows(page, grey(230), tmp_path / "later.png")
+
+
+def test_the_table_sorts_finds_and_leads_to_a_case(served, open_page):
+    home = served["url"].partition("view")[0]
+    page = open_page(home)
+    links = page.locator("#cases tbody a")
+    expect(links).to_have_text(["case-a", "case-b", "case-c"])
+    page.locator("#cases th button", has_text="Weather").click()
+    page.locator("#cases th button", has_text="Weather").click()
+    expect(links.first).to_have_text("case-b")
+    page.fill("#find", "clear pass")
+    expect(page.locator("#found")).to_have_text("2 of 3 recordings")
+    links.first.click()
+    assert "/view?case=" in page.url
+    expect(page.locator("#title")).to_contain_text("pass")
+    page.goto(home + "view?case=nobody")
+    expect(page.locator("#state")).to_contain_text("no case 'nobody'; it has e.g. case-a")
+
+
+def publish(bus: Bus, stop):
+    """Green thumbnails of a case, as a simulator sends them, until told to stop."""
+    key = topics.VIEW_THUMBNAIL.key.format(campaign="demo", case="clear-1")
+    picture = jpeg(np.full((90, 160, 3), (40, 200, 60), np.uint8))
+    while not stop.wait(0.2):
+        bus.publish(key, picture, encode(thumbnail(sim_time_ns=time.monotonic_ns())))
+
+
+def test_running_cases_and_who_comes_late(marked, open_page, tmp_path):
+    conductor = serve(marked, tmp_path)
+    endpoint = find_conductor(tmp_path).endpoint
+    child, said = web(marked, "--connect", endpoint)
+    bus, stop = open_bus("client", connect=[endpoint]), threading.Event()
+    thread = threading.Thread(target=publish, args=(bus, stop))
+    thread.start()
+    try:
+        first = open_page(said["url"])
+        expect(first.locator("#state")).to_have_text("Live", timeout=PATIENCE_MS)
+        shows(first, green, tmp_path / "first.png")
+        stop.set()
+        thread.join()
+        # A second client, after the last message: it is shown what has been.
+        late = open_page(said["url"])
+        shows(late, green, tmp_path / "late.png")
+        hub = marked.one("viewer", "live")
+        end(child)
+        assert not hub.is_running()
+    finally:
+        stop.set()
+        thread.join()
+        bus.close()
+        for process in (child, conductor):
+            process.send_signal(signal.SIGINT)
+            process.wait(20)
+
+
+def test_mistakes_are_one_line(marked, campaign, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        done = [
+            (marked.start("viewer", "web", *arguments), words)
+            for arguments, words in [
+                ([], "give a campaign folder"),
+                ([str(campaign), "--run", str(tmp_path)], "give a campaign folder"),
+                ([str(tmp_path)], "not a campaign folder"),
+                ([str(campaign), "case-aa"], "did you mean 'case-a'?"),
+                ([str(campaign), "--port", port], f"--port {port}"),
+                (["--connect", "nowhere"], "expected tcp/HOST:PORT"),
+            ]
+        ]
+        for child, words in done:
+            _, err = child.communicate(timeout=120)
+            assert child.returncode == 2, err
+            assert words in err
+            assert len(err.splitlines()) == 1

@@ -1,0 +1,150 @@
+"""devkit.detector_frames: pictures where they lie, in constant batches; here on the CPU, on a GPU
+by ``tests/device/network_check.py``."""
+
+from __future__ import annotations
+
+import cv2
+import msgspec
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from darknet_oracle import random_weights
+from foreign_memory import Elsewhere
+
+from devkit.darknet.onnx_writer import write_onnx
+from devkit.darknet.variant import architecture_network
+from devkit.detector import Detector, ModelError
+from devkit.detector_decode import Selection
+from devkit.detector_frames import MICRO_BATCH
+from devkit.detector_resize import ONE, taps, with_frames
+from devkit.detector_runtime import open_session
+from devkit.images import Images, as_images
+
+NAMES = ["car", "truck", "pedestrian", "traffic_sign"]
+WIDTH, HEIGHT = 96, 64
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """A narrow tiny network with random weights, and its file."""
+    network = architecture_network("yolov3-tiny-w25", classes=4, width=WIDTH, height=HEIGHT)
+    path = tmp_path_factory.mktemp("models") / "tiny.onnx"
+    onnx.save(write_onnx(network, random_weights(network, 3), NAMES), path)
+    return path
+
+
+def pictures(count: int, width: int = 160, height: int = 90) -> np.ndarray:
+    rng = np.random.default_rng(count)
+    return rng.integers(0, 256, (count, height, width, 3), dtype=np.uint8)
+
+
+def on_cpu(path, **more) -> Detector:
+    return Detector(path, Selection(confidence_min=0.05), runtime="onnxruntime", **more)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [(160, 90), (90, 160), (1, 8), (2, 1), (33, 320), (640, 320), (101, 50), (7, 7)],
+)
+def test_the_resize_is_that_of_opencv(given, wanted):
+    line = np.random.default_rng(given).integers(0, 256, (1, given, 3), dtype=np.uint8)
+    first, second, weight = taps(given, wanted)
+    whole = line.astype(np.int64)
+    mixed = whole[:, first] * (ONE - weight)[:, None] + whole[:, second] * weight[:, None]
+    resized = cv2.resize(line, (wanted, 1), interpolation=cv2.INTER_LINEAR_EXACT)
+    assert np.array_equal((mixed + ONE // 2) // ONE, resized)
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+@pytest.mark.parametrize("size", [(160, 90), (64, 36), (97, 131), (WIDTH, HEIGHT), (640, 360)])
+def test_what_the_network_gets_is_the_same_to_the_last_bit(model, size, order):
+    """The graph before the network, alone, beside OpenCV's resize and NumPy."""
+    detector = Detector(model)
+    description = msgspec.structs.replace(detector.description, channel_order=order)
+    whole = with_frames(onnx.load(model), "images", description, size)
+    ours = [node for node in whole.graph.node if node.name.startswith("drivetwin")]
+    del whole.graph.node[:], whole.graph.output[:]
+    whole.graph.node.extend(ours)
+    planes = onnx.helper.make_tensor_value_info("images", onnx.TensorProto.FLOAT, [None] * 4)
+    whole.graph.output.append(planes)
+    frames, rows = pictures(3, *size), np.array([2, 0, 2, 1])
+    frames[0], frames[1, ::2] = 255, 0
+    session = open_session(model, whole, "cpu")
+    (found,) = session.run(None, {"drivetwin_frames": frames, "drivetwin_rows": rows})
+    expected = []
+    for row in rows:
+        image = cv2.resize(frames[row], (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR_EXACT)
+        image = image if order == "rgb" else image[..., ::-1]
+        expected.append(image.transpose(2, 0, 1) * np.float32(description.scale))
+    assert found.dtype == np.float32
+    assert found.tobytes() == np.stack(expected).tobytes()
+
+
+def test_constant_batches_give_what_the_network_gives_alone(model):
+    images = pictures(MICRO_BATCH + 5)
+    expected = on_cpu(model).raw(images)
+    in_place = on_cpu(model, device="cpu", size_px=(160, 90))
+    assert in_place.runtime == "onnxruntime cpu"
+    for name, array in in_place.raw(images).items():
+        assert array.tobytes() == expected[name].tobytes()
+    detections = in_place.detect(images[:3])
+    assert len(detections.image) > 10
+    assert [detections.of(i) for i in range(3)] == [
+        on_cpu(model).detect(images[:3]).of(i) for i in range(3)
+    ]
+
+
+def test_rows_are_chosen_where_the_pictures_lie(model):
+    images = pictures(7)
+    in_place = on_cpu(model, device="cpu", size_px=(160, 90))
+    expected = in_place.raw(images)
+    rows = [5, 0, 6, 2]
+    for array in (images, Elsewhere(images)):
+        for name, found in in_place.raw(Images(array, rows)).items():
+            assert found.tobytes() == expected[name][rows].tobytes()
+
+
+def test_no_picture_and_another_size(model):
+    in_place = on_cpu(model, device="cpu")
+    assert all(len(array) == 0 for array in in_place.raw([]).values())
+    for size in ((160, 90), (WIDTH, HEIGHT), (320, 180)):
+        found = in_place.detect(pictures(2, *size))
+        assert found.of(1) == on_cpu(model).detect(pictures(2, *size)).of(1)
+
+
+def test_a_model_of_a_fixed_batch_keeps_it(model, tmp_path):
+    fixed = onnx.load(model)
+    for value in (*fixed.graph.input, *fixed.graph.output):
+        value.type.tensor_type.shape.dim[0].dim_value = 2
+    onnx.save(fixed, tmp_path / "fixed.onnx")
+    images = pictures(5)
+    expected = on_cpu(model).raw(images)
+    for name, found in on_cpu(tmp_path / "fixed.onnx", device="cpu").raw(images).items():
+        assert found.shape == expected[name].shape
+        assert np.allclose(found, expected[name], atol=1e-4)
+
+
+def test_what_is_no_array_of_pictures(model):
+    in_place = on_cpu(model, device="cpu")
+    with pytest.raises(ValueError, match="images of several sizes"):
+        in_place.detect([*pictures(1), *pictures(1, 64, 36)])
+    for wrong in (np.zeros((2, 8, 8), np.uint8), np.zeros((2, 8, 8, 3), np.float32)):
+        with pytest.raises(ValueError, match=r"expected contiguous uint8 \[S, H, W, 3\]"):
+            in_place.raw(Images(Elsewhere(wrong.reshape(2, 8, 8, -1)), [0]))
+    with pytest.raises(ValueError, match="GPU's memory; this needs them in the host's"):
+        Detector(model).detect(Images(Elsewhere(pictures(2)), [1]))
+    assert as_images(Images(pictures(1), [0])).size_px == (160, 90)
+
+
+@pytest.mark.skipif(
+    "CUDAExecutionProvider" in onnxruntime.get_available_providers(), reason="it can use GPUs here"
+)
+def test_a_gpu_that_onnxruntime_cannot_use_is_one_line(model):
+    with pytest.raises(ModelError) as caught:
+        on_cpu(model, device="cuda:0")
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(model))
+    assert "CUDAExecutionProvider; install onnxruntime-gpu" in str(caught.value)
+    with pytest.raises(ModelError, match=r"runtime 'opencv' on cuda:0, allowed: onnxruntime"):
+        Detector(model, device="cuda:0")

@@ -1,0 +1,33 @@
+"""How far the ego has come along its lane, and how far beside its centre it is."""
+
+from __future__ import annotations
+
+from twin.world.lane import LanePath
+
+
+class LaneProgress:
+    """The way of one case along a lane.
+
+    The vehicle's reference point counts, the middle of the rear axle: it is what path tracking
+    controls, and the point of a car that follows a curve without being steered ahead or behind.
+    """
+
+    def __init__(self, lane: LanePath, x_m: float, y_m: float) -> None:
+        self._lane = lane
+        self._station_m, self.lateral_m = self._locate(x_m, y_m)
+        self.distance_m = 0.0
+        """Since the start; laps add up, ways back count less [m]."""
+
+    def move(self, x_m: float, y_m: float) -> None:
+        """The ego is at a new place; between two places it has driven less than half a lap."""
+        station_m, self.lateral_m = self._locate(x_m, y_m)
+        way_m = station_m - self._station_m
+        if self._lane.closed:
+            half_m = 0.5 * self._lane.length_m
+            way_m = (way_m + half_m) % self._lane.length_m - half_m
+        self.distance_m += way_m
+        self._station_m = station_m
+
+    def _locate(self, x_m: float, y_m: float) -> tuple[float, float]:
+        place = self._lane.locate(x_m, y_m)
+        return float(place.s_m), float(place.lateral_m)

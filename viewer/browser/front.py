@@ -1,0 +1,248 @@
+"""The front: pages, recordings and the live hub's stream behind one loopback port.
+
+Pages load nothing from elsewhere: a Content-Security-Policy forbids it, also to Rerun's own code,
+which would otherwise ask for fonts, news and statistics.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from twin.fabric.errors import TwinError, UsageError
+from viewer.browser.assets import Asset
+from viewer.catalogue import read_catalogue, read_row
+from viewer.folder import find_recording
+
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+"""Only this front, whatever a script wants."""
+
+HOSTS = ("localhost", "127.0.0.1", "[::1]")
+"""Names by which a browser may know us, also at the far end of a tunnel; others are refused, so
+that no page of another site can ask in its own name."""
+
+READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
+"""The one call of the hub that is passed on: browsers look, and write nothing."""
+
+BODY_BYTES_MAX = 1 << 16
+"""Largest request [bytes]."""
+
+PIECE_BYTES = 1 << 16
+_PAGES = {
+    "index.html": "text/html; charset=utf-8",
+    "case.html": "text/html; charset=utf-8",
+    "index.js": "text/javascript; charset=utf-8",
+    "case.js": "text/javascript; charset=utf-8",
+    "style.css": "text/css; charset=utf-8",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What is shown."""
+
+    assets: dict[str, Asset]
+    folder: Path | None = None
+    """Campaign folder whose recordings are served."""
+    at: str = "aeb"
+    """Where they open."""
+    hub: tuple[str, int] | None = None
+    """Or: host and port of a live hub."""
+
+    def about(self, case: str) -> bytes:
+        """What the pages need to know, as JSON; ``case`` empty: of all cases.
+
+        Raises:
+            UsageError: there is no such case, or no recording.
+        """
+        found: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
+        if self.folder is not None:
+            found["name"] = self.folder.resolve().name
+            if case:
+                found["cases"] = [read_row(self.folder, case, self.at).as_json()]
+            else:
+                found |= read_catalogue(self.folder, self.at).as_json()
+            for row in found["cases"]:
+                del row["path"]
+        return json.dumps(found).encode()
+
+
+class Front(ThreadingHTTPServer):
+    """Serves a site on 127.0.0.1."""
+
+    daemon_threads = True
+
+    def __init__(self, port: int, site: Site) -> None:
+        """Listen; ``port`` 0: a free one.
+
+        Raises:
+            UsageError: the port is in use.
+        """
+        self.site = site
+        self.files = {name: _page(name, kind) for name, kind in _PAGES.items()} | site.assets
+        try:
+            super().__init__(("127.0.0.1", port), Handler)
+        except OSError as error:
+            raise UsageError(
+                f"--port {port}: {error.strerror}; choose another, or 0 for a free one"
+            ) from None
+
+    @property
+    def url(self) -> str:
+        """Where a browser of this host finds it."""
+        return f"http://127.0.0.1:{self.server_address[1]}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that went away in the middle is no error."""
+        if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
+            super().handle_error(request, client_address)
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One request."""
+
+    server: Front
+    protocol_version = "HTTP/1.1"
+    timeout = 60.0
+
+    def do_GET(self) -> None:
+        """Pages, their files, the catalogue and recordings."""
+        if not self._welcome():
+            return
+        asked = urlsplit(self.path)
+        path, case = asked.path, parse_qs(asked.query).get("case", [""])[0]
+        site = self.server.site
+        if path == "/":
+            self._file(self.server.files["case.html" if site.folder is None else "index.html"])
+        elif path == "/view":
+            self._file(self.server.files["case.html"])
+        elif path == "/about.json":
+            self._made(lambda: (site.about(case), "application/json"))
+        elif path.startswith("/recording/") and path.endswith(".rrd"):
+            name = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
+            self._made(lambda: (_recording(site, name), "application/octet-stream"))
+        elif (file := self.server.files.get(path.removeprefix("/"))) is not None:
+            self._file(file)
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def do_POST(self) -> None:
+        """The live stream, passed on from the hub as it comes."""
+        if not self._welcome():
+            return
+        hub = self.server.site.hub
+        length = self.headers.get("Content-Length", "")
+        if hub is None or self.path != READS:
+            self.close_connection = True
+            self.send_error(HTTPStatus.NOT_FOUND)
+        elif not length.isdigit() or int(length) > BODY_BYTES_MAX:
+            self.close_connection = True
+            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            self._pass_on(hub, self.rfile.read(int(length)))
+
+    def log_message(self, *_: object) -> None:
+        """Says nothing."""
+
+    def end_headers(self) -> None:
+        """What every answer says."""
+        self.send_header("Content-Security-Policy", POLICY)
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        super().end_headers()
+
+    def _welcome(self) -> bool:
+        """Asked under our own name, by our own page or by nobody's."""
+        host = self.headers.get("Host", "")
+        origin = self.headers.get("Origin")
+        ours = host.rpartition(":")[0] in HOSTS or host in HOSTS
+        if ours and origin in (None, f"http://{host}"):
+            return True
+        self.close_connection = True
+        self.send_error(HTTPStatus.FORBIDDEN, "ask for localhost")
+        return False
+
+    def _file(self, file: Asset) -> None:
+        """A file that browsers may keep as long as its tag stays."""
+        tag = f'"{file.tag}"'
+        packed = "gzip" in self.headers.get("Accept-Encoding", "")
+        if self.headers.get("If-None-Match") == tag:
+            self.send_response(HTTPStatus.NOT_MODIFIED)
+            self.send_header("ETag", tag)
+            self.end_headers()
+            return
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", file.media_type)
+        self.send_header("Cache-Control", "no-cache")
+        self.send_header("Vary", "Accept-Encoding")
+        self.send_header("ETag", tag)
+        data = file.packed if packed else file.data
+        if packed:
+            self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-Length", str(len(data)))
+        self.end_headers()
+        self.wfile.write(data)
+
+    def _made(self, make: Callable[[], tuple[bytes, str]]) -> None:
+        """Something that is read now."""
+        try:
+            data, media_type = make()
+        except (TwinError, OSError) as error:
+            data = str(error).encode()
+            self.send_response(HTTPStatus.NOT_FOUND)
+            media_type = "text/plain; charset=utf-8"
+        else:
+            self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", media_type)
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Length", str(len(data)))
+        self.end_headers()
+        self.wfile.write(data)
+
+    def _pass_on(self, hub: tuple[str, int], body: bytes) -> None:
+        self.close_connection = True
+        upstream = http.client.HTTPConnection(*hub)
+        kept = ("content-type", "accept", "x-grpc-web", "x-user-agent", "grpc-timeout")
+        headers = {name: self.headers[name] for name in kept if name in self.headers}
+        try:
+            upstream.request("POST", self.path, body, headers)
+            answer = upstream.getresponse()
+        except (OSError, http.client.HTTPException):
+            self.send_error(HTTPStatus.BAD_GATEWAY, "the live hub is gone")
+            return
+        try:
+            self.send_response(answer.status)
+            for name, value in answer.getheaders():
+                if name.lower() in ("content-type", "grpc-status", "grpc-message"):
+                    self.send_header(name, value)
+            self.send_header("Connection", "close")
+            self.end_headers()
+            while piece := answer.read1(PIECE_BYTES):
+                self.wfile.write(piece)
+        finally:
+            upstream.close()
+
+
+def _page(name: str, media_type: str) -> Asset:
+    data = resources.files("viewer.browser").joinpath("pages", name).read_bytes()
+    return Asset(data, media_type, hashlib.sha256(data).hexdigest()[:16])
+
+
+def _recording(site: Site, case: str) -> bytes:
+    if site.folder is None:
+        raise UsageError("live cases have no recording here")
+    return find_recording(site.folder, case).path.read_bytes()

@@ -1,0 +1,108 @@
+"use strict";
+
+// Rerun's viewer with one recording, paused at its moment, or with what the live hub sends.
+
+const RETRY_MS = 200;
+
+function say(text) {
+  document.getElementById("state").textContent = text;
+}
+
+// Requests of Rerun's control interface are Protobuf messages; this much of it is enough.
+function varint(value) {
+  const bytes = [];
+  for (let rest = BigInt(value); ; rest >>= 7n) {
+    if (rest < 128n) return [...bytes, Number(rest)];
+    bytes.push(Number(rest & 127n) | 128);
+  }
+}
+
+function field(number, bytes) {
+  return [(number << 3) | 2, ...varint(bytes.length), ...bytes];
+}
+
+function pauseRequest(timeline, timeNs) {
+  const name = field(1, [...new TextEncoder().encode(timeline)]);
+  const time = [1 << 3, ...varint(timeNs)];
+  const paused = [5 << 3, 1];
+  return Uint8Array.from(field(6, [...field(2, name), ...field(3, time), ...paused]));
+}
+
+async function pause(handle, seconds) {
+  const request = pauseRequest("sim_time", Math.round(seconds * 1e9));
+  for (;;) {
+    try {
+      return await handle.viewer_control(request);
+    } catch {
+      // The recording is not there yet.
+      await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
+    }
+  }
+}
+
+function watch(handle) {
+  if (handle.has_panicked()) {
+    say(`The viewer has crashed; reload the page. ${handle.panic_message()}`);
+  } else {
+    setTimeout(() => watch(handle), 1000);
+  }
+}
+
+async function viewer(url) {
+  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
+  const handle = new wasm_bindgen.WebHandle({
+    url: [url],
+    hide_welcome_screen: true,
+    check_for_updates_on_startup: false,
+    render_backend: "webgl",
+    theme: "dark",
+    persist: false,
+    enable_history: false,
+  });
+  await handle.start(document.getElementById("canvas"));
+  watch(handle);
+  window.viewer = handle;
+  return handle;
+}
+
+function moment(row) {
+  const asked = /#when=sim_time@\+?([0-9.]+)s/.exec(location.hash);
+  return asked ? Number(asked[1]) : row.moment_s;
+}
+
+async function showRecording(row) {
+  document.title = row.case;
+  document.getElementById("back").hidden = false;
+  const title = document.getElementById("title");
+  title.textContent = `${row.case}: ${(row.verdict || "no verdict").replaceAll("_", " ")}`;
+  title.className = row.verdict;
+  const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
+  const stop = async () => {
+    const seconds = moment(row);
+    say("Loading the recording ...");
+    await pause(handle, seconds);
+    say(`Paused at ${seconds} s${row.complete ? "" : "; the recording is incomplete"}`);
+  };
+  window.addEventListener("hashchange", stop);
+  await stop();
+}
+
+async function showLive() {
+  document.title = "Live";
+  const handle = await viewer(`rerun+http://${location.host}/proxy`);
+  // The list of what there is: the wall and the single cases.
+  handle.override_panel_state("blueprint", "expanded");
+  say("Live");
+}
+
+async function start() {
+  const id = new URLSearchParams(location.search).get("case") || "";
+  const answer = await fetch(`about.json?case=${encodeURIComponent(id)}`);
+  if (!answer.ok) throw new Error(await answer.text());
+  const about = await answer.json();
+  if (about.live) await showLive();
+  else if (id) await showRecording(about.cases[0]);
+  else location.replace("/");
+}
+
+start().catch((error) => say(String(error.message || error)));
