@@ -164,6 +164,12 @@ def _execute(
             *("--spool", str(conductor.folder / "spool")),
             *(("--key", str(conductor.key.path)) if conductor.key else ()),
         ]
+        if ViewMode(campaign.view).shows:
+            console.print(
+                f"look: viewer live --run {shlex.quote(str(options.out))}",
+                markup=False,
+                soft_wrap=True,
+            )
         workers = LocalWorkers(worker_options, conductor.folder, count)
         try:
             _wait(conductor, campaign, workers, console, pending)

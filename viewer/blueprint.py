@@ -50,7 +50,7 @@ def case_blueprint(
         rrb.StateTimelineView(origin=naming.PLANNER, name="Planner"),
         *plots,
         rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns()),
-        row_shares=[1.25, 0.7, 1, 1, 1.1, 1.1],
+        row_shares=[1.15, 1, 1, 1, 1.1, 1.05],
     )
     street = _chase(lidars) if live else _street(stage)
     seen = [rrb.Grid(*views)] if len(views) > 1 else views
