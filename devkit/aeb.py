@@ -15,6 +15,7 @@ from devkit.view import View
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
     VEHICLE_COLUMNS,
+    CameraSite,
     Command,
     Detection,
     Episode,
@@ -46,7 +47,8 @@ class _Car:
     token: int
     period_s: float
     view: View
-    lane: LaneTrack
+    lane: LaneTrack | None
+    """None: the wheel is held straight."""
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
     wheel: Wheel = field(default_factory=Wheel)
@@ -123,10 +125,13 @@ class AebStack(Stack):
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
             view=View.of_site(episode.cameras[0]),
-            lane=LaneTrack(
-                LaneView.of_site(episode.cameras[0]), self.steering.lines_m, self.steering.chassis
-            ),
+            lane=self._lane(episode.cameras[0]),
         )
+
+    def _lane(self, site: CameraSite) -> LaneTrack | None:
+        if self.steering.steering == "straight":
+            return None
+        return LaneTrack(LaneView.of_site(site), self.steering.lines_m, self.steering.chassis)
 
     def step(self, observation: Observation) -> list[Command]:
         """One command per active slot, ascending."""
@@ -179,7 +184,7 @@ class AebStack(Stack):
 
     def _keep_lane(self, car: _Car, slot: int, observation: Observation) -> None:
         """Turn the wheel towards the lane in the camera image."""
-        if self.steering.steering == "straight":
+        if car.lane is None:
             return
         vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
         motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))

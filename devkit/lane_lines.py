@@ -20,6 +20,9 @@ FLANK = 5
 """From the middle of a stripe to the middle of either flank: 0.20 m [points]."""
 LEVELS_MIN = 3.0
 """Least brightness above the flanks [image levels of 255]."""
+CONTRAST_MIN = 0.06
+"""Least brightness above the flanks, relative to the stripe's own: texture of asphalt and of wide
+painted areas stays below, a marking in heavy fog above [-]."""
 NOISE_FACTOR = 3.0
 """Or this many times the median response of everything that was looked at [-]."""
 
@@ -60,19 +63,20 @@ def find_points(
     half = round(gate_m / PITCH_M) + _REACH
     points = point_of(expected)[..., None] + np.arange(-half, half + 1)
     luma = view.luma(image, np.arange(count)[:, None], points)
-    ridge, seen = _ridge(luma)
+    ridge, stripe, seen = _ridge(luma)
     best = np.argmax(np.where(seen, ridge, -1), axis=-1)[..., None]
     height = np.take_along_axis(ridge, best, -1)[..., 0]
     found = np.take_along_axis(seen, best, -1)[..., 0]
-    found &= height >= _threshold(ridge[seen])
+    own = np.take_along_axis(stripe, best, -1)[..., 0]
+    found &= (height >= _threshold(ridge[seen])) & (height >= CONTRAST_MIN * own)
     line, row = np.nonzero(found)
     at = np.take_along_axis(points, best + _REACH, -1)[..., 0]
     return Points(view.ahead_m[row], left_of(at[line, row]), np.array(lines_m)[line])
 
 
-def _ridge(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _ridge(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Brightness of stripes above the brighter of their flanks [K, N, W - 2 _REACH], in luma summed
-    over the stripe, and where all of it was seen."""
+    over the stripe, their own brightness, and where all of it was seen."""
     width = luma.shape[-1]
     stripe = sum(luma[..., i : width - 2 * CORE + i] for i in range(_SUMMED))
     size = width - 2 * _REACH
@@ -80,7 +84,7 @@ def _ridge(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     flanks = np.maximum(stripe[..., :size], stripe[..., 2 * FLANK : 2 * FLANK + size])
     # What a lens draws of a line of the road is one piece, so its ends tell.
     seen = (luma[..., :size] >= 0) & (luma[..., 2 * _REACH :] >= 0)
-    return middle - flanks, seen
+    return middle - flanks, middle, seen
 
 
 def _threshold(ridge: np.ndarray) -> float:

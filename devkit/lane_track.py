@@ -25,14 +25,15 @@ GATES_M = (1.1, 0.5)
 """How far from the expectation a marking is looked for, before and after the lane is known [m]."""
 SCALES_M = (0.5, 0.3, 0.2)
 """Residual at which a point's say is quartered, one round of the fit after the other [m]."""
-SUPPORT_MIN = (5.0, 1.5)
+SUPPORT_MIN = (5.0, 2.0)
 """The lane is known while the points that agree with it weigh this much together, to find it and
 to keep it; one clear frame weighs 15 [-]."""
-AGREED_MIN = (0.8, 0.35)
+AGREED_MIN = (0.8, 0.6)
 """And they must be this share of all points, by weight, to find it and to keep it. On wrong curves
 through rain streaks and glare at most 0.75 of them agreed, on the right ones 0.81 [-]."""
-BENDS_PER_M = (0.0, 0.02, -0.02, 0.045, -0.045)
-"""Whoever has lost the lane looks for it along these, one camera frame after the other [1/m]."""
+FOUND_WITHIN = (1.0, 0.15, 0.02)
+"""A lane that is found lies within this offset [m] and slope [-] of the car, and its curvature
+within this of the one it was looked for along [1/m]: cars do not begin beside their lane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,10 @@ class LaneTrack:
     """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
 
     _motion: Motion | None = None
-    _tries: int = 0
+    _bend_per_m: float = 0.0
+    """Of the lane when it was known last."""
+    _looked_along: float = 0.0
+    """Curvature of the last search."""
 
     def update(self, motion: Motion, image: np.ndarray | None, period_s: float) -> LaneCurve | None:
         """One control tick.
@@ -120,8 +124,9 @@ class LaneTrack:
         if not self.known:
             # Points that are no lane yet would only be in the way of the next try.
             self._rows = np.zeros((4, 0))
-            self.curve = LaneCurve((0.0, 0.0, BENDS_PER_M[self._tries % len(BENDS_PER_M)], 0.0))
-            self._tries += 1
+            # Along the bend it was lost in, and straight ahead, by turns.
+            self._looked_along = 0.0 if self._looked_along else self._bend_per_m
+            self.curve = LaneCurve((0.0, 0.0, self._looked_along, 0.0))
         gate_m = GATES_M[self.known]
         points = find_points(image, self.view, self.curve, self.lines_m, gate_m)
         ahead_m, left_m = self.view.rolled(points.ahead_m, points.left_m, roll_rad)
@@ -145,8 +150,18 @@ class LaneTrack:
             curve = fit(ahead, centre, trusted)
         support, total = float(trusted.sum()), float(weight.sum())
         known = self.known
-        self.known = support >= max(SUPPORT_MIN[known], AGREED_MIN[known] * total)
+        self.known = support >= max(SUPPORT_MIN[known], AGREED_MIN[known] * total) and (
+            known or _plausible(curve, self._looked_along)
+        )
         self.curve = curve if self.known else LaneCurve()
+        if self.known:
+            self._bend_per_m = curve.coefficients[2]
+
+
+def _plausible(curve: LaneCurve, looked_along: float) -> bool:
+    a, b, c, _ = curve.coefficients
+    offset_m, slope, bend_per_m = FOUND_WITHIN
+    return abs(a) < offset_m and abs(b) < slope and abs(c - looked_along) < bend_per_m
 
 
 def _weighted(points: Points) -> np.ndarray:

@@ -18,14 +18,17 @@ AHEAD_MIN_M = 4.0
 """Shortest distance to the point that is driven to: at walking pace the gain stays finite [m]."""
 BEND_AT_M = 14.0
 """Where the bend of the lane is taken from: as far as markings are seen well [m]."""
+BEND_S = 0.25
+"""The bend that is handed on follows the one that is seen with this lag [s]."""
 
 
 class Steering(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of lateral control."""
 
-    steering: Literal["visual", "straight"] = "visual"
-    """``visual``: keeps the lane between the markings in the camera image. ``straight``: holds the
-    wheel straight, as the published script does; nothing below applies to it."""
+    steering: Literal["straight", "visual"] = "straight"
+    """``straight``: holds the wheel straight, as the published script does; nothing below applies
+    to it. ``visual``: keeps the lane between the markings in the camera image; for streets whose
+    markings do not stop, as they do at crossings."""
     lane_width_m: Annotated[float, Meta(ge=2, le=6)] = 3.5
     """From the middle line to the inner border of the edge line [m], 2 to 6."""
     marking_width_m: Annotated[float, Meta(ge=0.05, le=0.5)] = 0.1
@@ -109,7 +112,8 @@ def steer(
         ahead_m = max(speed_mps * steering.preview_s, AHEAD_MIN_M)
         left_m = curve.left_m(ahead_m)
         curvature_per_m = 2.0 * left_m / (ahead_m * ahead_m + left_m * left_m)
-        bend_per_m = curve.bend_per_m(BEND_AT_M)
+        step = curve.bend_per_m(BEND_AT_M) - wheel.bend_per_m
+        bend_per_m = wheel.bend_per_m + step * period_s / (period_s + BEND_S)
     # Rounded: arc tangents of C libraries differ in their last bits.
     angle_rad = math.atan(steering.wheelbase_m * curvature_per_m)
     lateral_mps2 = speed_mps * speed_mps * curvature_per_m

@@ -308,7 +308,8 @@ class Result(Struct, frozen=True):
     token: int
     outcome: Literal["verdict", "failed"]
     verdict: str
-    """``pass``, ``collision``, ``false_braking``; the reason for ``failed``."""
+    """``pass``, ``collision``, ``false_braking``, ``lane_departure``, ``time_up``; the reason for
+    ``failed``."""
     passed: bool
     scalars: dict[str, float | int | None] = {}
     reasons: list[str] = []

@@ -229,8 +229,11 @@ def test_parameters_are_the_fields_of_the_parts():
         ),
         ({"cruise": "throttle", "cruise_speed_mps": 5.0}, "cruise_speed_mps is set, but cruise"),
         ({"steering": "blind"}, "steering: given 'blind', allowed: straight, visual"),
-        ({"steering": "straight", "preview_s": 1.0}, "preview_s is set, but steering: straight"),
-        ({"preview_s": 0.1}, "preview_s: given 0.1, allowed: a number >= 0.2 and <= 3"),
+        ({"preview_s": 1.0}, "preview_s is set, but steering: straight"),
+        (
+            {"steering": "visual", "preview_s": 0.1},
+            "preview_s: given 0.1, allowed: a number >= 0.2 and <= 3",
+        ),
         ({"bright_above_lx": 1.0}, "bright_above_lx: given 1, allowed: at least dark_below_lx"),
     ],
 )

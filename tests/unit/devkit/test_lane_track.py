@@ -55,7 +55,7 @@ def error_m(lane, curve, pose, ahead_m):
 @pytest.mark.parametrize("curvature", RADII.values(), ids=RADII)
 def test_the_curve_is_the_lanes_centre(size, curvature):
     lane = arc(curvature)
-    track, curve, pose = watch(size, lane, 55.0)
+    track, curve, pose = watch(size, lane, 40.0, frames=28)
     assert track.known
     # Below 5 m the picture shows nothing, and the car has not driven there yet.
     for ahead_m, limit_m in ((2.0, 0.12), (6.0, 0.06), (10.0, 0.06)):
@@ -113,7 +113,7 @@ def test_only_markings_are_found_and_each_once_per_line():
 
 def test_the_map_is_carried_along_while_nothing_is_seen():
     lane = arc(1 / 25.0)
-    track, _, (x, y, yaw) = watch((320, 180), lane, 55.0)
+    track, _, (x, y, yaw) = watch((320, 180), lane, 40.0, frames=28)
     speed, rate = 8.0, 8.0 / 25.0
     curve = None
     for _ in range(10):  # half a second on the same arc
@@ -130,7 +130,7 @@ def test_the_map_is_carried_along_while_nothing_is_seen():
 
 def test_a_track_does_not_depend_on_others():
     lane = arc(-1 / 25.0)
-    alone, again = (watch((320, 180), lane, 52.0)[0].curve for _ in range(2))
+    alone, again = (watch((320, 180), lane, 40.0, frames=20)[0].curve for _ in range(2))
     assert alone == again
 
 

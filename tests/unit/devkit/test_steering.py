@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 from camera_sites import camera_site
@@ -17,8 +16,11 @@ from devkit.steering import Steering, Wheel, steer
 from twin.world.lane import Piece, trace
 
 PERIOD_S = 0.05
-STEERING = msgspec.structs.replace(
-    Steering(), roll_rad_per_mps2=0.0, sideslip_rad_per_mps2=0.0, understeer_rad_per_mps2=0.0
+STEERING = Steering(
+    steering="visual",
+    roll_rad_per_mps2=0.0,
+    sideslip_rad_per_mps2=0.0,
+    understeer_rad_per_mps2=0.0,
 )
 """For a car without tyres and springs."""
 
@@ -94,7 +96,7 @@ def test_where_there_never_was_a_marking_the_wheel_stays_straight():
 
 
 def test_the_angle_is_that_of_the_arc_through_the_lane_ahead():
-    steering = msgspec.structs.replace(Steering(), steering_rate_radps=10.0)
+    steering = Steering(steering="visual", steering_rate_radps=10.0)
     speed_mps, ahead_m = 10.0, 7.0
     bend = LaneCurve((0.0, 0.0, 0.02, 0.0))
     left_m = 0.01 * ahead_m**2
@@ -102,7 +104,7 @@ def test_the_angle_is_that_of_the_arc_through_the_lane_ahead():
     angle = math.atan(3.09 * curvature) + 0.003 * curvature * speed_mps**2
     wheel = steer(Wheel(), bend, speed_mps, 0.05, steering)
     assert wheel.angle_rad == pytest.approx(angle, abs=1e-8)
-    assert wheel.bend_per_m == pytest.approx(0.02)
+    assert wheel.bend_per_m == pytest.approx(0.02 * 0.05 / 0.3)
     # At a crawl the point does not come nearer than 4 m.
     slow = steer(Wheel(), LaneCurve((0.4, 0.0, 0.0, 0.0)), 0.0, 0.05, steering)
     assert slow.angle_rad == pytest.approx(math.atan(3.09 * 0.8 / 16.16), abs=1e-8)
@@ -112,7 +114,8 @@ def test_limits_of_angle_and_rate():
     far_left = LaneCurve((5.0, 0.0, 0.0, 0.0))
     wheel = Wheel()
     angles = [
-        (wheel := steer(wheel, far_left, 5.0, PERIOD_S, Steering())).angle_rad for _ in range(40)
+        (wheel := steer(wheel, far_left, 5.0, PERIOD_S, Steering(steering="visual"))).angle_rad
+        for _ in range(40)
     ]
     assert angles[0] == pytest.approx(0.025)
     assert max(np.diff(angles)) <= 0.025 + 1e-12

@@ -85,6 +85,40 @@ def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
     assert "lane left" in write_report(tmp_path).read_text()
 
 
+def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
+    def change(case, end):
+        left = case.weather == "heavy_fog"
+        own = {"distance_m": 40.0 if left else 100.0, "lateral_error_max_m": 0.125}
+        own["lateral_error_rms_m"] = 0.302 if left else 0.062
+        verdict = "lane_departure" if left else "pass"
+        return replace(end, verdict=verdict, passed=not left, scalars={**end.scalars, **own})
+
+    data = campaign_data(scenario={"type": "lane_keeping", "distance_m": 100, "duration_s": 20})
+    make_campaign(tmp_path, data, change)
+    page = write_report(tmp_path).read_text()
+    text = without_scripts(page)
+    assert "drove the whole distance" in text
+    assert "did not collide" not in text
+    assert "lane departure</span> <b>4</b>" in text
+    assert "0.062 / 0.182 / 0.302" in text  # least, median and most of all decided cases
+    assert "Closest approach" not in text
+    assert "AEB TTC" not in text
+    assert '<td class="n" data-sort="0.302">0.302</td>' in text
+    assert page_data(page)["curves"][0] == "lateral_error_m"
+    assert page_data(page)["heat"][0]["data"][0]["text"][0] == ["✓ 0.06", "✓ 0.06"]
+    total = report_json(tmp_path)["systems"][-1]
+    assert total["lateral_rms_m"] == pytest.approx((0.062, 0.182, 0.302))
+    assert total["counts"]["lane_departure"] == 4
+
+
+def test_a_jump_scare_shows_nothing_of_lanes(tmp_path: Path) -> None:
+    make_campaign(tmp_path)
+    page = write_report(tmp_path).read_text()
+    assert "Lateral error" not in without_scripts(page)
+    assert "lateral_error_m" not in page_data(page)["curves"]
+    assert report_json(tmp_path)["systems"][-1]["lateral_rms_m"] is None
+
+
 def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     def change(case, end):
         if case.weather == "clear":

@@ -156,7 +156,7 @@ def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     friction = float(engine._vehicles.friction[0])
     engine._vehicles.place(0, x_m, 8.0, friction, y_m=y_m, yaw_rad=yaw_rad)
     engine._runs[0].lane = LaneProgress(lane, x_m, y_m)
-    stack = AebStack(1, ttc_max_s=1.5)
+    stack = AebStack(1, steering="visual", ttc_max_s=1.5)
     camera = one.camera
     stack.reset(
         0,
