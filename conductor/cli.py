@@ -281,16 +281,27 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 
 @app.command()
-def report(folder: Folder, output: OutputOption = Output.human) -> None:
+def report(
+    folder: Folder,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a result page, .md, with its pictures in a folder beside it; what was "
+            "written into it by hand stays."
+        ),
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
     """Write summary.parquet and report.html of a campaign folder.
 
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
-    from conductor.report import report_json, write_report
+    from conductor.report import report_json, write_report, write_result_page
 
     page = write_report(folder)
     tables = report_json(folder)
-    print(json.dumps(tables) if output is Output.json else page)
+    pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
+    print(json.dumps(tables) if output is Output.json else "\n".join(map(str, pages)))
     for alarm in tables["alarms"]:
         print(f"conductor: {alarm}", file=sys.stderr)
     if tables["alarms"]:

@@ -77,11 +77,15 @@ def _ask(variants: dict[str, NetworkPerception], camera: Any, device: str) -> di
         raise InfrastructureError(
             f"networks {names}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
         ) from None
-    if done.returncode:
-        words = done.stderr.decode(errors="replace").strip().splitlines() or [""]
-        raise InfrastructureError(
-            f"networks {names}: the process that loads them ended ({how_it_ended(done.returncode)})"
-            f": {words[-1][:300]}"
-        )
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    try:
+        if done.returncode == 0:
+            # What libraries may print stands before the answer.
+            found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+            return found
+    except (ValueError, IndexError):
+        pass
+    words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]
+    raise InfrastructureError(
+        f"networks {names}: the process that loads them ended without an answer"
+        f" ({how_it_ended(done.returncode)}): {words[-1][:300]}"
+    )

@@ -107,7 +107,10 @@ def read_description(path: Path) -> DetectorDescription:
         UsageError: one line naming the file.
     """
     try:
-        return decode_description(path.read_text(), str(path))
-    except (OSError, ValueError) as error:
-        reason = f"{path}: {error.strerror or error}" if isinstance(error, OSError) else str(error)
-        raise UsageError(reason) from None
+        return decode_description(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: not UTF-8 text (byte {error.start})") from None
+    except ValueError as error:
+        raise UsageError(str(error)) from None

@@ -31,10 +31,6 @@ class _Session:
 
     session: Any
     binding: Any
-    upload: Any
-    """Buffer on the device for pictures that lie on the host."""
-    staging: np.ndarray
-    """What goes into it."""
     rows: np.ndarray
     """int64 [batch]: read by the binding at every run."""
 
@@ -62,6 +58,7 @@ class FrameNetwork:
         self._kind, _, index = device.partition(":")
         self._index = int(index or 0)
         self._sessions: dict[tuple[int, int], _Session] = {}
+        self._heads = list(dict.fromkeys(head.output for head in description.heads))
         self.outputs = [output.name for output in model.graph.output]
         self.runtime = f"onnxruntime {self._kind}"
 
@@ -86,19 +83,17 @@ class FrameNetwork:
                 arrays = session.binding.copy_outputs_to_cpu()
             parts.append([array[: len(rows)] for array in arrays])
         joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        return dict(zip(self.outputs, joined, strict=True))
+        return dict(zip(self._heads, joined, strict=True))
 
     def _place(self, session: _Session, images: Images, rows: Sequence[int]) -> None:
-        """Say where the pictures lie; what fills the batch up matters to nobody."""
+        """Say where the pictures lie. What fills the batch up matters to nobody: the first."""
+        session.rows[:] = 0 if isinstance(images.array, np.ndarray) else rows[0]
         if isinstance(images.array, np.ndarray):
-            for place, row in enumerate(rows):
-                session.staging[place] = images.array[row]
-            session.upload.update_inplace(session.staging)
-            session.rows[:] = np.arange(self._batch)
-            session.binding.bind_ortvalue_input(FRAMES, session.upload)
+            # Only these travel to the device; ONNX Runtime brings them there.
+            session.rows[: len(rows)] = range(len(rows))
+            session.binding.bind_cpu_input(FRAMES, _taken(images.array, rows))
         else:
             pointer, shape = device_pointer(images.array)
-            session.rows[:] = rows[0]
             session.rows[: len(rows)] = rows
             session.binding.bind_input(
                 FRAMES, self._kind, self._index, np.uint8, list(shape), pointer
@@ -112,13 +107,17 @@ class FrameNetwork:
         return found
 
     def _opened(self, size_px: tuple[int, int]) -> _Session:
-        import onnxruntime
-
         model = with_frames(self._model, self._input, self._description, size_px)
         session = open_session(self._path, model, self._device)
         binding = session.io_binding()
-        for name in self.outputs:
+        for name in self._heads:
             binding.bind_output(name, "cpu")
-        staging = np.zeros((self._batch, size_px[1], size_px[0], 3), np.uint8)
-        upload = onnxruntime.OrtValue.ortvalue_from_numpy(staging, self._kind, self._index)
-        return _Session(session, binding, upload, staging, np.zeros(self._batch, np.int64))
+        return _Session(session, binding, np.zeros(self._batch, np.int64))
+
+
+def _taken(array: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+    """Some pictures of an array, contiguous; not copied where they lie side by side."""
+    first = rows[0]
+    if list(rows) == list(range(first, first + len(rows))):
+        return np.ascontiguousarray(array[first : first + len(rows)])
+    return array[list(rows)]

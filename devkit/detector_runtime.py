@@ -147,7 +147,11 @@ def open_session(path: Path, model: Any, device: str) -> Any:
         providers.insert(0, (CUDA, {"device_id": device.partition(":")[2], **CUDA_OPTIONS}))
     with refusals(path, "ONNX Runtime", model):
         session = onnxruntime.InferenceSession(
-            model.SerializeToString(), options, providers=providers
+            model.SerializeToString(),
+            options,
+            providers=providers,
+            # Never on by itself with another device, whose last bits are others.
+            enable_fallback=0,
         )
     if cuda and session.get_providers()[0] != CUDA:
         raise ModelError(

@@ -224,7 +224,9 @@ def dataset(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, max=256, help="Processes; default: cores. Changes no byte."),
+        typer.Option(
+            min=1, max=256, help="Processes; default: cores, on a GPU at most 4. Changes no byte."
+        ),
     ] = None,
     slots: Annotated[
         int | None,

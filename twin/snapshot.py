@@ -194,6 +194,12 @@ class _Street:
         station ``at_m`` of its lane."""
         pose = self._world.before_obstacle(distance_m + self._front_m)
         if at_m is not None:
+            length = self._world.lane.length_m
+            if not 0.0 <= at_m <= length:
+                raise ValueError(
+                    f"snapshot: at-m {at_m:g}: not on the lane, which is {length:.1f} m long; "
+                    f"give a number from 0 to {length:.1f}"
+                )
             x, y, yaw, _ = self._world.lane.at(at_m)
             pose = (float(x), float(y), float(yaw))
         self._pose.assign(np.array([pose]))

@@ -37,9 +37,12 @@ def record(
 
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Case = Annotated[str, typer.Argument(help="Case id, a folder name below its cases/.")]
+AnyCase = Annotated[str, typer.Argument(help="Case id; none: all cases that were recorded.")]
 At = Annotated[
     str,
-    typer.Option(help="aeb (without a trigger: closest approach), or seconds of sim time."),
+    typer.Option(
+        help="aeb (without a trigger: closest approach), closest, or seconds of sim time."
+    ),
 ]
 
 
@@ -53,10 +56,11 @@ def shot(
 ) -> None:
     """Render one moment of a recorded case as a picture; needs no display."""
     from viewer.folder import find_moment, find_recording
-    from viewer.shot import check_out, parse_size, shoot
+    from viewer.outputs import check_out
+    from viewer.shot import parse_size, shoot
 
     pixels = parse_size(size)
-    check_out(out)
+    check_out(out, ".png")
     found = find_recording(folder, case)
     moment = find_moment(found, at)
     shoot(found.path, moment, out, pixels)
@@ -66,15 +70,93 @@ def shot(
 
 
 @app.command()
-def replay(folder: Folder, case: Case, at: At = "aeb") -> None:
-    """Open a recorded case in the native viewer, paused at a moment."""
+def frame(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("frame.png"),
+    at: At = "aeb",
+) -> None:
+    """Write the camera's picture of a moment with its boxes; needs no graphics driver."""
     from viewer.folder import find_moment, find_recording
-    from viewer.replay import replay as show
+    from viewer.frames import read_case
+    from viewer.outputs import check_out
+    from viewer.still import write_still
 
+    check_out(out, ".png")
     found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    seconds = write_still(read_case(found.path), moment, out)
     if not found.complete:
         tell(f"{found.path}: the recording is incomplete")
-    show(found, find_moment(found, at))
+    print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
+
+
+@app.command()
+def export(
+    folder: Folder,
+    case: Case,
+    mp4: Annotated[Path | None, typer.Option(help="Film of the camera to write.")] = None,
+    mcap: Annotated[
+        Path | None, typer.Option(help="MCAP file to write, for Foxglove and the like.")
+    ] = None,
+) -> None:
+    """Write a recorded case as a film or an MCAP file; needs no graphics driver."""
+    from viewer.folder import find_recording
+    from viewer.frames import read_case
+    from viewer.mcap_file import write_mcap
+    from viewer.outputs import check_out
+    from viewer.video import write_film
+
+    if mp4 is None and mcap is None:
+        raise UsageError("say what to write: --mp4 FILE, --mcap FILE, or both")
+    for out, suffix in ((mp4, ".mp4"), (mcap, ".mcap")):
+        if out is not None:
+            check_out(out, suffix)
+    found = find_recording(folder, case)
+    recorded = read_case(found.path)
+    if not found.complete:
+        tell(f"{found.path}: the recording is incomplete")
+    if mp4 is not None:
+        film = write_film(recorded, mp4)
+        if film.held:
+            tell(f"{film.held} of {film.frames} pictures are missing; their predecessors stand in")
+        length_s = float(film.frames / film.rate_hz)
+        print(f"{mp4}: {film.frames} frames at {float(film.rate_hz):g} Hz, {length_s:.2f} s")
+    if mcap is not None:
+        written = write_mcap(recorded, mcap)
+        print(f"{mcap}: {written.messages} messages, {written.end_ns / 1e9:.2f} s")
+
+
+@app.command()
+def replay(
+    folder: Folder,
+    case: AnyCase = "",
+    at: At = "aeb",
+    output: OutputOption = Output.human,
+) -> None:
+    """Open a recorded case in the native viewer, paused at a moment; or the table of all cases.
+
+    With --output json nothing is opened.
+    """
+    from viewer.catalogue import read_catalogue
+    from viewer.folder import find_moment, find_recording
+    from viewer.replay import print_catalogue, replay_all
+    from viewer.replay import replay as show
+
+    if case:
+        if output is Output.json:
+            raise UsageError("--output json lists all recordings; leave out the case")
+        found = find_recording(folder, case)
+        if not found.complete:
+            tell(f"{found.path}: the recording is incomplete")
+        show(found, find_moment(found, at))
+        return
+    catalogue = read_catalogue(folder, at)
+    for line in catalogue.remarks():
+        tell(line)
+    print_catalogue(catalogue, output)
+    if output is Output.human:
+        replay_all(catalogue)
 
 
 @app.command()

@@ -13,6 +13,7 @@ import msgspec
 from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import read_kpi
 from viewer import naming
+from viewer.frames import read_case
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +41,9 @@ def find_recording(folder: Path, case: str) -> Found:
     Raises:
         UsageError: no such folder or case, or it was not recorded.
     """
-    cases = folder / "cases"
-    if not cases.is_dir():
-        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    names = case_names(folder)
     attempts = _attempts(folder, case)
     if not attempts:
-        names = sorted(path.name for path in cases.iterdir())
         close = difflib.get_close_matches(case, names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
         raise UsageError(f"{folder}: no case '{case}'; {hint}")
@@ -59,33 +57,60 @@ def find_recording(folder: Path, case: str) -> Found:
     )
 
 
-def find_moment(found: Found, at: str) -> Moment:
-    """The moment ``at``: ``aeb`` (without a trigger: closest approach), or seconds of sim time.
+def case_names(folder: Path) -> list[str]:
+    """Cases of a campaign folder that have begun, sorted.
 
     Raises:
-        UsageError: neither, or the case has not got that far.
+        UsageError: it is not one.
     """
-    if at != "aeb":
+    cases = folder / "cases"
+    if not cases.is_dir():
+        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    return sorted(path.name for path in cases.iterdir() if path.is_dir())
+
+
+def find_moment(found: Found, at: str) -> Moment:
+    """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
+
+    Where the attempt's KPI rows are missing (it was killed), the recording says it.
+
+    Raises:
+        UsageError: none of these, or the case has no rows yet.
+    """
+    if at not in ("aeb", "closest"):
         try:
             seconds = float(at)
         except ValueError:
             seconds = -1.0
         if not 0 <= seconds <= 1e6:
-            raise UsageError(f"--at {at}: expected aeb, or seconds of sim time such as 2.5")
+            raise UsageError(
+                f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
+            )
         return Moment(round(seconds * 1e9), f"{seconds:g} s")
-    if not found.kpi.is_file():
-        raise UsageError(
-            f"{found.kpi}: the attempt did not end, so nothing says where AEB was; "
-            "give --at SECONDS"
-        )
-    columns: dict[str, list[Any]] = read_kpi(found.kpi).to_pydict()
-    times = columns["sim_time_ns"]
-    for row, braking in enumerate(columns["aeb"]):
-        if braking:
-            return Moment(times[row], f"AEB trigger at {times[row] / 1e9:.2f} s")
-    row = min(range(len(times)), key=lambda index: columns["dtc_m"][index])
-    label = f"no AEB trigger; closest approach at {times[row] / 1e9:.2f} s"
-    return Moment(times[row], label)
+    rows = _kpi_rows(found.kpi) if found.kpi.is_file() else _recorded_rows(found.path)
+    if at == "aeb":
+        for time_ns, braking, _ in rows:
+            if braking:
+                return Moment(time_ns, f"AEB trigger at {time_ns / 1e9:.2f} s")
+    near = [(dtc_m, time_ns) for time_ns, _, dtc_m in rows if dtc_m is not None]
+    if not near:
+        raise UsageError(f"{found.path}: nothing says how close it came; give --at SECONDS")
+    time_ns = min(near)[1]
+    label = f"closest approach at {time_ns / 1e9:.2f} s"
+    return Moment(time_ns, f"no AEB trigger; {label}" if at == "aeb" else label)
+
+
+Row = tuple[int, bool, float | None]
+"""Sim time [ns], AEB, distance to collision [m]."""
+
+
+def _kpi_rows(path: Path) -> list[Row]:
+    columns: dict[str, list[Any]] = read_kpi(path).to_pydict()
+    return list(zip(columns["sim_time_ns"], columns["aeb"], columns["dtc_m"], strict=True))
+
+
+def _recorded_rows(path: Path) -> list[Row]:
+    return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in read_case(path).frames]
 
 
 def _attempts(folder: Path, case: str) -> list[Path]:

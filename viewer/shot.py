@@ -8,6 +8,7 @@ from pathlib import Path
 
 from twin.fabric.errors import InfrastructureError, UsageError
 from viewer.folder import Moment
+from viewer.outputs import write_whole
 from viewer.window import asked, window
 
 SETTLE_S = 1.0
@@ -29,16 +30,6 @@ def parse_size(text: str) -> tuple[int, int]:
     return size
 
 
-def check_out(out: Path) -> None:
-    """Raise UsageError unless ``out`` can become a PNG file; makes its folder."""
-    if out.suffix.lower() != ".png":
-        raise UsageError(f"--out {out}: expected a file name that ends in .png")
-    try:
-        out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"--out {out}: {error.strerror}") from None
-
-
 def shoot(recording: Path, moment: Moment, out: Path, size: tuple[int, int]) -> None:
     """Render ``recording`` at ``moment`` into the PNG file ``out``.
 
@@ -53,7 +44,4 @@ def shoot(recording: Path, moment: Moment, out: Path, size: tuple[int, int]) -> 
         picture = asked(shown.client.take_screenshot)
     if not picture:
         raise InfrastructureError("viewer: it has rendered nothing")
-    try:
-        out.write_bytes(picture)
-    except OSError as error:
-        raise UsageError(f"--out {out}: {error.strerror}") from None
+    write_whole(out, picture)

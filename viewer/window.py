@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import IO, TypeVar
 
-from rerun.experimental import ViewerClient
+from rerun.experimental import ViewerClient, ViewerState
 
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.process import end, last_lines, spawn
@@ -22,6 +22,9 @@ T = TypeVar("T")
 
 READY_TIMEOUT_S = 30.0
 """How long the viewer may take to start, and to load a recording [s]."""
+
+LOAD_TIMEOUT_S = 1.0
+"""How long each of many recordings may take besides [s]."""
 
 POLL_S = 0.1
 """How often it is asked whether it is ready [s]."""
@@ -45,17 +48,34 @@ class Window:
         Raises:
             InfrastructureError: it does not come.
         """
-        until_s = time.monotonic() + READY_TIMEOUT_S
+        self.loaded(1)
+        self.pause(moment)
+
+    def loaded(self, count: int) -> ViewerState:
+        """Wait for ``count`` recordings.
+
+        Raises:
+            InfrastructureError: they do not come.
+        """
+        until_s = time.monotonic() + READY_TIMEOUT_S + count * LOAD_TIMEOUT_S
         while True:
             state = asked(self.client.get_state)
-            if any(found.timelines for found in state.recordings) and not state.loading:
-                break
+            there = sum(bool(found.timelines) for found in state.recordings)
+            if there >= count and not state.loading:
+                return state
             if time.monotonic() > until_s:
-                raise InfrastructureError("viewer: the recording was not loaded in time")
+                raise InfrastructureError(
+                    f"viewer: {there} of {count} recordings were loaded in time"
+                )
             time.sleep(POLL_S)
+
+    def pause(self, moment: Moment, recording: str | None = None) -> None:
+        """Stop a recording there; None: the one that is shown."""
         when = timedelta(microseconds=moment.sim_time_ns / 1000)
         asked(
-            lambda: self.client.set_time(naming.SIM_TIME, duration=when, play_state="paused"),
+            lambda: self.client.set_time(
+                naming.SIM_TIME, duration=when, play_state="paused", recording=recording
+            ),
         )
 
 

@@ -1,10 +1,12 @@
 """The report of a campaign: a table for programs, one page for people.
 
 ``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``write_report`` writes those and
-``report.html``; ``report_json`` gives the report's tables as plain data.
+``report.html``; ``write_result_page`` writes a page to publish; ``report_json`` gives the tables of
+the report as plain data.
 """
 
 from conductor.report.document import report_json, write_report
+from conductor.report.result_page import write_result_page
 from conductor.report.summary import write_summary
 
-__all__ = ["report_json", "write_report", "write_summary"]
+__all__ = ["report_json", "write_report", "write_result_page", "write_summary"]

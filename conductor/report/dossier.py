@@ -111,7 +111,7 @@ def perception_text(case: Case) -> str:
     values.update((name, Path(path).name) for name, path in file_fields(spec).items())
     stand_in = kind == "ground_truth" and case.model != kind
     shown = [
-        f"{name} {values[name]}"
+        name if values[name] is True else f"{name} {values[name]}"
         for name in spec.__struct_fields__
         if name == "contrast_min" or values[name] != defaults.get(name)
     ]

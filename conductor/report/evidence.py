@@ -11,7 +11,7 @@ from conductor.fingerprint import Fingerprint, fingerprint
 from conductor.report.dossier import Dossier
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 
-_PACKAGES = ("drivetwin", "numpy", "pyarrow", "plotly")
+_PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
 
 
 @dataclass(frozen=True, slots=True)

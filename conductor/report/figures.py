@@ -13,10 +13,11 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from conductor.report.axes import axis_label, axis_value, axis_values, heat_axes
+from conductor.report.axes import axis_label, axis_values, heat_axes
+from conductor.report.cells import cell_text, cells_of, worst
 from conductor.report.curves import CURVES
 from conductor.report.dossier import Dossier, Row
-from conductor.report.palette import status_color, status_symbol
+from conductor.report.palette import status_color
 from conductor.report.tables import statuses
 
 SAFETY_M = 1.0
@@ -34,8 +35,6 @@ TITLES = {
 
 _SAFETY_COLOR = "#B3261E"
 
-# From bad to good: a cell of several cases shows the worst of them.
-_WORST_FIRST = ("collision", "failed", "unresolved", "cancelled", "not ended")
 _CASES_IN_HOVER = 6
 _ROW_HEIGHTS = {"aeb": 0.6, "dtc_m": 1.6, "collisions": 0.6, "speed_mps": 1.2}
 
@@ -53,13 +52,9 @@ def heat_maps(dossier: Dossier) -> list[dict[str, Any]]:
 
 
 def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> dict[str, Any]:
-    xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
+    cells = cells_of(dossier, rows, x_axis, y_axis)
+    xs, ys, grid = cells.xs, cells.ys, cells.rows
     known = statuses(dossier)
-    cells: dict[tuple[Any, Any], list[Row]] = {}
-    for row in rows:
-        key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
-        cells.setdefault(key, []).append(row)
-    grid = [[cells.get((x, y), []) for x in xs] for y in ys]
     count = len(known)
     scale = []
     for index, status in enumerate(known):
@@ -71,10 +66,10 @@ def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> di
         go.Heatmap(
             x=[_tick(x) for x in xs],
             y=[_tick(y) for y in ys],
-            z=[[known.index(_worst(c).status) if c else None for c in line] for line in grid],
-            text=[[_cell_text(c) for c in line] for line in grid],
+            z=[[known.index(worst(c).status) if c else None for c in line] for line in grid],
+            text=[[cell_text(c) for c in line] for line in grid],
             hovertext=[[_hover(c) for c in line] for line in grid],
-            customdata=[[_worst(c).case.id if c else "" for c in line] for line in grid],
+            customdata=[[worst(c).case.id if c else "" for c in line] for line in grid],
             texttemplate="%{text}",
             hovertemplate="%{hovertext}<extra></extra>",
             hoverongaps=False,
@@ -103,30 +98,6 @@ def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> di
 
 def _tick(value: object) -> str:
     return html.escape(str(value).replace("_", " "), quote=False)
-
-
-def _worst(cell: list[Row]) -> Row:
-    def severity(row: Row) -> int:
-        if row.status in _WORST_FIRST:
-            return _WORST_FIRST.index(row.status)
-        return len(_WORST_FIRST) + (row.status == "pass") + (row.passed is True)
-
-    return min(cell, key=severity)
-
-
-def _cell_text(cell: list[Row]) -> str:
-    """Symbol and the number that matters: how near it came, or how hard it hit."""
-    if not cell:
-        return ""
-    row = _worst(cell)
-    symbol = status_symbol(row.status)
-    if len(cell) > 1:
-        return f"{symbol} {sum(r.passed is True for r in cell)}/{len(cell)}"
-    if row.status == "collision":
-        speed = row.scalar("impact_speed_mps")
-        return symbol if speed is None else f"{symbol} {speed:.1f}"
-    distance = row.scalar("dtc_min_m") if row.passed else None
-    return symbol if distance is None else f"{symbol} {distance:.1f}"
 
 
 def _hover(cell: list[Row]) -> str:

@@ -22,7 +22,7 @@ class CostRow:
     frame_ms: float | None
     """Mean time per frame; frames that went together share theirs [ms]."""
     rig_share: float | None
-    """Of the wall time of the rigs, ticks divided evenly among their cases, 0 to 1."""
+    """Of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
 
 
 def perception_costs(dossier: Dossier) -> list[CostRow]:
@@ -32,13 +32,15 @@ def perception_costs(dossier: Dossier) -> list[CostRow]:
         cost = row.end.perception
         if cost is not None:
             groups.setdefault((row.case.model, cost.runtime), []).append((row, cost))
-    return [_row(model, runtime, found) for (model, runtime), found in groups.items()]
+    rigs_s = sum(row.end.rig_wall_s for row in dossier.rows)
+    return [_row(model, runtime, found, rigs_s) for (model, runtime), found in groups.items()]
 
 
-def _row(model: str, runtime: str, found: list[tuple[Row, PerceptionCost]]) -> CostRow:
+def _row(
+    model: str, runtime: str, found: list[tuple[Row, PerceptionCost]], rigs_s: float
+) -> CostRow:
     frames = sum(cost.frames for _, cost in found)
     wall_s = sum(cost.wall_s for _, cost in found)
-    rig_wall_s = sum(row.end.rig_wall_s for row, _ in found)
     return CostRow(
         model=model,
         perception=perception_text(found[0][0].case),
@@ -46,5 +48,5 @@ def _row(model: str, runtime: str, found: list[tuple[Row, PerceptionCost]]) -> C
         cases=len(found),
         frames=frames,
         frame_ms=1e3 * wall_s / frames if frames else None,
-        rig_share=wall_s / rig_wall_s if rig_wall_s > 0 else None,
+        rig_share=wall_s / rigs_s if rigs_s > 0 else None,
     )

@@ -130,6 +130,42 @@ def test_replay_without_a_display_says_what_to_do(marked, recorded, monkeypatch)
     assert "0.5 s" in done.stdout
 
 
+def test_the_recordings_of_a_campaign_as_a_table(marked, recorded, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    folder, rows = recorded["folder"], outcomes(recorded["folder"])
+    done = marked.run("viewer", "replay", str(folder), "--output", "json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["missing"] == []
+    assert [row["case"] for row in found["cases"]] == sorted(rows)
+    for row in found["cases"]:
+        kept = rows[row["case"]]
+        assert (row["verdict"], row["passed"]) == (kept["verdict"], kept["passed"])
+        if (aeb_time_s := kept["scalars"]["aeb_time_s"]) is not None:
+            assert row["moment_s"] == pytest.approx(aeb_time_s)
+    done = marked.run("viewer", "replay", str(folder))
+    assert done.returncode == 0, done.stderr
+    assert all(case in done.stdout for case in rows)
+    assert "viewer web" in done.stdout
+
+
+@needs_vulkan
+def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
+    from viewer.catalogue import read_catalogue
+    from viewer.replay import open_catalogue
+    from viewer.window import window
+
+    catalogue = read_catalogue(recorded["folder"], "aeb")
+    moments = {row.recording_id: row.moment.sim_time_ns for row in catalogue.rows}
+    with window([str(row.found.path) for row in catalogue.rows], headless=True) as shown:
+        open_catalogue(shown, catalogue)
+        wait_for(lambda: "/dataset/" in shown.client.get_location(), "the table")
+        state = shown.client.get_state()
+        times = {r.store_id.rpartition(":")[2]: r.current_time for r in state.recordings}
+        assert times == moments
+
+
 def look(marked, folder):
     """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
     viewer = marked.start(
@@ -137,6 +173,25 @@ def look(marked, folder):
         *("--no-window", "--output", "json"),
     )
     return viewer, lambda: json.loads(viewer.stdout.readline())
+
+
+def test_the_result_page_shows_what_the_camera_saw(marked, recorded, tmp_path):
+    folder = recorded["folder"]
+    rows = outcomes(folder)
+    page = tmp_path / "docs" / "chaos.md"
+    done = marked.run("conductor", "report", str(folder), "--markdown", str(page))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(page)
+    text = page.read_text()
+    assert recorded["fingerprint"] in text
+    assert "No picture" not in text
+    shown = sorted(path.name for path in page.with_suffix("").glob("case-*.jpg"))
+    lost = [c for c, row in rows.items() if row["verdict"] != "pass"]
+    assert shown
+    assert {f"case-{case}.jpg" for case in lost} >= set(shown)
+    for name in shown:
+        assert f"](chaos/{name})" in text
+        assert cv2.imread(str(page.with_suffix("") / name)).shape[1] == 640
 
 
 @needs_vulkan
@@ -195,7 +250,10 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
             (["shot", str(recorded["folder"]), f"{case}x"], f"did you mean '{case}'?"),
             (["replay", str(quiet["folder"]), case], "--view record"),
             (["shot", str(tmp_path), case], "not a campaign folder"),
-            (["shot", str(recorded["folder"]), case, "--at", "soon"], "expected aeb, or seconds"),
+            (
+                ["shot", str(recorded["folder"]), case, "--at", "soon"],
+                "expected aeb, closest, or seconds",
+            ),
             (["live"], "give one of --connect"),
             (["live", "--run", str(tmp_path)], "no conductor serves this folder"),
             (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),

@@ -1,7 +1,8 @@
 """Pictures of the shipped street beside recorded ones, as an eye would compare them.
 
 After a wanted change: ``UPDATE_GOLDEN=1 pytest tests/golden/test_pictures.py``, then look at
-``tests/golden/pictures.png``. A failing test writes what it saw to ``build/golden``.
+``tests/golden/pictures.png`` and ``curve.png``. A failing test writes what it saw to
+``build/golden``.
 """
 
 import os
@@ -11,12 +12,14 @@ import cv2
 import numpy as np
 import pytest
 
-from schemas.campaign import expand, parse_campaign
+from schemas.campaign import Camera, expand, parse_campaign
 from schemas.messages import Lights
 from schemas.names import WEATHERS
 from twin.engine import Engine
+from twin.snapshot import contact_sheet
 
 FILE = Path(__file__).with_name("pictures.png")
+CURVE = Path(__file__).with_name("curve.png")
 SEEN = Path(__file__).parents[2] / "build" / "golden"
 HOURS = ("05:00", "13:00", "18:15")
 WIDTH, HEIGHT = 160, 90
@@ -87,6 +90,28 @@ def test_pictures_are_the_recorded_ones(pictures):
         SEEN.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(SEEN / "pictures.png"), now)
     assert not bad, f"{bad}; see {SEEN / 'pictures.png'}"
+
+
+def test_a_curve_is_the_recorded_one(tmp_path):
+    """The loop's tightest curve, by day and in the light of street lamps, dry and in snow."""
+    now, seen = tmp_path / "curve.png", CURVE
+    contact_sheet(
+        now,
+        ["clear", "light_snow"],
+        ["13:00", "00:00"],
+        at_m=898.0,
+        camera=Camera(width=WIDTH, height=HEIGHT),
+        scene="downtown-loop",
+    )
+    if os.environ.get("UPDATE_GOLDEN"):
+        seen.write_bytes(now.read_bytes())
+    a, b = (cv2.cvtColor(cv2.imread(str(p)), cv2.COLOR_BGR2RGB) for p in (now, seen))
+    for k, picture in enumerate(np.split(difference(a, b), 2)):
+        for side, half in zip(("clear", "snow"), np.split(picture, 2, axis=1), strict=True):
+            if half.mean() > MEAN_MAX or np.percentile(half, 99) > PERCENTILE_99_MAX:
+                SEEN.mkdir(parents=True, exist_ok=True)
+                (SEEN / "curve.png").write_bytes(now.read_bytes())
+                pytest.fail(f"{('day', 'night')[k]}, {side}; see {SEEN / 'curve.png'}")
 
 
 def test_the_tolerance_tells_weathers_and_hours_apart(pictures):

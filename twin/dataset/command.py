@@ -17,7 +17,7 @@ from twin.dataset.tally import print_tally, tally
 from twin.fabric.errors import UsageError
 from twin.fabric.progress import progress
 
-_GPU_SLOTS = 64
+_GPU_SLOTS, _GPU_JOBS = 64, 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class DatasetRequest:
     slots: int | None = None
     """Default: 1 on a CPU, 64 on a GPU."""
     jobs: int | None = None
-    """Processes. Default: as many as there are cores."""
+    """Processes. Default: as many as there are cores, on a GPU at most 4."""
     device: str = "cpu"
     preview: Path | None = None
 
@@ -63,12 +63,13 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     if request.rules:
         data["rules"] = {**data.get("rules", {}), **dict(_rule(text) for text in request.rules)}
     recipe = parse_recipe(data, "dataset")
+    on_cpu, cores = request.device == "cpu", len(os.sched_getaffinity(0))
     with progress("dataset", "rendering", "images") as report:
         found = make_dataset(
             request.out,
             recipe,
-            slots=request.slots or (1 if request.device == "cpu" else _GPU_SLOTS),
-            jobs=request.jobs or len(os.sched_getaffinity(0)),
+            slots=request.slots or (1 if on_cpu else _GPU_SLOTS),
+            jobs=request.jobs or (cores if on_cpu else min(cores, _GPU_JOBS)),
             device=request.device,
             report=report,
         )

@@ -15,9 +15,11 @@ from twin.fabric.nvml import gpu_handle
 _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
-    *("onnxruntime", "onnxruntime-gpu"),
+    *("onnx", "onnxruntime", "onnxruntime-gpu"),
 )
-_SUFFIXES = {".py", ".yaml", ".cfg", ".onnx"}
+_GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
+"""Count where onnxruntime-gpu, which computes with them, is installed."""
+_SUFFIXES = {".py", ".yaml", ".cfg", ".names", ".onnx"}
 
 
 def software_digest() -> str:
@@ -29,13 +31,19 @@ def software_digest() -> str:
         for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
             name = f"{package}/{path.relative_to(root).as_posix()}"
             parts.append(f"{name}={hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
-    for library in _LIBRARIES:
-        try:
-            version = importlib.metadata.version(library)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-        parts.append(f"{library}=={version}".encode())
+    versions = {name: version for name in _LIBRARIES if (version := _version(name))}
+    if "onnxruntime-gpu" in versions:
+        versions |= {name: version for name in _GPU_LIBRARIES if (version := _version(name))}
+    parts += [f"{library}=={version}".encode() for library, version in versions.items()]
     return digest(parts)
+
+
+def _version(library: str) -> str:
+    """Empty if it is not installed."""
+    try:
+        return importlib.metadata.version(library)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 def check_packages() -> None:

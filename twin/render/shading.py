@@ -21,9 +21,9 @@ from twin.render.surface import Surface, surface_at
 from twin.render.texture import texture_at
 from twin.render.visibility import LIT, OBJECT_MASK, Seen
 from twin.world import materials
-from twin.world.mesh import STREET
+from twin.world.mesh import UV_METRES
 
-_STREET = wp.constant(STREET)
+_UV_METRES = wp.constant(UV_METRES)
 _FOLIAGE = wp.constant(materials.FOLIAGE)
 PI_INVERSE = wp.constant(0.31830989)
 # An object's underside is this much over the road, at which height its shadow fades out [m].
@@ -193,9 +193,13 @@ def surface_of(
     albedo = albedo_at(scene, face, at.face, at.u, at.v, at.distance * optics.pixel / slope)
     on = _object_lamps(scene, slot, at.object)
     ground = wp.vec2(at.p[0], at.p[1])
-    if face.texture == _STREET:
+    along = at.p[0]
+    if wp.abs(at.n[0]) > 0.7:
+        along = at.p[1] + 0.7
+    if face.texture == _UV_METRES:
         ground = _uv_at(scene, at.face, at.u, at.v)
-    return surface_at(face, albedo, on, at.p, ground, at.n, at.distance, light)
+        along = ground[0]
+    return surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
 
 
 @wp.func

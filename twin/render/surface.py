@@ -237,8 +237,9 @@ def surface_at(
     face: Face,
     albedo: wp.vec3,
     on: wp.vec2,
-    p: wp.vec3,
     ground: wp.vec2,
+    along: wp.float32,
+    p: wp.vec3,
     normal: wp.vec3,
     distance: wp.float32,
     light: SlotLight,
@@ -246,6 +247,7 @@ def surface_at(
     """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m].
 
     ``ground``: x along the street and y across it, where patterns of the ground lie [m];
+    ``along``: where patterns of walls lie, beside the height [m];
     ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
     brake lamps are on.
     """
@@ -255,19 +257,16 @@ def surface_at(
     m = face.material
     if m <= _LAST_GROUND and m != _PLAIN:
         return _ground(s, m, ground, distance, light)
-    u = p[0]
-    if wp.abs(normal[0]) > 0.7:
-        u = p[1] + 0.7
     if m == _FACADE:
-        s = _facade(s, face.tag, u, p[2], light)
+        s = _facade(s, face.tag, along, p[2], light)
     elif m == _SHOPFRONT:
-        s = _shopfront(s, face.tag, u, p[2], light)
+        s = _shopfront(s, face.tag, along, p[2], light)
     elif m == _WINDOW:
         s = _pane(s, face.tag, light)
     elif m == _BRICK:
-        s = _masonry(s, face.tag, u, p[2], distance)
+        s = _masonry(s, face.tag, along, p[2], distance)
     elif m == _PLASTER:
-        stain = value_noise(u * 0.35, p[2] * 0.12, face.tag)
+        stain = value_noise(along * 0.35, p[2] * 0.12, face.tag)
         s.albedo = s.albedo * (0.86 + 0.22 * stain)
     elif m == _FOLIAGE:
         i = wp.int32(wp.floor(p[0] * 7.0 + p[2] * 3.0))

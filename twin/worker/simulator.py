@@ -224,15 +224,8 @@ class Simulator:
             slot.rig_wall_s += wall_s / len(running)
         for command, cost in zip(answer.commands, answer.costs, strict=False):
             slot = self._slots[command.slot] if 0 <= command.slot < len(self._slots) else None
-            # Numbers of a foreign stack: what is no time is left out.
-            if slot is None or cost is None or cost.frames < 0 or not 0.0 <= cost.wall_s < 1e9:
-                continue
-            before = slot.perception or PerceptionCost(cost.runtime, 0, 0.0)
-            slot.perception = structs.replace(
-                before,
-                frames=before.frames + cost.frames,
-                wall_s=before.wall_s + cost.wall_s,
-            )
+            if slot is not None:
+                slot.perception = summed(slot.perception, cost)
 
     def _tokens(self) -> list[int]:
         return [slot.lease.token if slot else 0 for slot in self._slots]
@@ -306,6 +299,17 @@ class Simulator:
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
             ),
         )
+
+
+def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:
+    """Both together; what a foreign stack says and can be no time or number is left out."""
+    if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
+        return total
+    if total is None:
+        return cost
+    return structs.replace(
+        total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
+    )
 
 
 def _episode(index: int, lease: Lease, seq: int, engine: Engine, device: str) -> Episode:

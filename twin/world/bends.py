@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.world import materials, plants
 from twin.world import street_furniture as pieces
-from twin.world.buildings import add_building, near_obstacle
+from twin.world.buildings import add_house, near_obstacle
 from twin.world.ground import strip_floor
 from twin.world.layout import Block, Hull, Layout, generator
 from twin.world.mesh import Color, MeshBuilder
@@ -16,7 +16,7 @@ from twin.world.scene import Scene
 
 _TURN_MAX_RAD = math.radians(22.0)
 """Between one front and the next."""
-_DEPTHS = (1.0, 0.8, 0.6, 0.4)
+_SQUARE_MIN_M = 3.0
 _PAVING: Color = (0.27, 0.25, 0.22)
 
 
@@ -63,31 +63,10 @@ def _row(
     for i in range(count):
         x0, x1 = (block.start + length * k / count for k in (i, i + 1))
         height = rng.uniform(*scene.buildings.height_m)
-        x, y, yaw = layout.at((x0 + x1) / 2, front, 0.0 if sign > 0 else math.pi)
-        depth = _free_depth(layout, (x, y, yaw), half, scene.buildings.depth_m)
-        if depth == 0.0:
-            continue
-        c, s = math.cos(yaw), math.sin(yaw)
-        corner = (x - half * c, y - half * s, yaw)
-        relief = near_obstacle(scene, layout, x0, x1)
-        add_building(mesh, corner, (2 * half, depth, height), (False, False), rng, relief)
-        hulls.append((x - s * depth / 2, y + c * depth / 2, yaw, half, depth / 2))
+        middle = ((x0 + x1) / 2, front, sign)
+        size, relief = (2 * half, height), near_obstacle(scene, layout, x0, x1)
+        hulls.append(add_house(mesh, scene, layout, middle, size, (False, False), rng, relief))
     return hulls
-
-
-def _free_depth(
-    layout: Layout, front: tuple[float, float, float], half_m: float, depth_m: float
-) -> float:
-    """How deep a building may be so that it stands in no street; 0: not even a shallow one [m]."""
-    x, y, yaw = front
-    c, s = math.cos(yaw), math.sin(yaw)
-    for share in _DEPTHS:
-        along, back = np.meshgrid(
-            np.linspace(-half_m, half_m, 5), share * depth_m * np.array((0.5, 1))
-        )
-        if not layout.on_street(x + c * along - s * back, y + s * along + c * back).any():
-            return share * depth_m
-    return 0.0
 
 
 def _square(
@@ -102,6 +81,8 @@ def _square(
     wall, sign = row
     z = scene.road.kerb_height_m
     radius = layout.centre_distance(block, wall)
+    if radius < _SQUARE_MIN_M:
+        return []
     far = 1.0 / block.curvature - sign * 0.2
     across = (min(wall, far), max(wall, far))
     with mesh.label("sidewalk"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,10 @@ _METAL: Color = (0.42, 0.43, 0.44)
 _SIDE_DEPTH_M = 12.0
 NEAR_M = (200.0, 70.0)
 """Fronts this far before and behind the obstacle have relief: the way of the ego [m]."""
+_WIDTH_MIN_M = 3.0
+_YARD_WALL_M = (0.3, 2.6)
+"""Thickness and height of the wall where there is no room for a building [m]."""
+_YARD_BRICK: Color = (0.33, 0.17, 0.12)
 _CLOSING_M = 12.0
 """Distance of the buildings that close the street behind its ends [m]."""
 
@@ -49,25 +54,71 @@ def _main_row(
     wall, sign = row
     low, high = scene.buildings.width_m
     start, end = block.walls
-    depth = scene.buildings.depth_m
     hulls = []
     x = start
     while x < end - 0.5:
         width = rng.uniform(low, high)
         right = end if end - x - width < low else x + width
-        size = (right - x, depth, rng.uniform(*scene.buildings.height_m))
-        # In the building's own axes its front is at y = 0 and its depth at +y.
-        corner = (x, wall, 0.0) if sign > 0 else (right, wall, np.pi)
+        height = rng.uniform(*scene.buildings.height_m)
+        front = ((x + right) / 2, wall, sign)
         opens = block.opens or layout.square_beside(block, -1, sign)
         closes = block.closes or layout.square_beside(block, 1, sign)
         first, last = x == start and opens, right == end and closes
         flanks = (first, last) if sign > 0 else (last, first)
         relief = near_obstacle(scene, layout, x, right)
-        add_building(mesh, layout.at(*corner), size, flanks, rng, relief)
-        middle = layout.at((x + right) / 2, wall + sign * depth / 2)
-        hulls.append((*middle, (right - x) / 2, depth / 2))
+        size = (right - x, height)
+        hulls.append(add_house(mesh, scene, layout, front, size, flanks, rng, relief))
         x = right
     return hulls
+
+
+def add_house(
+    mesh: MeshBuilder,
+    scene: Scene,
+    layout: Layout,
+    front: tuple[float, float, float],
+    size_m: tuple[float, float],
+    flanks: tuple[bool, bool],
+    rng: np.random.Generator,
+    relief: bool,
+) -> Hull:
+    """A building as deep as there is room for, or a yard's wall where there is none; its hull.
+
+    Args:
+        front: x, y [m] of the middle of its front, in street coordinates, and the sign of the
+            side of the street.
+        size_m: width, height.
+        flanks, relief: see :func:`add_building`.
+    """
+    along, wall, sign = front
+    width, height = size_m
+    # In its own axes a building's width runs along +x from its corner, its depth to +y.
+    x, y, yaw = layout.at(along, wall, 0.0 if sign > 0 else np.pi)
+    corner = (x - width / 2 * math.cos(yaw), y - width / 2 * math.sin(yaw), yaw)
+    depth = _free_depth(layout, (x, y, yaw), width, scene.buildings.depth_m)
+    if depth == 0.0 or width < _WIDTH_MIN_M:
+        depth = _YARD_WALL_M[0]
+        with mesh.place(*corner), mesh.label("wall"):
+            mesh.box((0.0, 0.0, 0.0), (width, *_YARD_WALL_M), materials.BRICK, _YARD_BRICK)
+    else:
+        add_building(mesh, corner, (width, depth, height), flanks, rng, relief)
+    return (*layout.at(along, wall + sign * depth / 2), width / 2, depth / 2)
+
+
+def _free_depth(
+    layout: Layout, front: tuple[float, float, float], width_m: float, depth_m: float
+) -> float:
+    """How deep a building may be so that it stands in no street; 0: not even a shallow one [m]."""
+    if not layout.lane.closed:
+        return depth_m
+    x, y, yaw = front
+    c, s = math.cos(yaw), math.sin(yaw)
+    across = np.linspace(-width_m / 2, width_m / 2, 5)
+    for share in (1.0, 0.8, 0.6, 0.4):
+        along, back = np.meshgrid(across, share * depth_m * np.array((0.25, 0.5, 0.75, 1.0)))
+        if not layout.on_street(x + c * along - s * back, y + s * along + c * back).any():
+            return share * depth_m
+    return 0.0
 
 
 def near_obstacle(scene: Scene, layout: Layout, x0: float, x1: float) -> bool:

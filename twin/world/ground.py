@@ -27,8 +27,8 @@ DASH_PITCH_M = 7.5
 """From the beginning of one dash of the middle line to that of the next [m]."""
 _GRASS: Color = (0.09, 0.13, 0.045)
 _MARGIN_M = 60.0
-_APRON_M = 1.0
-"""Sidewalks outside of curves reach this far behind the wall's line: fronts are straight [m]."""
+_APRON_M = 1.6
+"""Sidewalks of curves reach this far behind the wall's line, because fronts are straight [m]."""
 
 
 def add_ground(mesh: MeshBuilder, scene: Scene, layout: Layout) -> None:
@@ -108,7 +108,8 @@ def _sidewalk(
     with mesh.bent(layout.bend):
         _kerb(mesh, np.stack([cuts, np.full(len(cuts), kerb)], 1), (0.0, sign), z)
     walk = (start + _KERB_M * block.opens, end - _KERB_M * block.closes)
-    across = _sorted(inner, wall + sign * _APRON_M * (block.curvature * sign < 0.0))
+    apron = _APRON_M if block.curvature and not layout.has_square(block, sign) else 0.0
+    across = _sorted(inner, wall + sign * apron)
     strip_floor(mesh, layout, walk, across, z, materials.PAVING, _CONCRETE, _PITCH_M)
     for edge, way, there in ((block.start, 1.0, block.opens), (block.end, -1.0, block.closes)):
         if not there:

@@ -43,6 +43,9 @@ TAIL_LAMP = 18
 HEAD_LAMP = 19
 """Clear lens at the front of a vehicle in traffic."""
 
+WALLS = (FACADE, SHOPFRONT, BRICK, PLASTER)
+"""Materials with a pattern along the wall."""
+
 NAMES = {
     "plain": PLAIN,
     "asphalt": ASPHALT,

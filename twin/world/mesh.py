@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.messages import SEMANTIC_CLASSES
+from twin.world import materials
 
 Color = tuple[float, float, float]
 """Linear RGB reflectance [-]."""
@@ -20,8 +21,9 @@ Bend = Callable[[np.ndarray], np.ndarray]
 
 DECAL = -1
 """Tag of faces that darken or paint what lies under them."""
-STREET = -2
-"""Texture of ground whose patterns follow a road that bends: uv are its street coordinates [m]."""
+UV_METRES = -2
+"""Texture of what has its patterns not in world coordinates but at uv [m]: ground of a road that
+bends, in street coordinates, and walls askew to the world's axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ class Mesh:
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
     """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
-    :data:`STREET`"""
+    :data:`UV_METRES`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
     0 where there is no image"""
@@ -162,8 +164,10 @@ class MeshBuilder:
         moved[:, 1] = sine * points[:, 0] + cosine * points[:, 1]
         moved += self._offset
         if self._bend is not None:
-            uv, texture = moved[:, :2], STREET
+            uv, texture = moved[:, :2], UV_METRES
             moved = self._bend(moved)
+        elif material in materials.WALLS and abs(cosine * sine) > 1e-6:
+            uv, texture = np.stack([points[:, 0] + points[:, 1], points[:, 2]], axis=1), UV_METRES
         self._points.append(moved)
         faces = np.asarray(faces, np.int32)
         self._faces.append(faces + self._count)

@@ -291,5 +291,8 @@ def test_a_description_with_mistakes(tmp_path):
         path.write_text(text)
         with pytest.raises(UsageError, match=line):
             read_description(path)
+    path.write_bytes(b"\xff{}")
+    with pytest.raises(UsageError, match=r"x\.json: not UTF-8 text \(byte 0\)"):
+        read_description(path)
     with pytest.raises(UsageError, match="No such file"):
         read_description(tmp_path / "none.json")

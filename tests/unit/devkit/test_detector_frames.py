@@ -10,6 +10,7 @@ import onnx
 import onnxruntime
 import pytest
 from darknet_oracle import random_weights
+from foreign_memory import Elsewhere
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import architecture_network
@@ -22,21 +23,6 @@ from devkit.images import Images, as_images
 
 NAMES = ["car", "truck", "pedestrian", "traffic_sign"]
 WIDTH, HEIGHT = 96, 64
-
-
-class Elsewhere:
-    """Memory of which nothing is known but its interface, as of a GPU."""
-
-    def __init__(self, array: np.ndarray) -> None:
-        self._array = array
-        self.shape = array.shape
-        self.__cuda_array_interface__ = {
-            "shape": array.shape,
-            "typestr": array.dtype.str,
-            "data": (array.ctypes.data, False),
-            "strides": None,
-            "version": 3,
-        }
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import sys
+from typing import ClassVar
 
 import cv2
 import msgspec
@@ -23,13 +25,15 @@ from devkit.darknet.variant import architecture, architecture_network
 from devkit.darknet.weights import write_weights
 from devkit.detector import Detector
 from devkit.detector_decode import Selection
+from devkit.host import serve
 from devkit.images import Images
 from devkit.model_files import open_detector, runtime_of, shipped_models
 from devkit.perception import Setting, build_perception
 from devkit.stack import Observation
 from schemas.assets import file_digest
-from schemas.messages import BOXES_MAX, Command, Episode
+from schemas.messages import BOXES_MAX, Command, Commands, Episode, Tick
 from schemas.perception import GroundTruthPerception, NetworkPerception
+from twin.fabric.drive import Incoming
 from twin.fabric.errors import UsageError
 
 WIDTH, HEIGHT = 96, 64
@@ -237,6 +241,38 @@ def test_files_that_are_not_those_of_the_submission(models, tmp_path):
     assert refused(variant(path), files) == f"{path}: No such file or directory"
     with pytest.raises(UsageError, match="No such file"):
         AebStack(1).reset(0, episode(0, 1, variant(path), files=files))
+
+
+def test_a_runtime_that_is_not_installed(models, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    line = refused(variant(models[0], runtime="onnxruntime"), {})
+    assert line == f"{models[0]}: onnxruntime is not installed; install it, or choose opencv"
+
+
+def test_numbers_in_a_file_beside_the_model(models, tmp_path):
+    path = tmp_path / "split.onnx"
+    onnx.save(onnx.load(models[0]), path, save_as_external_data=True, size_threshold=0)
+    line = refused(variant(path), {})
+    assert line == f"{path}: its numbers lie in another file; save it as one file"
+
+
+def test_what_the_host_says_of_a_missing_file(tmp_path):
+    """One line for the worker's log, without type and place in our code."""
+
+    class Link:
+        answers: ClassVar[list[Commands]] = []
+
+        def receive(self, on_wait):
+            given = variant(tmp_path / "gone.onnx")
+            tick = Tick(1, 0, [True], [1], [0], [0], [], 1)
+            return Incoming(tick, [episode(0, 1, given)], {}, {})
+
+        def answer(self, commands):
+            self.answers.append(commands)
+
+    with pytest.raises(UsageError):
+        serve(Link(), AebStack(1))
+    assert Link.answers[0].error == f"{tmp_path}/gone.onnx: No such file or directory"
 
 
 def test_names_that_are_not_shipped():

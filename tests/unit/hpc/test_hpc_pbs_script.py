@@ -46,6 +46,13 @@ class PbsJob(Job):
         return sorted((self.folder / "seen").read_text().splitlines())
 
 
+def wait_for(look):
+    until = time.monotonic() + 60
+    while not look():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
 @pytest.mark.parametrize("verdict", ["0", "1", "3"])
 def test_the_verdict_is_the_exit_code(tmp_path, verdict):
     job = PbsJob(tmp_path)
@@ -88,10 +95,7 @@ def test_the_timers_signal_submits_again_and_qdel_does_not(tmp_path, number, sub
     job = PbsJob(tmp_path)
     (tmp_path / "hold").touch()
     with job.start(STAY="1") as child:
-        until = time.monotonic() + 60
-        while not job.said("worker"):
-            assert time.monotonic() < until
-            time.sleep(0.02)
+        wait_for(lambda: job.said("worker"))
         child.send_signal(number)
         child.communicate(timeout=60)
     assert child.returncode == 75
@@ -113,6 +117,11 @@ def test_the_gpus_that_pbs_names_are_used(tmp_path):
 
 def test_stacks_run_on_the_last_tasks(tmp_path):
     job = PbsJob(tmp_path, workers=1, remote_stacks=True)
-    assert job.run()[0] == 0
+    (tmp_path / "hold").touch()
+    with job.start() as child:
+        wait_for(lambda: job.said("devkit"))
+        (tmp_path / "hold").unlink()
+        child.communicate(timeout=60)
+    assert child.returncode == 0
     assert job.said("devkit") == f"host --join {tmp_path}/o ut/rigs\n"
     assert job.said("worker").splitlines()[-1] == str(tmp_path / "o ut" / "rigs")

@@ -36,15 +36,15 @@ def test_costs_are_summed_by_model_and_runtime(tmp_path):
     make_campaign(tmp_path, change=change)
     keys = ("model", "runtime", "cases", "frames", "frame_ms", "rig_share")
     assert [tuple(line[key] for key in keys) for line in lines(tmp_path)] == [
-        ("yolov3", "opencv cpu", 4, 400, pytest.approx(2.0), pytest.approx(0.2)),
-        ("yolov2-tiny", "onnxruntime cuda", 2, 100, pytest.approx(0.1), pytest.approx(0.01)),
-        ("yolov2-tiny", "opencv cpu", 2, 0, None, None),
+        ("yolov3", "opencv cpu", 4, 400, pytest.approx(2.0), pytest.approx(0.16)),
+        ("yolov2-tiny", "onnxruntime cuda", 2, 100, pytest.approx(0.1), pytest.approx(0.002)),
+        ("yolov2-tiny", "opencv cpu", 2, 0, None, 0.0),
     ]
     page = write_report(tmp_path).read_text()
     table = page.split('id="perception-costs"')[1].split("</table>")[0]
     assert table.count("<tr>") == 4
     assert '<td class="n">400</td>' in table
-    assert "20.0 %" in table
+    assert "16.0 %" in table
 
 
 def test_a_stack_that_does_not_measure_has_no_table(tmp_path):
@@ -54,9 +54,14 @@ def test_a_stack_that_does_not_measure_has_no_table(tmp_path):
 
 
 def test_a_network_is_named_with_its_file():
-    network = {"type": "network", "model": "/far/away/a.onnx", "confidence_min": 0.3}
+    network = {
+        "type": "network",
+        "model": "/far/away/a.onnx",
+        "confidence_min": 0.3,
+        "across_classes": True,
+    }
     data = campaign_data(autonomy={"perception": {"yolov3": network}}, matrix={"repeat": [1]})
     campaign, mistakes = parse_campaign(data)
     assert campaign is not None, mistakes
     text = perception_text(expand(campaign)[0])
-    assert text == "network, model a.onnx, confidence_min 0.3"
+    assert text == "network, model a.onnx, confidence_min 0.3, across_classes"

@@ -236,6 +236,22 @@ def test_it_can_be_driven_all_round(loop):
     assert abs(float(fleet.state[0, 0, COLUMN["z_m"]])) < 0.05
 
 
+def test_there_may_be_no_room_for_buildings(tmp_path):
+    """A loop 31 m across, with pieces too short for a house: walls and shallow houses."""
+    turn = "{arc: {radius_m: 15, turn_deg: 90}}"
+    path = f"{{line_m: 99.6}}, {{line_m: 0.4}}, {turn}, {{line_m: 1}}, {turn}"
+    text = HEAD + f"road: {{start_m: -30, path: [{path}, {path}]}}\n"
+    (tmp_path / "thin.yaml").write_text(text.replace("x_m: 20", "x_m: -10"))
+    scene = load_scene(str(tmp_path / "thin.yaml"))
+    world = build_world(scene)
+    assert np.isfinite(world.mesh.points_m).all()
+    lateral = world.lane.locate(*np.moveaxis(corners(world), -1, 0)).lateral_m
+    assert ((lateral < -1.75) | (lateral > 5.0)).all()
+    long = world.colliders[world.colliders[:, 3] > 5.0]
+    assert (2 * long[:, 4] < scene.buildings.depth_m - 1.0).any()
+    assert np.isclose(2 * world.colliders[:, 4], 0.3).any()
+
+
 def test_blocks_are_the_pieces_of_the_path(loop):
     scene, world = loop
     layout = lay_out(scene)

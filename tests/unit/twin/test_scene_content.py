@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from schemas.assets import asset_files
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from twin.world import materials
+from twin.world.circuit import Arc, Segment
 from twin.world.content import DRIVABLE, MaterialName, MeshFile, SceneObject, Terrain
 from twin.world.scene import (
     Buildings,
@@ -192,9 +193,13 @@ def test_names_in_scene_files_are_those_of_the_tables():
     assert set(DRIVABLE) <= set(SEMANTIC_CLASSES)
 
 
-def test_the_example_of_the_page_works(tmp_path):
+def test_the_examples_of_the_page_work(tmp_path):
     page = Path(__file__).parents[3] / "docs/scene.md"
-    example = re.search(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL).group(1)
+    around, example = re.findall(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL)
+    (tmp_path / "around.yaml").write_text(around)
+    lane = load_scene(str(tmp_path / "around.yaml")).road.lane()
+    assert lane.closed
+    assert lane.length_m == pytest.approx(333.397 + np.pi * (25 + 100 / 3 + 40), abs=1e-6)
     (tmp_path / "scan").mkdir()
     for name in ("road.glb", "hall.glb", "scan/yard.ply"):
         trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / name)
@@ -215,6 +220,8 @@ def test_the_page_names_every_key():
         Scene,
         Obstacle,
         Road,
+        Segment,
+        Arc,
         Buildings,
         Furniture,
         Origin,

@@ -5,6 +5,8 @@ import pytest
 
 from schemas.campaign import Camera
 from twin.snapshot import SheetRequest, contact_sheet, usual_lights, write_sheet
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.scene import load_scene
 
 
 def test_sheet(tmp_path):
@@ -51,9 +53,23 @@ def test_requests_choose_weathers_family_and_day(tmp_path):
     assert path.read_bytes() != (tmp_path / "other.png").read_bytes()
 
 
+def test_the_place_is_chosen_along_the_lane(tmp_path):
+    """180 m along the lane of the street is the same place as so far before its obstacle."""
+    camera, when = Camera(width=48, height=27), (["clear"], ["12:00"])
+    scene, car = load_scene("downtown"), load_vehicle("opencav")
+    before = scene.obstacle.x_m - (180.0 + scene.road.start_m) - car.front_offset_m
+    for name, place in (("a", {"at_m": 180.0}), ("b", {"distance_m": before}), ("c", {})):
+        contact_sheet(tmp_path / f"{name}.png", *when, camera=camera, **place)
+    a, b, c = (cv2.imread(str(tmp_path / f"{name}.png")) for name in "abc")
+    assert (a == b).all()
+    assert (a != c).any()
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"at_m": -1.0}, "at-m -1: not on the lane, which is 410.0 m long; give a number from 0"),
+        ({"at_m": float("nan")}, "at-m nan: not on the lane"),
         ({"custom": ("sleet:rain=2",)}, "custom.sleet.rain: given 2.0"),
         ({"custom": ("sleet:rain",)}, "allowed: KEY=NUMBER"),
         ({"custom": ("sleet:hail=0.1",)}, "unknown key"),

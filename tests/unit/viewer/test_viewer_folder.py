@@ -9,7 +9,8 @@ from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import kpi_table, write_kpi
 from viewer import native
 from viewer.folder import find_moment, find_recording
-from viewer.shot import check_out, parse_size
+from viewer.outputs import check_out
+from viewer.shot import parse_size
 
 
 def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=True):
@@ -59,7 +60,8 @@ def test_moments(tmp_path):
     assert find_moment(found, "1.25").sim_time_ns == 1_250_000_000
     moment = find_moment(find_recording(tmp_path, "not"), "aeb")
     assert moment.sim_time_ns == 50_000_000
-    assert "no AEB trigger; closest approach" in moment.label
+    assert moment.label == "no AEB trigger; closest approach at 0.05 s"
+    assert find_moment(found, "closest").label == "closest approach at 0.05 s"
 
 
 def test_errors_are_one_line_and_say_what_to_do(tmp_path):
@@ -72,13 +74,13 @@ def test_errors_are_one_line_and_say_what_to_do(tmp_path):
         (lambda: find_recording(tmp_path, "clear-2"), "did you mean 'clear-1'?"),
         (lambda: find_recording(tmp_path, "../clear-1"), "no case"),
         (lambda: find_recording(tmp_path, "bare"), "--view record"),
-        (lambda: find_moment(found, "noon"), "expected aeb, or seconds"),
-        (lambda: find_moment(found, "-1"), "expected aeb, or seconds"),
-        (lambda: find_moment(found, "nan"), "expected aeb, or seconds"),
-        (lambda: find_moment(found, "aeb"), "give --at SECONDS"),
+        (lambda: find_moment(found, "noon"), "expected aeb, closest, or seconds"),
+        (lambda: find_moment(found, "-1"), "expected aeb, closest, or seconds"),
+        (lambda: find_moment(found, "nan"), "expected aeb, closest, or seconds"),
+        (lambda: find_moment(found, "aeb"), "not the recording of a case"),
         (lambda: parse_size("12"), "expected WIDTHxHEIGHT"),
         (lambda: parse_size("9000x10"), "expected WIDTHxHEIGHT"),
-        (lambda: check_out(tmp_path / "a.jpg"), "ends in .png"),
+        (lambda: check_out(tmp_path / "a.jpg", ".png"), "ends in .png"),
     ]:
         with pytest.raises(UsageError) as error:
             call()

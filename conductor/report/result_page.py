@@ -1,0 +1,278 @@
+"""The result page of a campaign: Markdown with pictures beside it, to be published and read.
+
+What people have written into it is kept when it is made again (:mod:`conductor.report.prose`).
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import msgspec
+from PIL import Image
+
+from conductor.folders import CAMPAIGN_FILE
+from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
+from conductor.report.content import Content, read_content
+from conductor.report.dossier import Dossier, Row, open_dossier, perception_text
+from conductor.report.evidence import versions
+from conductor.report.heat_picture import heat_picture
+from conductor.report.losses import (
+    LostLine,
+    counts_by,
+    examples,
+    extremes,
+    kind_of,
+    lost_lines,
+    moment_of,
+    page_axes,
+    wilson,
+)
+from conductor.report.prose import SUMMARY, block, check_known, model_block, read_texts
+from conductor.report.tables import statuses, verdict_table
+from schemas.yaml_file import dump_yaml
+from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.files import write_atomic
+
+_ASSETS = Path(__file__).parent / "assets"
+_RECORDING = "recording.rrd"
+_QUALITY = 88
+"""Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A lost case on the page."""
+
+    kind: str
+    where: str
+    story: str
+    picture: str
+    """File in the folder of pictures; empty: there is none."""
+    missing: str
+    """Why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """What the page says about one model."""
+
+    model: str
+    perception: str
+    passed: int
+    clean: int
+    ended: int
+    total: int
+    text_name: str
+    statuses: list[str]
+    lost: list[LostLine]
+    shown: list[Shown]
+
+
+def write_result_page(folder: Path, page: Path) -> Path:
+    """Write the page of the campaign in ``folder`` to ``page`` (.md), its pictures into a folder
+    beside it that is named like the page; returns ``page``.
+
+    Pictures are taken from the recordings of cases that were run with ``--view record``.
+
+    Raises:
+        UsageError: no campaign was run in ``folder``, or ``page`` is something else; one line.
+        InfrastructureError: files are damaged, or the disk lets us down.
+    """
+    if page.suffix.lower() != ".md":
+        raise UsageError(f"--markdown {page}: expected a file name that ends in .md")
+    content = read_content(open_dossier(folder))
+    dossier = content.dossier
+    models = [str(model) for model in axis_values(dossier, "model")]
+    texts = read_texts(page)
+    check_known(page, texts, [SUMMARY, *map(model_block, models)])
+    beside = page.with_suffix("")
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        sections = _sections(dossier, models, beside)
+        text = _render(content, sections, texts, beside.name)
+        write_atomic(beside / "heat.png", heat_picture(dossier))
+        write_atomic(beside / CAMPAIGN_FILE, (folder / CAMPAIGN_FILE).read_bytes())
+        write_atomic(page, text.encode())
+        kept = {shown.picture for section in sections for shown in section.shown}
+        for old in beside.glob("case-*.jpg"):
+            if old.name not in kept:
+                old.unlink()
+    except OSError as error:
+        raise storage_error(error, str(error.filename or page)) from None
+    return page
+
+
+def _render(content: Content, sections: list[Section], texts: dict[str, str], folder: str) -> str:
+    dossier = content.dossier
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_ASSETS),
+        autoescape=False,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"md": escaped, "number": _number, "words": _words}
+    rows = dossier.rows
+    passed = [row for row in rows if row.passed is True]
+    text = environment.get_template("result.md.j2").render(
+        dossier=dossier,
+        outcomes=dossier.outcomes,
+        evidence=content.evidence,
+        versions=versions(),
+        commands=_commands(dossier, folder),
+        files=sorted(dossier.campaign.files.items()),
+        autonomy=fenced(dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)), "yaml"),
+        systems=verdict_table(dossier),
+        other_statuses=[status for status in statuses(dossier) if status != "pass"],
+        models=[section.model for section in sections],
+        axes=[axis_label(axis) for axis in page_axes(dossier)],
+        axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
+        crowded=_crowded(dossier),
+        false_braking=_false_braking(dossier),
+        extremes={
+            "hardest": extremes(rows, "impact_speed_mps", largest=True),
+            "nearest": extremes(passed, "dtc_min_m", largest=False),
+            "longest": extremes(rows, "sim_time_s", largest=True),
+        },
+        sections=sections,
+        any_picture=any(shown.picture for section in sections for shown in section.shown),
+        summary_name=SUMMARY,
+        texts=texts,
+        block=block,
+        wilson=wilson,
+        folder=folder,
+    )
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+
+
+def _commands(dossier: Dossier, folder: str) -> list[str]:
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    device = " --device cuda:0" if on_gpu else ""
+    return [
+        f"conductor run {folder}/{CAMPAIGN_FILE} --out repeat{device}",
+        "conductor fingerprint repeat",
+    ]
+
+
+def _crowded(dossier: Dossier) -> bool:
+    """Whether cells of the heat map hold several cases."""
+    x_axis, y_axis = page_axes(dossier)
+    names = {x_axis, y_axis, "model"}
+    return any(axis not in names for axis in varied_axes(dossier))
+
+
+def _false_braking(dossier: Dossier) -> list[tuple[str, list[tuple[Any, dict[str, str]]]]]:
+    tables = [
+        (axis_label(axis), counts_by(dossier, axis, "false_braking"))
+        for axis in reversed(page_axes(dossier))
+    ]
+    return [table for table in tables if table[1]]
+
+
+def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section]:
+    chosen: dict[str, list[Row]] = {}
+    for model in models:
+        own = [row for row in dossier.rows if row.case.model == model]
+        chosen[model] = examples(dossier, own)
+    flat = [row for rows in chosen.values() for row in rows]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        missing = list(pool.map(lambda row: _take_picture(dossier, row, beside), flat))
+    reasons = {row.case.id: reason for row, reason in zip(flat, missing, strict=True)}
+    sections = []
+    for model in models:
+        own = [row for row in dossier.rows if row.case.model == model]
+        lines = lost_lines(dossier, own)
+        found = {status for line in lines for status in line.cells}
+        sections.append(
+            Section(
+                model=model,
+                perception=perception_text(own[0].case),
+                passed=sum(row.passed is True for row in own),
+                clean=sum(row.status == "pass" for row in own),
+                ended=sum(bool(row.end.outcome) for row in own),
+                total=len(own),
+                text_name=model_block(model),
+                statuses=[status for status in statuses(dossier) if status in found],
+                lost=lines,
+                shown=[_shown(dossier, row, reasons[row.case.id]) for row in chosen[model]],
+            )
+        )
+    return sections
+
+
+def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
+    axes = [axis for axis in reversed(varied_axes(dossier)) if axis != "model"]
+    values = [_words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
+    story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
+    time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
+    aeb = "No AEB." if time is None else f"AEB at {time:.2f} s, {_number(distance)} m before it."
+    return Shown(
+        kind=kind_of(row),
+        where=", ".join(values),
+        story=f"{story[:1].upper()}{story[1:]}. {aeb}" if story else aeb,
+        picture="" if missing else _picture(row),
+        missing=missing,
+    )
+
+
+def _picture(row: Row) -> str:
+    return f"case-{row.case.id}.jpg"
+
+
+def _take_picture(dossier: Dossier, row: Row, beside: Path) -> str:
+    """Write the picture of a case; empty, or why there is none."""
+    attempt = dossier.folder / row.end.attempt_dir
+    if not row.end.attempt_dir or not (attempt / _RECORDING).is_file():
+        return "the case was not recorded"
+    with tempfile.TemporaryDirectory() as scratch:
+        frame = Path(scratch) / "frame.png"
+        done = subprocess.run(
+            [
+                *(sys.executable, "-m", "viewer", "frame", str(dossier.folder), row.case.id),
+                *("--at", moment_of(row), "--out", str(frame)),
+            ],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines()
+            return said[-1] if said else f"viewer frame ended with exit code {done.returncode}"
+        data = io.BytesIO()
+        with Image.open(frame) as picture:
+            picture.convert("RGB").save(data, "JPEG", quality=_QUALITY)
+    write_atomic(beside / _picture(row), data.getvalue())
+    return ""
+
+
+def escaped(text: object) -> str:
+    """``text`` as it is, in Markdown: on one line, nothing in it is markup."""
+    return _MARKDOWN.sub(r"\\\1", " ".join(str(text).split()))
+
+
+def fenced(text: str, language: str) -> str:
+    """``text`` as a code block, whatever it holds."""
+    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}{language}\n{text.rstrip()}\n{fence}"
+
+
+def _words(value: object) -> str:
+    return str(value).replace("_", " ")
+
+
+def _number(value: float | int | None) -> str:
+    return "–" if value is None else f"{value:.2f}"

@@ -1,0 +1,79 @@
+"""A recorded tick as a picture: the camera's own pixels, boxes where they belong, figures below."""
+
+import cv2
+import numpy as np
+import pytest
+from recorded_case import write
+
+from twin.fabric.errors import UsageError
+from twin.worker.view_samples import jpeg
+from viewer.convert import CYAN, ORANGE, RED
+from viewer.drawing import LINE_PX, drawn, figures
+from viewer.folder import Moment
+from viewer.frames import Frame, Mark, read_case
+from viewer.still import write_still
+
+
+def frame(width=64, height=36, shade=100, **values):
+    """A tick with an even grey picture."""
+    return Frame(1_500_000_000, jpeg(np.full((height, width, 3), shade, np.uint8)), **values)
+
+
+def colored(picture, color):
+    """Rows and columns of a colour (RGB) in a BGR picture."""
+    return np.argwhere((picture == np.array(color[::-1], np.uint8)).all(axis=2))
+
+
+def test_pixels_stay_the_camera_s_own_enlarged_by_a_whole_number():
+    picture = drawn(frame(), frame())
+    assert picture.shape == (360 + LINE_PX, 640, 3)
+    assert (np.abs(picture[:360].astype(int) - 100) <= 1).all()
+    assert drawn(frame(801, 451), frame(801, 451)).shape == (480, 802, 3), "even for encoders"
+
+
+def test_boxes_stand_where_they_were_seen():
+    car = Mark(10.0, 12.0, 20.0, 8.0, "")
+    picture = drawn(frame(), frame(detections=[car]))
+    where = colored(picture, ORANGE)
+    top, left = where.min(axis=0)
+    bottom, right = where.max(axis=0)
+    assert (top, left, bottom, right) == pytest.approx((120, 100, 200, 300), abs=2)
+    assert len(colored(drawn(frame(), frame(detections=[car], aeb=True)), RED)) == len(where)
+    thin = colored(drawn(frame(), frame(truth=[car])), CYAN)
+    assert 0 < len(thin) < len(where) * 0.75
+
+
+def test_a_label_never_hides_that_of_a_larger_box():
+    large, small = Mark(10.0, 12.0, 20.0, 8.0, "car 0.90"), Mark(11.0, 12.5, 4.0, 4.0, "bus 0.10")
+    alone = drawn(frame(), frame(detections=[large]))[:118]
+    both = drawn(frame(), frame(detections=[large, small]))[:118]
+    assert (both == alone).all()
+    assert len(colored(alone, ORANGE)) > 300
+    edge = Mark(60.0, 0.0, 4.0, 4.0, "traffic_sign 0.90")
+    assert drawn(frame(), frame(detections=[edge])).shape == (388, 640, 3)
+
+
+def test_the_line_below_says_what_was_recorded_and_dashes_what_was_not():
+    known = Frame(1_500_000_000, speed_mps=9.04, dtc_m=21.96, brake=0.5, aeb=True)
+    assert " ".join(figures(known).split()) == "1.50 s speed 9.0 m/s DTC 22.0 m brake 50 %"
+    assert " ".join(figures(Frame(0)).split()) == "0.00 s speed - m/s DTC - m brake -"
+    braking = drawn(known, frame())
+    assert len(colored(braking[360:], RED)) > 200
+    assert len(colored(drawn(frame(aeb=False), frame())[360:], RED)) == 0
+
+
+def test_a_damaged_picture_is_one_line():
+    with pytest.raises(UsageError, match=r"at 1\.5 s is damaged"):
+        drawn(Frame(0), Frame(1_500_000_000, b"no jpeg"))
+
+
+def test_a_still_is_of_the_picture_that_stood_then(tmp_path):
+    case = read_case(write(tmp_path))
+    out = tmp_path / "a.png"
+    assert write_still(case, Moment(190_000_000, "x"), out) == 0.1
+    picture = cv2.imread(str(out))
+    assert abs(int(picture[350, 600, 0]) - 120) <= 1
+    with pytest.raises(UsageError, match=r"the recording ends at 0\.25 s"):
+        write_still(case, Moment(260_000_000, "x"), out)
+    with pytest.raises(UsageError, match="Is a directory"):
+        write_still(case, Moment(0, "x"), tmp_path)

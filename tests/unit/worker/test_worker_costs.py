@@ -1,0 +1,25 @@
+"""What perception cost, as the simulator sums it: foreign numbers never end a case."""
+
+import pytest
+
+from schemas.messages import PerceptionCost
+from twin.worker.simulator import summed
+
+COST = PerceptionCost("opencv cpu", 2, 0.5)
+
+
+def test_costs_are_added():
+    assert summed(None, None) is None
+    assert summed(None, COST) == COST
+    assert summed(COST, None) == COST
+    assert summed(COST, COST) == PerceptionCost("opencv cpu", 4, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("frames", "wall_s"),
+    [(-1, 0.1), (1, -0.1), (1, float("nan")), (1, float("inf")), (10**9, 0.1)],
+)
+def test_what_can_be_no_cost_is_left_out(frames, wall_s):
+    wrong = PerceptionCost("x", frames, wall_s)
+    assert summed(None, wrong) is None
+    assert summed(COST, wrong) == COST

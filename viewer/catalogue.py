@@ -1,0 +1,159 @@
+"""The recordings of a campaign as a table: one row per recorded case, sorted by case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from twin.fabric.errors import UsageError
+from viewer.convert import verdict_color
+from viewer.folder import Found, Moment, case_names, find_moment, find_recording
+from viewer.frames import RecordedCase, read_cover
+
+NAMES_MAX = 3
+"""Cases named in a line about many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A recorded case."""
+
+    found: Found
+    recording_id: str
+    moment: Moment
+    """Where it opens."""
+    verdict: str
+    """Or the outcome, if there is no verdict; empty: the attempt did not end."""
+    passed: bool
+    model: str
+    weather: str
+    hour: str
+    """HH:MM."""
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--output json``."""
+        return {
+            "case": self.found.case,
+            "verdict": self.verdict,
+            "passed": self.passed,
+            "model": self.model,
+            "hour": self.hour,
+            "weather": self.weather,
+            "complete": self.found.complete,
+            "moment_s": self.moment.sim_time_ns / 1e9,
+            "moment": self.moment.label,
+            "path": str(self.found.path),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What can be replayed of a campaign, and what cannot."""
+
+    folder: Path
+    rows: list[Row]
+    missing: list[str]
+    """Cases without a readable recording."""
+
+    @property
+    def incomplete(self) -> list[str]:
+        """Cases whose recording has gaps, or whose recorder was killed."""
+        return [row.found.case for row in self.rows if not row.found.complete]
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--output json``."""
+        return {"cases": [row.as_json() for row in self.rows], "missing": self.missing}
+
+    def remarks(self) -> list[str]:
+        """One line for each thing that is not as one would wish."""
+        lines = []
+        if self.missing:
+            lines.append(f"{_number(self.missing)} without a recording: {_some(self.missing)}")
+        if self.incomplete:
+            lines.append(f"{_number(self.incomplete)} recorded with gaps: {_some(self.incomplete)}")
+        return lines
+
+
+def read_catalogue(folder: Path, at: str) -> Catalogue:
+    """Look at every recording of a campaign; each opens at the moment ``at``.
+
+    Raises:
+        UsageError: no campaign folder, ``at`` is none of its words, or nothing was recorded.
+    """
+    rows: list[Row] = []
+    missing: list[str] = []
+    names = case_names(folder)
+    for case in names:
+        try:
+            found = find_recording(folder, case)
+            cover = read_cover(found.path)
+        except UsageError:
+            missing.append(case)
+            continue
+        rows.append(_row(found, _moment(found, at), cover))
+    if not rows:
+        raise UsageError(f"{folder}: no case was recorded; run the campaign with --view record")
+    return Catalogue(folder, rows, missing)
+
+
+def table(catalogue: Catalogue) -> Table:
+    """For people."""
+    shown = Table(
+        *("case", "verdict", "passed", "model", "hour", "weather", "complete", "opens at"),
+        box=None,
+        padding=(0, 2, 0, 0),
+    )
+    for row in catalogue.rows:
+        red, green, blue = verdict_color(row.verdict)
+        name = row.verdict.replace("_", " ") or "-"
+        shown.add_row(
+            row.found.case,
+            f"[rgb({red},{green},{blue})]{name}[/]",
+            _yes(row.passed),
+            row.model,
+            row.hour,
+            row.weather,
+            _yes(row.found.complete),
+            row.moment.label,
+        )
+    return shown
+
+
+def _moment(found: Found, at: str) -> Moment:
+    """An attempt that was killed before its first row has no moment; it opens at its start."""
+    try:
+        return find_moment(found, at)
+    except UsageError:
+        if at not in ("aeb", "closest"):
+            raise
+        return Moment(0, "0 s")
+
+
+def _row(found: Found, moment: Moment, cover: RecordedCase) -> Row:
+    case, end = cover.properties.get("case", {}), cover.properties.get("verdict", {})
+    return Row(
+        found=found,
+        recording_id=cover.recording_id,
+        moment=moment,
+        verdict=end.get("verdict") or end.get("outcome") or "",
+        passed=end.get("passed") is True,
+        model=case.get("model") or "",
+        weather=case.get("weather") or "",
+        hour=case.get("time_of_day") or "",
+    )
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _number(names: list[str]) -> str:
+    return f"{len(names)} case{'s' if len(names) > 1 else ''}"
+
+
+def _some(names: list[str]) -> str:
+    more = ", ..." if len(names) > NAMES_MAX else ""
+    return ", ".join(names[:NAMES_MAX]) + more
