@@ -25,7 +25,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 install-test: $(VENV)/.installed-test
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,train]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,train,export]'
 	@touch $@
 
 install-bench: install
@@ -62,7 +62,7 @@ check: install-test
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,bench]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,bench]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

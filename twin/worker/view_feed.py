@@ -41,9 +41,6 @@ QUEUE_BYTES_MAX = 128 << 20
 RECORDER_WAIT_S = 20.0
 """How long samples wait for a recorder that is starting, before it is given up [s]."""
 
-THUMBNAIL_COPY_PX = 320
-"""What is copied for a thumbnail alone is about so wide; the rest of the picture stays [px]."""
-
 SPARE_MAX = 64
 """Buffers of encoded pictures kept for the next; fresh memory costs more than the copy."""
 
@@ -181,12 +178,9 @@ class ViewFeed:
         image = boxes = None
         if "camera" in sensed and (recorded or not due.isdisjoint(("camera", "thumbnail"))):
             source = sensed["camera"].values[slot]
-            if recorded or "camera" in due:
-                image = self._spare.pop() if self._spare else np.empty_like(source)
-                np.copyto(image, source)
-            else:
-                every = max(1, source.shape[1] // THUMBNAIL_COPY_PX)
-                image = source[::every, ::every].copy()
+            # All of it, also for a thumbnail: making it smaller takes longer than the copy.
+            image = self._spare.pop() if self._spare else np.empty_like(source)
+            np.copyto(image, source)
         if "boxes" in sensed and sensed["boxes"].count is not None:
             boxes = sensed["boxes"].values[slot, : sensed["boxes"].count[slot]].copy()
         return Seen(
@@ -240,9 +234,7 @@ class ViewFeed:
             block = message.topic.block
             self._bus.publish(key, message.payload, message.attachment, block=block)
         if isinstance(item, Ticked) and item.seen.image is not None:
-            whole = item.seq >= 0 or "camera" in item.due
-            if whole:
-                self._spare.append(item.seen.image)
+            self._spare.append(item.seen.image)
 
 
 def _thinned(sensed: SensorData, slot: int) -> Cloud:

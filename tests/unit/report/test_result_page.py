@@ -258,7 +258,7 @@ def test_what_perception_cost_is_told(tmp_path: Path) -> None:
 
     make_campaign(tmp_path / "run", change=change)
     cost = next(t for t in tables(_page(tmp_path)) if "per frame \\[ms\\]" in t[0])
-    assert cost[2] == ["yolov3", "opencv, 1 thread", "4", "200", "16.00", "20.0"]
+    assert cost[2] == ["yolov3", "opencv, 1 thread", "4", "200", "16.00", "10.0"]
 
 
 def _page(folder: Path) -> str:

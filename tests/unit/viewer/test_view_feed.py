@@ -6,6 +6,7 @@ import time
 import zlib
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -404,3 +405,23 @@ def test_the_scene_is_handed_out_on_request(hub):
         red, green, _ = map(int, color.pop())
         assert (green > red) == bool((points[face][:, 2] == 1.0).all()), "only the lid is green"
     feed.close(10)
+
+
+def test_a_case_without_cameras_is_on_the_wall_and_in_full(hub, clock):
+    """``render: off``: no pictures, and states as often as with them."""
+    listener = Listener(hub, ["view/*/*/thumbnail", ALONE])
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    sim = Sim()
+    sim.sensed = dict
+    blind = lease()
+    blind = msgspec.structs.replace(blind, case=msgspec.structs.replace(blind.case, render=False))
+    feed.begin(0, blind, sim)
+    for _ in range(4):
+        sim.step(feed)
+        clock.now_s += 0.06
+    feed.end(sim.finished())
+    feed.close(10)
+    got = listener.wait()
+    assert [m.tick for m in got if isinstance(m, StateSample)] == [0, 2, 4]
+    assert [m.outcome for m in got if isinstance(m, Thumbnail)] == ["", "verdict"]
+    assert listener.payloads["thumbnail"] == b""

@@ -13,6 +13,7 @@ from schemas.view import SceneMesh
 from schemas.wire import decode, encode
 from twin.fabric.discovery import Target
 from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.key_file import make_key
 from twin.fabric.zenoh_bus import open_bus
 from viewer import link as linking
 from viewer import native
@@ -232,3 +233,15 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     conductor.bus.publish(topics.EVENT.key, b"nonsense")
     conductor.bus.publish(topics.EVENT.key, encode(Reply(v=SCHEMA_VERSION, epoch=7)))
     assert hear(link, Event).fact["epoch"] == 7
+
+
+def test_another_key_is_the_end(opened, port, tmp_path):
+    keys = [make_key(tmp_path / name) for name in ("ours", "theirs")]
+    endpoint = f"tls/127.0.0.1:{port}"
+    opened.append(open_bus("router", listen=[endpoint], key=keys[0]))
+    link = Link(lambda: Target(endpoint, "twin", keys[1]), None, Slots())
+    opened.append(link)
+    link.start()
+    error = hear(link, Ended).error
+    assert error.exit_code == 2
+    assert "it holds another key" in str(error)
