@@ -18,7 +18,7 @@ AHEAD_MIN_M = 4.0
 """Shortest distance to the point that is driven to: at walking pace the gain stays finite [m]."""
 BEND_AT_M = 14.0
 """Where the bend of the lane is taken from: as far as markings are seen well [m]."""
-BEND_S = 0.6
+BEND_S = 0.25
 """The bend that is handed on follows the one that is seen with this lag [s]."""
 
 

@@ -104,7 +104,7 @@ def test_the_angle_is_that_of_the_arc_through_the_lane_ahead():
     angle = math.atan(3.09 * curvature) + 0.003 * curvature * speed_mps**2
     wheel = steer(Wheel(), bend, bend, speed_mps, 0.05, steering)
     assert wheel.angle_rad == pytest.approx(angle, abs=1e-8)
-    assert wheel.bend_per_m == pytest.approx(0.02 * 0.05 / 0.65)
+    assert wheel.bend_per_m == pytest.approx(0.02 * 0.05 / 0.3)
     # At a crawl the point does not come nearer than 4 m.
     slow = steer(Wheel(), LaneCurve((0.4, 0.0, 0.0, 0.0)), None, 0.0, 0.05, steering)
     assert slow.angle_rad == pytest.approx(math.atan(3.09 * 0.8 / 16.16), abs=1e-8)
