@@ -152,7 +152,7 @@ class AebStack(Stack):
     ) -> Command:
         speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
 
-        self._keep_lane(car, slot, observation)
+        self._keep_lane(car, slot, observation, detections or [])
         car.state, plan = planning.plan(
             car.state, detections, speed_mps, car.view, self.planner, car.wheel.bend_per_m
         )
@@ -182,13 +182,17 @@ class AebStack(Stack):
             raise ValueError(f"slot {slot}: observation of token {token}, but reset for {held}")
         return car
 
-    def _keep_lane(self, car: _Car, slot: int, observation: Observation) -> None:
+    def _keep_lane(
+        self, car: _Car, slot: int, observation: Observation, detections: list[Detection]
+    ) -> None:
         """Turn the wheel towards the lane in the camera image."""
         if car.lane is None:
             return
         vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
         motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
-        curve = car.lane.update(motion, None if camera is None else camera[slot], car.period_s)
+        curve = car.lane.update(
+            motion, None if camera is None else camera[slot], car.period_s, detections
+        )
         car.wheel = steer(
             car.wheel, curve, car.lane.bend, motion.speed_mps, car.period_s, self.steering
         )

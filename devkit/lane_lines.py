@@ -7,12 +7,14 @@ do not count. All sums are whole numbers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from devkit.lane_curve import LaneCurve
 from devkit.lane_view import PITCH_M, LaneView, left_of, point_of
+from schemas.messages import Detection
 
 CORE = 1
 """Half the width of the stripe that is summed up: three points, 0.12 m [points]."""
@@ -44,7 +46,12 @@ class Points:
 
 
 def find_points(
-    image: np.ndarray, view: LaneView, curve: LaneCurve, lines_m: tuple[float, ...], gate_m: float
+    image: np.ndarray,
+    view: LaneView,
+    curve: LaneCurve,
+    lines_m: tuple[float, ...],
+    gate_m: float,
+    covered: Sequence[Detection] = (),
 ) -> Points:
     """The brightest ridge per line of the grid and marking, within a gate around the expectation.
 
@@ -54,6 +61,7 @@ def find_points(
         curve: where the lane's centre is expected.
         lines_m: where markings are painted, left of the lane's centre [m].
         gate_m: how far from its expected place a marking is looked for [m].
+        covered: objects in the image; their outlines are no markings.
     """
     count = len(view.ahead_m)
     if not count:
@@ -62,7 +70,7 @@ def find_points(
     expected = curve.left_m(view.ahead_m) + np.array(lines_m)[:, None] * stretch
     half = round(gate_m / PITCH_M) + _REACH
     points = point_of(expected)[..., None] + np.arange(-half, half + 1)
-    luma = view.luma(image, np.arange(count)[:, None], points)
+    luma = view.luma(image, np.arange(count)[:, None], points, covered)
     ridge, stripe, seen = _ridge(luma)
     best = np.argmax(np.where(seen, ridge, -1), axis=-1)[..., None]
     height = np.take_along_axis(ridge, best, -1)[..., 0]

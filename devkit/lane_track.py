@@ -7,6 +7,7 @@ glare or a stretch without paint changes nothing, and a lane that is seen no mor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from devkit.lane_curve import LaneCurve, fit
 from devkit.lane_lines import Points, find_points
 from devkit.lane_view import LaneView
+from schemas.messages import Detection
 
 MEMORY_S = 0.4
 """Points lose 1/e of their weight in this time [s]."""
@@ -87,13 +89,20 @@ class LaneTrack:
     _agreeing: int = 0
     """Camera frames in a row that agree on a lane that is not known yet."""
 
-    def update(self, motion: Motion, image: np.ndarray | None, period_s: float) -> LaneCurve | None:
+    def update(
+        self,
+        motion: Motion,
+        image: np.ndarray | None,
+        period_s: float,
+        covered: Sequence[Detection] = (),
+    ) -> LaneCurve | None:
         """One control tick.
 
         Args:
             motion: of this tick.
             image: a new camera frame, uint8 [H, W, 3], RGB; None when none is due.
             period_s: control period, gone by since the last tick [s].
+            covered: objects in the image; no marking is looked for on them.
 
         Returns:
             The lane's centre line, None where it is not known.
@@ -102,7 +111,7 @@ class LaneTrack:
             self._move(self._motion, motion, period_s)
         self._motion = motion
         if image is not None:
-            self._look(image, self.chassis.roll_rad_per_mps2 * motion.lateral_mps2)
+            self._look(image, covered, self.chassis.roll_rad_per_mps2 * motion.lateral_mps2)
         return self.curve if self.known else None
 
     @property
@@ -131,7 +140,7 @@ class LaneTrack:
         self.curve = _moved(self.curve, way_m, turn)
         self._fit(SCALES_M[-1:])
 
-    def _look(self, image: np.ndarray, roll_rad: float) -> None:
+    def _look(self, image: np.ndarray, covered: Sequence[Detection], roll_rad: float) -> None:
         """Add what a camera frame shows."""
         if not self.known and not self._agreeing:
             # Points that are no lane yet would only be in the way of the next try.
@@ -140,7 +149,7 @@ class LaneTrack:
             self._looked_along = 0.0 if self._looked_along else self._bend_per_m
             self.curve = LaneCurve((0.0, 0.0, self._looked_along, 0.0))
         gate_m = GATES_M[self.known or self._agreeing > 0]
-        points = find_points(image, self.view, self.curve, self.lines_m, gate_m)
+        points = find_points(image, self.view, self.curve, self.lines_m, gate_m, covered)
         ahead_m, left_m = self.view.rolled(points.ahead_m, points.left_m, roll_rad)
         points = Points(ahead_m, left_m, points.line_m)
         self._rows = np.concatenate([self._rows, _weighted(points)], axis=1)

@@ -8,6 +8,7 @@ serves. What reaches a command is the whole number of a pixel, not the projectio
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from devkit.perception import LUMA_WEIGHTS
 from schemas.lens_projection import project, vehicle_from_camera
-from schemas.messages import CameraSite
+from schemas.messages import CameraSite, Detection
 
 STEP_M = 0.25
 """Distance of the grid's lines along the road [m]."""
@@ -39,6 +40,8 @@ class LaneView:
     pixel: np.ndarray
     """int32 [N, M]: which pixel of the flattened image shows a point, -1: none. The points of a
     line go from :data:`HALF_WIDTH_M` on the right to as much on the left."""
+    width_px: int
+    """Of the image."""
     position_m: tuple[float, float, float]
     """Of the camera: before the rear axle, left of the centre line, above the road [m]."""
 
@@ -66,16 +69,28 @@ class LaneView:
             lateral_m + (aside + shift_m) * factor - shift_m,
         )
 
-    def luma(self, image: np.ndarray, line: np.ndarray, point: np.ndarray) -> np.ndarray:
+    def luma(
+        self,
+        image: np.ndarray,
+        line: np.ndarray,
+        point: np.ndarray,
+        covered: Sequence[Detection] = (),
+    ) -> np.ndarray:
         """Brightness of grid points, int32 of their shape, 256 units per level; -1: not seen.
 
         Args:
             image: uint8 [H, W, 3], RGB.
             line: indices of lines, of any shape that broadcasts with ``point``.
             point: indices of points; those beyond the grid are not seen.
+            covered: objects that hide the road.
         """
         inside = (point >= 0) & (point < self.pixel.shape[1])
         pixel = np.where(inside, self.pixel[line, np.where(inside, point, 0)], -1)
+        row, column = np.divmod(pixel, self.width_px)
+        for box in covered:
+            across = (column >= box.x_px) & (column <= box.x_px + box.width_px)
+            hidden = across & (row >= box.y_px) & (row <= box.y_px + box.height_px)
+            pixel = np.where(hidden, -1, pixel)
         colors = image.reshape(-1, 3)[pixel].astype(np.int32)
         red, green, blue = (w * colors[..., c] for c, w in enumerate(LUMA_WEIGHTS))
         return np.where(pixel >= 0, red + green + blue, -1)
@@ -106,7 +121,7 @@ def _view(encoded: bytes) -> LaneView:
     sharp = np.nan_to_num(middle[0] - middle[1]) >= 1.0
     kept = visible.any(axis=1) & sharp
     forward_m, lateral_m, above_m = site.position_m
-    return LaneView(ahead[kept], pixel[kept], (forward_m, lateral_m, above_m))
+    return LaneView(ahead[kept], pixel[kept], site.width, (forward_m, lateral_m, above_m))
 
 
 def _project(
