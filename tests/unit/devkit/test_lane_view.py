@@ -13,6 +13,7 @@ from devkit.lane_view import PITCH_M, LaneView, left_of, point_of
 from devkit.view import View
 from schemas.lens import Lens
 from schemas.lens_projection import project, vehicle_from_camera
+from schemas.messages import Detection
 
 SITES = {
     "ahead": camera_site(),
@@ -78,6 +79,21 @@ def test_luma_is_the_image_and_minus_one_beside_it():
         assert found == 77 * red + 150 * green + 29 * blue
     beyond = view.luma(image, np.array([0, 0, 0]), np.array([-1, 10_000, 0]))
     assert beyond.tolist() == [-1, -1, -1]
+
+
+def test_what_an_object_hides_is_not_seen():
+    view = LaneView.of_site(camera_site(320, 180))
+    image = np.full((180, 320, 3), 90, np.uint8)
+    points = np.arange(view.pixel.shape[1])
+    box = Detection("truck", 0.9, x_px=200.0, y_px=60.0, width_px=60.0, height_px=100.0)
+    luma = view.luma(image, np.array([[8]]), points[None], [box])[0]
+    column = view.pixel[8] % 320
+    row = view.pixel[8] // 320
+    hidden = (column >= 200) & (column <= 260) & (row >= 60) & (row <= 160)
+    seen = view.pixel[8] >= 0
+    assert (hidden & seen).sum() > 10
+    assert (luma[hidden & seen] == -1).all()
+    assert (luma[seen & ~hidden] == 90 * 256).all()
 
 
 def test_points_are_numbered_from_the_right():
