@@ -35,14 +35,8 @@ install-bench: install
 demo: install
 	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
 
-# Tests with real processes come one after the other, the others on all cores.
 test: install-test
-ifdef ARGS
-	$(BIN)/pytest $(ARGS)
-else
-	$(BIN)/pytest --numprocesses auto --dist loadfile --ignore tests/e2e
-	$(BIN)/pytest tests/e2e
-endif
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--numprocesses auto --dist loadgroup)
 
 # A hundred storms of killed and frozen processes, about twenty minutes; `make test` runs five.
 faults: install-test
