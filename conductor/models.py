@@ -19,8 +19,8 @@ from schemas.validation import Mistake
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.process import how_it_ended
 
-TIMEOUT_S = 600.0
-"""Longest time to load all networks [s]."""
+TIMEOUT_S = 100.0
+"""Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
 
 
 def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:

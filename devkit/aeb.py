@@ -22,6 +22,7 @@ from schemas.messages import (
     PerceptionCost,
 )
 from schemas.validation import convert_all
+from twin.fabric.errors import UsageError
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
 _YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
@@ -119,7 +120,13 @@ class AebStack(Stack):
         self._drove: list[int] = []
 
     def reset(self, slot: int, episode: Episode) -> None:
-        """Put a fresh car into ``slot``."""
+        """Put a fresh car into ``slot``.
+
+        Raises:
+            UsageError: the case has no camera.
+        """
+        if not episode.cameras:
+            raise UsageError("this stack drives by its camera; it cannot run with render: false")
         self._eyes.reset(slot, episode)
         self._cars[slot] = _Car(
             token=episode.token,

@@ -22,6 +22,7 @@ from msgspec import Meta, Struct
 
 from devkit.detector_description import BoxHead, DetectorDescription, GridHead
 from schemas.messages import Detection
+from schemas.steady import steady
 
 EXPONENT_MAX = 30.0
 """Larger exponents of a box's size are cut: such a box is larger than any image."""
@@ -174,7 +175,7 @@ def _from_grid(
     centre = _logistic(values[:, :2]) * head.scale_xy - 0.5 * (head.scale_xy - 1.0)
     centre = (np.stack([column, row], axis=1) + centre) / np.array([columns, rows], np.float64)
     anchor_share = np.array(head.anchors_px) / np.array([description.width, description.height])
-    size = np.exp(np.minimum(values[:, 2:4], EXPONENT_MAX)) * anchor_share[anchor]
+    size = _exp(np.minimum(values[:, 2:4], EXPONENT_MAX)) * anchor_share[anchor]
     place = (row * columns + column) * anchors + anchor
     keep = confidence >= limit
     box = np.concatenate([centre, size], axis=1)
@@ -208,13 +209,18 @@ def _class_probability(scores: np.ndarray, best: np.ndarray, how: str) -> np.nda
     # Summed column by column: a sum along rows may be split as the array's layout suggests.
     total = np.zeros(len(scores))
     for column in range(scores.shape[1]):
-        total += np.exp(scores[:, column] - top[:, 0])
+        total += _exp(scores[:, column] - top[:, 0])
     return 1.0 / total
 
 
 def _logistic(values: np.ndarray) -> np.ndarray:
-    odds: np.ndarray = np.exp(np.minimum(-values, EXPONENT_LARGE))
+    odds = _exp(np.minimum(-values, EXPONENT_LARGE))
     return 1.0 / (1.0 + odds)
+
+
+def _exp(values: np.ndarray) -> np.ndarray:
+    """The exponential to 24 bits: NumPy's last bits depend on the instruction set."""
+    return steady(np.exp(values), 24)
 
 
 def _clipped(box: np.ndarray, size_px: np.ndarray) -> np.ndarray:

@@ -33,6 +33,8 @@ class _Session:
     binding: Any
     rows: np.ndarray
     """int64 [batch]: read by the binding at every run."""
+    pictures: np.ndarray | None = None
+    """Likewise, while they are on the host: the binding does not keep them."""
 
 
 class FrameNetwork:
@@ -91,7 +93,8 @@ class FrameNetwork:
         if isinstance(images.array, np.ndarray):
             # Only these travel to the device; ONNX Runtime brings them there.
             session.rows[: len(rows)] = range(len(rows))
-            session.binding.bind_cpu_input(FRAMES, _taken(images.array, rows))
+            session.pictures = _taken(images.array, rows)
+            session.binding.bind_cpu_input(FRAMES, session.pictures)
         else:
             pointer, shape = device_pointer(images.array)
             session.rows[: len(rows)] = rows

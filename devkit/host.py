@@ -88,6 +88,8 @@ def serve(link: StackEnd, stack: Stack) -> None:
         seq = incoming.tick.seq
         try:
             commands = step(stack, incoming)
+            # A stack that is none of ours may lack the method.
+            costs = stack.costs() if isinstance(stack, Stack) else []
         except Exception as error:
             where = _origin(error)
             reason = f"{type(error).__name__}: {error} ({where})"
@@ -95,8 +97,6 @@ def serve(link: StackEnd, stack: Stack) -> None:
                 reason = str(error)
             link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason))
             raise
-        # A stack that is none of ours may lack the method.
-        costs = stack.costs() if isinstance(stack, Stack) else []
         link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs))
 
 

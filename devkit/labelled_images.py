@@ -184,6 +184,12 @@ class DatasetHead:
         return " ".join(parts)
 
 
+_RECIPE_KEYS = {
+    *("count", "seed", "width", "height", "split_shares", "streets", "rules"),
+    *("scene", "other_scene", "vehicle", "camera", "cameras", "format", "quality"),
+}
+
+
 def read_head(folder: Path) -> DatasetHead:
     """``dataset.yaml`` of a complete dataset.
 
@@ -198,7 +204,7 @@ def read_head(folder: Path) -> DatasetHead:
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: {error}") from None
     recipe = head.get("recipe") if isinstance(head, dict) else None
-    if not isinstance(recipe, dict) or head.get("format") != 1:
+    if not isinstance(recipe, dict) or head.get("format") != 1 or _RECIPE_KEYS - set(recipe):
         raise UsageError(f"{path}: not what 'twin dataset' writes; make the dataset again")
     if not head.get("complete"):
         raise UsageError(f"{folder}: not complete; 'twin dataset {folder}' goes on with it")

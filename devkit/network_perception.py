@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LABELS: Mapping[str, str] = {"person": "pedestrian", "stop sign": "traffic_sign"}
 """Labels of COCO, of which published weights know 80, that are called otherwise here."""
 
+REPORTED_MAX = 100
+"""Most objects of one frame: commands of all slots travel in one message of limited size."""
+
 
 @register(perception.NetworkPerception)
 class NetworkPerception:
@@ -59,9 +62,17 @@ class NetworkPerception:
         """See :class:`devkit.perception.Perception`."""
         found = self._detector.detect(images, self._selection)
         return [
-            [_renamed(each) for each in found.of(index, by_place=self._by_place)]
+            [_renamed(each) for each in _most_confident(found.of(index, by_place=self._by_place))]
             for index in range(len(boxes))
         ]
+
+
+def _most_confident(detections: list[Detection]) -> list[Detection]:
+    """At most :data:`REPORTED_MAX`, in the order they have."""
+    if len(detections) <= REPORTED_MAX:
+        return detections
+    by_confidence = sorted(range(len(detections)), key=lambda i: (-detections[i].confidence, i))
+    return [detections[i] for i in sorted(by_confidence[:REPORTED_MAX])]
 
 
 @cache

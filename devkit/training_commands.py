@@ -83,6 +83,7 @@ def train(
     """
     _check_torch()
     from devkit.training.command import TrainingRequest, run_training
+    from devkit.training.device import memory_errors
 
     plain: dict[str, Any] = {
         "model": model,
@@ -98,7 +99,8 @@ def train(
     request = TrainingRequest(
         data=data, out=out, plain=plain, size=size, settings=tuple(setting or ()), device=device
     )
-    trained = run_training(request)
+    with memory_errors():
+        trained = run_training(request)
     if output is Output.json:
         print(json.dumps(dataclasses.asdict(trained)))
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from schemas.lens_curve import Intrinsics, intrinsics
@@ -57,6 +58,8 @@ class View:
 
     def across_m(self, x_px: float, y_px: float, ahead_m: float) -> float:
         """Where the ray of a point of the image is ``ahead_m`` before the camera, seen from above:
-        left of the centre line [m]."""
+        left of the centre line [m]; infinite of a ray to the side or to the back."""
         x, y, _ = self.ray(x_px, y_px)
+        if x <= 0.0:
+            return math.copysign(math.inf, y)
         return self.lateral_m + ahead_m * y / x

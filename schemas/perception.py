@@ -54,6 +54,8 @@ class NetworkPerception(
             raise ValueError("weights: missing; a Darknet .cfg needs its .weights")
         if self.model.endswith(".onnx") and (self.weights or self.names):
             raise ValueError("weights and names belong to a Darknet .cfg, not to an ONNX file")
+        if self.names and not self.weights:
+            raise ValueError("names belong to a Darknet network, which needs its weights")
         if self.weights and self.description:
             raise ValueError("description belongs to an ONNX file, not to a Darknet .cfg")
 

@@ -116,6 +116,7 @@ class Engine:
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
         self._origin = scene.origin
+        self._street = scene.street
         self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle
         self._eyes = ExteroceptiveSuite(
@@ -192,8 +193,30 @@ class Engine:
         """World x, y [m] and heading [rad] of the ego at the start."""
         if scenario.type == "jump_scare":
             return self._world.before_obstacle(scenario.ego_start_m + self._vehicle.front_offset_m)
+        self._check_lane(scenario)
         pose = self._world.lane.at(0.0)
         return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+
+    def _check_lane(self, scenario: Scenario) -> None:
+        """Lane keeping needs a lane that is long enough and free.
+
+        Raises:
+            ValueError: this scene has none; one line.
+        """
+        world, lane = self._world, self._world.lane
+        name = f"scene {scenario.scene}: lane_keeping"
+        if not self._street:
+            raise ValueError(f"{name} needs a street, and this scene has none of its own")
+        if not lane.closed and lane.length_m < scenario.distance_m:
+            raise ValueError(
+                f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
+                "set scenario.distance_m, or take a closed road such as downtown-loop"
+            )
+        x_m, y_m, _, _, half_width_m = world.colliders[0]
+        place = lane.locate(x_m, y_m)
+        gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
+        if gap_m <= 0.0 and (lane.closed or float(place.s_m) < scenario.distance_m):
+            raise ValueError(f"{name}: the broken-down car stands in the lane; set obstacle.y_m")
 
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""

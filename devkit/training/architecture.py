@@ -9,16 +9,26 @@ import numpy as np
 
 from devkit.darknet.build import build_network
 from devkit.darknet.network import Network
-from devkit.darknet.sections import DarknetError, Section, read_sections
+from devkit.darknet.sections import DarknetError, Section, read_sections, to_text
 from devkit.darknet.variant import architecture, vary
 from devkit.labelled_images import LabelledImages
 from devkit.training.anchors import fit_anchors
 from devkit.training.parameters import TrainingParameters
+from schemas.identity import digest
 
 
 def model_name(model: str) -> str:
     """What the files are called."""
     return Path(model).stem if _is_file(model) else model
+
+
+def cfg_digest(model: str) -> str | None:
+    """What a cfg file says, as a SHA-256; None for a shipped architecture.
+
+    Raises:
+        DarknetError: the file is no cfg.
+    """
+    return digest([to_text(read_sections(Path(model))).encode()]) if _is_file(model) else None
 
 
 def read_size(model: str) -> tuple[int, int] | None:

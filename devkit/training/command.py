@@ -25,7 +25,7 @@ from devkit.labelled_images import (
     read_labelled,
 )
 from devkit.scoring import SELECTION, Scorecard, plain, score_detector
-from devkit.training.architecture import model_name, prepare, read_size
+from devkit.training.architecture import cfg_digest, model_name, prepare, read_size
 from devkit.training.card import write_card
 from devkit.training.device import prepare_device
 from devkit.training.examples import load_examples
@@ -82,6 +82,8 @@ def run_training(request: TrainingRequest) -> Trained:
         "torch": str(torch.__version__),
         "device_class": device_class(request.device),
         "data": data.digest,
+        "cpu": torch.backends.cpu.get_cpu_capability(),
+        "cfg": cfg_digest(parameters.model),
     }
     if head is not None:
         folder.check(head, parameters, maker)

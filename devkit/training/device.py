@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
+from collections.abc import Iterator
 
 import torch
 
@@ -29,3 +31,17 @@ def prepare_device(name: str, threads: int) -> torch.device:
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     warnings.filterwarnings("ignore", message=".*does not have a deterministic implementation.*")
     return torch.device(name)
+
+
+@contextlib.contextmanager
+def memory_errors() -> Iterator[None]:
+    """Too little memory as one line; torch says it by a RuntimeError of many."""
+    try:
+        yield
+    except RuntimeError as error:
+        if "memory" not in str(error):
+            raise
+        words = str(error).splitlines()[0][:200]
+        raise UsageError(
+            f"training: not enough memory ({words}); give a smaller --batch or --size"
+        ) from None

@@ -57,7 +57,8 @@ class TrainingFolder:
             head = load_yaml(path)
         except (OSError, ValueError) as error:
             raise UsageError(f"{path}: {error}; give a new folder") from None
-        if not isinstance(head, dict) or head.get("format") != FORMAT:
+        good = isinstance(head, dict) and head.get("format") == FORMAT
+        if not good or not isinstance(head.get("parameters"), dict):
             raise UsageError(f"{path}: not what 'devkit train' writes; give a new folder")
         return head
 

@@ -90,6 +90,8 @@ def train(
             if time.monotonic() - saved_s >= CHECKPOINT_S or now.epoch == parameters.epochs:
                 _save(trainer, folder, now)
                 saved_s = time.monotonic()
+        if caught:  # during the last epoch's end: its checkpoint is written
+            _leave(caught[0])
     return total * batch
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from schemas.messages import Lights
-from twin.world.steady import steady
+from schemas.steady import steady
 from twin.world.sun import Daylight
 from twin.world.weather import WeatherParameters
 

@@ -55,6 +55,8 @@ class Road(Spec):
 
     def __post_init__(self) -> None:
         if not self.path:
+            if self.end_m <= self.start_m:
+                raise ValueError(f"end_m {self.end_m:g} must lie behind start_m {self.start_m:g}")
             return
         if self.cross_streets_m:
             raise ValueError("cross_streets_m: a road with a path has no side streets; leave it []")

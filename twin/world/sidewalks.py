@@ -66,7 +66,7 @@ def add_lamps(
             with mesh.place(*layout.at(x, y, 0.0 if sign > 0 else np.pi)):
                 pieces.add_lamp(mesh, height)
             hulls.append((*layout.at(x, y), 0.1, 0.1))
-        rows.append(np.array(heads))
+        rows.append(np.array(heads).reshape(-1, 2))
     return rows, hulls
 
 

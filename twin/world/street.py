@@ -134,7 +134,9 @@ def _build(scene: Scene) -> World:
         if layout.lane.closed:
             bent_lamps = np.concatenate(lamps)
         else:
-            lamps_right, lamps_left = (tuple(row[0].tolist()) for row in lamps)
+            lamps_right, lamps_left = (
+                tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
+            )
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
         others += posts + poles + sidewalks.add_pieces(mesh, scene, layout)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from schemas.steady import steady
 from twin.world import atmosphere, sky_table
 from twin.world.almanac import Heavens, Place, heavens
 from twin.world.atmosphere import LUMINANCE, SUN_RGB
-from twin.world.steady import steady
 from twin.world.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
 CITY_GLOW_LX = (0.02, 0.60)

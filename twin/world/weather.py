@@ -30,8 +30,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from schemas.environment import Conditions
+from schemas.steady import steady
 from schemas.validation import suggest
-from twin.world.steady import steady
 
 MOR_PER_EXTINCTION = 2.996
 """Meteorological optical range times extinction: -ln 0.05 [-]."""

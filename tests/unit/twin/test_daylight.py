@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from schemas.steady import steady
 from twin.world import atmosphere, sky_table
 from twin.world.atmosphere import LUMINANCE, SUN_LX, SUN_RGB
-from twin.world.steady import steady
 from twin.world.sun import (
     EXPOSURE_FLOOR_LX,
     WHITE_SIGNAL,
