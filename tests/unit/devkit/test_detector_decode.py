@@ -87,10 +87,10 @@ def test_decode_and_suppression_against_loops(seed, across_classes):
         rows = found.image == image
         assert found.place[rows].tolist() == [c[0] for c in expected]
         assert found.class_id[rows].tolist() == [c[1] for c in expected]
-        assert found.confidence[rows] == pytest.approx([c[2] for c in expected], rel=1e-12)
+        assert found.confidence[rows] == pytest.approx([c[2] for c in expected], rel=1e-6)
         corners = np.array([c[3] for c in expected])
         low, size = found.box_px[rows, :2], found.box_px[rows, 2:]
-        assert np.allclose(np.concatenate([low, low + size], axis=1), corners, rtol=1e-12)
+        assert np.allclose(np.concatenate([low, low + size], axis=1), corners, rtol=1e-6, atol=1e-3)
 
 
 def empty(head: GridHead) -> dict[str, np.ndarray]:
