@@ -11,6 +11,7 @@ def camera_site(
     height: int = 360,
     position_m: tuple[float, float, float] = (2.05, -0.35, 1.32),
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    hfov_deg: float = 70.0,
 ) -> CameraSite:
     """The main camera of the shipped vehicle, or one like it."""
     return CameraSite(
@@ -19,7 +20,7 @@ def camera_site(
         width=width,
         height=height,
         hz=20,
-        hfov_deg=70.0,
+        hfov_deg=hfov_deg,
         position_m=list(position_m),
         rotation_deg=list(rotation_deg),
         lens=Lens(),

@@ -212,10 +212,11 @@ class Engine:
                 f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
                 "set scenario.distance_m, or take a closed road such as downtown-loop"
             )
-        x_m, y_m, _, _, half_width_m = world.colliders[0]
+        x_m, y_m, _, half_length_m, half_width_m = world.colliders[0]
         place = lane.locate(x_m, y_m)
         gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
-        if gap_m <= 0.0 and (lane.closed or float(place.s_m) < scenario.distance_m):
+        free_m = float(place.s_m) - half_length_m - self._vehicle.front_offset_m
+        if gap_m <= 0.0 and (lane.closed or free_m < scenario.distance_m):
             raise ValueError(f"{name}: the broken-down car stands in the lane; set obstacle.y_m")
 
     def clear(self, slot: int) -> None:

@@ -19,7 +19,14 @@ _MARGIN_PX = (118, 46, 18, 46)
 _GAP_PX = 3
 _FONT_PX, _TITLE_PX = 13, 16
 _INK, _PAPER = "#1F2328", "#FFFFFF"
-_MARKS = {"collision": "X", "false_braking": "!", "failed": "F", "unresolved": "?"}
+_MARKS = {
+    "collision": "X",
+    "false_braking": "!",
+    "lane_departure": "<>",
+    "time_up": "T",
+    "failed": "F",
+    "unresolved": "?",
+}
 """Before the number, for those who do not tell the colours apart; in the fonts of Pillow."""
 _DARK = {"pass", "collision", "failed", "unresolved"}
 """Statuses whose fill asks for white text."""

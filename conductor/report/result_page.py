@@ -8,9 +8,11 @@ from __future__ import annotations
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
+import urllib.parse
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,28 +147,33 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
         axes=[axis_label(axis) for axis in page_axes(dossier)],
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
-        false_braking=_false_braking(dossier),
+        false_braking=_counted(dossier, "false_braking"),
+        lane_departures=_counted(dossier, "lane_departure"),
         extremes={
             "hardest": extremes(rows, "impact_speed_mps", largest=True),
             "nearest": extremes(passed, "dtc_min_m", largest=False),
+            "astray": extremes(rows, "lateral_error_max_m", largest=True),
             "longest": extremes(rows, "sim_time_s", largest=True),
         },
         sections=sections,
         any_picture=any(shown.picture for section in sections for shown in section.shown),
         summary_name=SUMMARY,
-        texts=texts,
         block=block,
         wilson=wilson,
-        folder=folder,
+        folder=urllib.parse.quote(folder),
     )
-    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+    text = re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+    # Only now: what people have written keeps its blank lines.
+    for name, said in texts.items():
+        text = text.replace(block(name, ""), block(name, said), 1)
+    return text
 
 
 def _commands(dossier: Dossier, folder: str) -> list[str]:
     on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
     device = " --device cuda:0" if on_gpu else ""
     return [
-        f"conductor run {folder}/{CAMPAIGN_FILE} --out repeat{device}",
+        f"conductor run {shlex.quote(f'{folder}/{CAMPAIGN_FILE}')} --out repeat{device}",
         "conductor fingerprint repeat",
     ]
 
@@ -178,9 +185,9 @@ def _crowded(dossier: Dossier) -> bool:
     return any(axis not in names for axis in varied_axes(dossier))
 
 
-def _false_braking(dossier: Dossier) -> list[tuple[str, list[tuple[Any, dict[str, str]]]]]:
+def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, dict[str, str]]]]]:
     tables = [
-        (axis_label(axis), counts_by(dossier, axis, "false_braking"))
+        (axis_label(axis), counts_by(dossier, axis, status))
         for axis in reversed(page_axes(dossier))
     ]
     return [table for table in tables if table[1]]
@@ -222,7 +229,10 @@ def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
     values = [_words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
     story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
     time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
-    aeb = "No AEB." if time is None else f"AEB at {time:.2f} s, {_number(distance)} m before it."
+    aeb = "No AEB."
+    if time is not None:
+        where = "" if dossier.lane_keeping else f", {_number(distance)} m before it"
+        aeb = f"AEB at {time:.2f} s{where}."
     return Shown(
         kind=kind_of(row),
         where=", ".join(values),
@@ -279,5 +289,5 @@ def _words(value: object) -> str:
     return str(value).replace("_", " ")
 
 
-def _number(value: float | int | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
+def _number(value: float | int | None, digits: int = 2) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"

@@ -12,7 +12,7 @@ from typing import Any
 from twin.dataset.folder import Folder
 from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, parse_recipe
-from twin.dataset.sheet import write_sheet
+from twin.dataset.sheet import check_sheet, write_sheet
 from twin.dataset.tally import print_tally, tally
 from twin.fabric.errors import UsageError
 from twin.fabric.progress import progress
@@ -65,6 +65,8 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     if request.rules:
         data["rules"] = {**data.get("rules", {}), **dict(_rule(text) for text in request.rules)}
     recipe = parse_recipe(data, "dataset")
+    if request.preview is not None:
+        check_sheet(request.preview, request.out)
     on_cpu, cores = request.device == "cpu", len(os.sched_getaffinity(0))
     with progress("dataset", "rendering", "images") as report:
         found = make_dataset(

@@ -11,6 +11,7 @@ import numpy as np
 
 from twin.dataset.chance import generator
 from twin.fabric.errors import UsageError
+from twin.fabric.files import write_atomic
 
 _COLORS = {
     "car": (80, 220, 80),
@@ -26,14 +27,28 @@ _LABEL_PX = 18
 _SUFFIXES = (".png", ".jpg")
 
 
+def check_sheet(path: Path, dataset: Path) -> None:
+    """Whether a sheet of ``dataset`` can be written to ``path``; asked before hours of rendering,
+    when the dataset need not be there.
+
+    Raises:
+        UsageError: another ending, a folder, or in a folder that is not there; one line.
+    """
+    if path.suffix.lower() not in _SUFFIXES:
+        raise UsageError(f"preview {path}: give a file that ends in {' or '.join(_SUFFIXES)}")
+    if path.is_dir():
+        raise UsageError(f"preview {path}: is a folder; give a file")
+    if not path.parent.is_dir() and path.parent.resolve() != dataset.resolve():
+        raise UsageError(f"preview {path}: no folder {path.parent}; make it, or give another one")
+
+
 def write_sheet(path: Path, dataset: Path, *, columns: int, rows: int, seed: int) -> None:
     """Write random images of all splits with boxes: labels in colour, ignored ones in thin grey.
 
     Raises:
-        UsageError: not such a file, or no complete dataset; one line.
+        UsageError: no such file can be written, or no complete dataset; one line.
     """
-    if path.suffix.lower() not in _SUFFIXES:
-        raise UsageError(f"preview {path}: give a file that ends in {' or '.join(_SUFFIXES)}")
+    check_sheet(path, dataset)
     documents = [json.loads(p.read_bytes()) for p in sorted(dataset.glob("annotations/*.json"))]
     images = [(image, doc) for doc in documents for image in doc["images"]]
     if not images:
@@ -44,7 +59,10 @@ def write_sheet(path: Path, dataset: Path, *, columns: int, rows: int, seed: int
     sheet = np.vstack([np.hstack(cells[r * columns : (r + 1) * columns]) for r in range(rows)])
     done, data = cv2.imencode(path.suffix.lower(), sheet)
     assert done, "the sheet could not be encoded"
-    path.write_bytes(data.tobytes())
+    try:
+        write_atomic(path, data.tobytes())
+    except OSError as error:
+        raise UsageError(f"preview {path}: {error.strerror or error}") from None
 
 
 def _cell(dataset: Path, image: dict[str, Any], document: dict[str, Any]) -> np.ndarray:

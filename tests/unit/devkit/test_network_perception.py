@@ -28,10 +28,11 @@ from devkit.detector_decode import Selection
 from devkit.host import serve
 from devkit.images import Images
 from devkit.model_files import open_detector, runtime_of, shipped_models
+from devkit.network_perception import REPORTED_MAX, _most_confident
 from devkit.perception import Setting, build_perception
 from devkit.stack import Observation
 from schemas.assets import file_digest
-from schemas.messages import BOXES_MAX, Command, Commands, Episode, Tick
+from schemas.messages import BOXES_MAX, Command, Commands, Detection, Episode, Tick
 from schemas.perception import GroundTruthPerception, NetworkPerception
 from twin.fabric.drive import Incoming
 from twin.fabric.errors import UsageError
@@ -217,6 +218,19 @@ def test_a_darknet_network_by_its_files(tmp_path):
     weights.write_bytes(weights.read_bytes()[:-4])
     assert "not the file that the campaign was submitted with" in refused(given, files)
     assert "a.weights: ends in layer 14" in refused(given, {})
+
+
+def test_of_too_many_objects_the_most_confident_are_reported_in_their_order():
+    confidence = np.random.default_rng(4).permutation(np.repeat(np.arange(1, 91) / 100, 2))
+    many = [Detection("car", each, i, 0, 1, 1) for i, each in enumerate(confidence.tolist())]
+    some = _most_confident(many)
+    assert len(some) == REPORTED_MAX < len(many)
+    places = [detection.x_px for detection in some]
+    assert places == sorted(places)
+    assert {d.confidence for d in some} == {d.confidence for d in many if d.confidence > 0.4}
+    assert _most_confident(many[:REPORTED_MAX]) == many[:REPORTED_MAX]
+    alike = [Detection("car", 0.5, i, 0, 1, 1) for i in range(REPORTED_MAX + 9)]
+    assert _most_confident(alike) == alike[:REPORTED_MAX]
 
 
 # --- what cannot be used ------------------------------------------------------------------------

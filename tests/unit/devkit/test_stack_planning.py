@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -24,8 +25,8 @@ from devkit.view import View
 from schemas.messages import Detection
 
 
-def view_of(width: int = 640, height: int = 360, **pose: tuple[float, float, float]) -> View:
-    return View.of_site(camera_site(width, height, **pose))
+def view_of(width: int = 640, height: int = 360, **changes: Any) -> View:
+    return View.of_site(camera_site(width, height, **changes))
 
 
 VIEW = view_of()
@@ -214,6 +215,27 @@ def test_a_box_that_ends_at_the_horizon_stands_nowhere():
     assert extent_m(at_horizon, VIEW) is None
     assert nearest_m([at_horizon], VIEW, PLANNER) == math.inf
     assert extent_m(changed(at_horizon, height_px=60.5), VIEW) is not None
+
+
+def test_behind_the_camera_a_ray_leads_to_its_side():
+    """A wide camera that looks 80 degrees to the left: half of its image lies behind the ego."""
+    view = view_of(hfov_deg=150.0, rotation_deg=(0.0, 0.0, 80.0))
+    assert view.ray(0.0, 300.0)[0] < 0.0
+    assert view.across_m(0.0, 300.0, 5.0) == math.inf
+    assert view.ground_m(0.0, 300.0) is None
+    other = view_of(hfov_deg=150.0, rotation_deg=(0.0, 0.0, -80.0))
+    assert other.across_m(640.0, 300.0, 5.0) == -math.inf
+    assert math.isfinite(other.across_m(0.0, 300.0, 5.0))
+
+
+@pytest.mark.parametrize("yaw_deg", [20.0, -20.0])
+def test_a_car_that_fills_a_wide_turned_camera_is_in_the_path(yaw_deg):
+    """One end of its box is a ray to the back: without end to that side, not on the other one."""
+    view = view_of(hfov_deg=150.0, rotation_deg=(0.0, 0.0, yaw_deg))
+    filling = Detection("car", 0.9, 0.0, 0.0, 640.0, 360.0)
+    ends = [view.ray(x_px, 360.0)[0] for x_px in (0.0, 640.0)]
+    assert min(ends) < 0.0 < max(ends)
+    assert 0.0 < nearest_m([filling], view, PLANNER) < 5.0
 
 
 # --- the state machine --------------------------------------------------------------------------

@@ -200,10 +200,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_others(train, finish
     assert model != (finished / "tiny.onnx").read_bytes()
 
 
-@pytest.mark.parametrize("steps", [1, 2, 5, 8])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_changes_nothing(train, finished, tmp_path, monkeypatch, steps, number):
-    out = tmp_path / "out"
+def interrupt(monkeypatch, steps: int, number: int) -> None:
+    """Send a signal at this step of trainings in this process."""
     step = training_folder.torch.optim.AdamW.step
     left = [steps]
 
@@ -214,6 +212,13 @@ def test_an_interruption_changes_nothing(train, finished, tmp_path, monkeypatch,
         return step(self, *arguments, **named)
 
     monkeypatch.setattr(torch.optim.AdamW, "step", interrupted)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5, 8])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_changes_nothing(train, finished, tmp_path, monkeypatch, steps, number):
+    out = tmp_path / "out"
+    interrupt(monkeypatch, steps, number)
     kind = KeyboardInterrupt if number == signal.SIGINT else UnfinishedError
     with pytest.raises(kind):
         train(out)
@@ -259,6 +264,24 @@ def test_a_folder_of_another_software_or_dataset(train, finished, tmp_path, key)
     (out / "training.yaml").write_text(yaml.safe_dump(head | {key: "other"}))
     with pytest.raises(UsageError, match=f"begun with {key} other, here it is"):
         train(out)
+
+
+def test_a_network_that_was_edited_meanwhile(train, cfgs, tmp_path, monkeypatch):
+    cfg, out = tmp_path / "own.cfg", tmp_path / "out"
+    text = (cfgs / "tiny.cfg").read_text()
+    cfg.write_text(text)
+    interrupt(monkeypatch, 1, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        train(out, model=str(cfg))
+    monkeypatch.undo()
+    before = files(out)
+    cfg.write_text(text.replace("activation=leaky", "activation=relu", 1))
+    with pytest.raises(UsageError, match=r"begun with cfg .*, here it is .*give a new folder"):
+        train(out, model=str(cfg))
+    assert files(out) == before
+    cfg.write_text("# only said otherwise\n" + text)
+    train(out, model=str(cfg))
+    assert (out / "own.onnx").exists()
 
 
 def test_a_damaged_checkpoint(train, finished, tmp_path):
@@ -339,6 +362,11 @@ def test_no_dataset(train, data, tmp_path):
     (begun / "dataset.yaml").write_text("a: 1")
     with pytest.raises(UsageError, match="not what 'twin dataset' writes"):
         train(tmp_path / "out", data=begun)
+    recipe = {key: value for key, value in head["recipe"].items() if key != "cameras"}
+    (begun / "dataset.yaml").write_text(yaml.safe_dump(head | {"recipe": recipe}))
+    with pytest.raises(UsageError, match=r"dataset\.yaml: not what 'twin dataset' writes") as error:
+        train(tmp_path / "out", data=begun)
+    assert "\n" not in str(error.value)
 
 
 def test_a_damaged_dataset(train, data, tmp_path):
@@ -368,6 +396,17 @@ def test_a_folder_with_something_else(train, tmp_path):
     with pytest.raises(UsageError, match=r"exists and holds no training\.yaml; give a new folder"):
         train(tmp_path)
     assert set(files(tmp_path)) == {"notes.txt"}
+
+
+@pytest.mark.parametrize("text", ["format: 1\n", "format: 1\nparameters: []\n", "[]\n"])
+def test_a_head_without_parameters(train, tmp_path, text):
+    (tmp_path / "training.yaml").write_text(text)
+    with pytest.raises(
+        UsageError, match=r"training\.yaml: not what 'devkit train' writes"
+    ) as error:
+        train(tmp_path)
+    assert "\n" not in str(error.value)
+    assert files(tmp_path) == {"training.yaml": text.encode()}
 
 
 def test_a_device_that_is_not_here(data, tmp_path):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import cv2
 import msgspec
@@ -17,10 +19,12 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from conductor.fingerprint import fingerprint
 from conductor.report import write_result_page
 from conductor.report.dossier import open_dossier
+from conductor.report.heat_picture import _MARKS
 from conductor.report.losses import EXAMPLES_MAX, examples, extremes, kind_of, lost_lines, wilson
 from conductor.report.palette import status_color
 from conductor.report.prose import block
 from conductor.report.result_page import escaped, fenced
+from conductor.report.tables import KNOWN_STATUSES
 from schemas.assets import file_digest
 from schemas.messages import PerceptionCost
 from twin.fabric.errors import UsageError
@@ -198,6 +202,7 @@ def test_what_people_wrote_stays(tmp_path: Path) -> None:
     make_campaign(run)
     text = write_result_page(run, page).read_text()
     said = "It sees **little** in fog.\n\n| a | b |\n| --- | --- |\n\nTwo paragraphs."
+    said += "\n\n```\na\n\n\n\nb\n```"
     empty = block("model yolov3", "")
     assert text.count(empty) == 1
     page.write_text(text.replace(empty, block("model yolov3", said)))
@@ -229,6 +234,45 @@ def test_nothing_is_overwritten_that_is_not_ours(tmp_path: Path) -> None:
     assert page.read_text() == foreign
     with pytest.raises(UsageError, match=r"ends in \.md"):
         write_result_page(run, tmp_path / "a.txt")
+
+
+def test_lane_keeping_tells_of_lanes(tmp_path: Path) -> None:
+    def change(case: Any, end: Any) -> Any:
+        left = case.weather == "heavy_fog"
+        own = {"distance_m": 40.0 if left else 100.0, "lateral_error_max_m": 0.8 if left else 0.125}
+        own["lateral_error_rms_m"] = 0.302 if left else 0.062
+        verdict = "lane_departure" if left else "pass"
+        scalars = {**end.scalars, **own, "impact_speed_mps": None}
+        return replace(end, verdict=verdict, passed=not left, scalars=scalars, reasons=["drove on"])
+
+    scenario = {"type": "lane_keeping", "distance_m": 100, "lateral_limit_m": 0.7}
+    make_campaign(tmp_path / "run", campaign_data(scenario=scenario), change)
+    text = _page(tmp_path)
+    assert "drove the whole 100 m along its lane, its rear axle at most 0.7 m from" in text
+    for wrong in ("did not collide", "obstacle", "braked falsely", "stop [m]", "Nearest stops"):
+        assert wrong not in text, wrong
+    assert "A number is the lateral error RMS [m], of a collision" in text
+    lines = {line[0]: line for line in table(text, "model")[2:]}
+    assert lines["All"][-1] == "0.062, 0.182, 0.302"
+    assert ["heavy fog", "2 of 2", "2 of 2"] in table(text, "Weather")
+    assert "No case came to rest on the free lane." in text
+    farthest = table(text[text.index("Farthest from the lane") :], "case")
+    assert farthest[2][1:] == ["lane departure", "0.800", "0.302", "40.00"]
+
+
+def test_every_verdict_that_is_no_pass_has_a_mark_in_the_map() -> None:
+    assert {*KNOWN_STATUSES[: KNOWN_STATUSES.index("cancelled")]} == {"pass", *_MARKS}
+
+
+def test_a_name_with_a_blank_can_be_run_and_followed(tmp_path: Path) -> None:
+    make_campaign(tmp_path / "run", change=passed)
+    text = write_result_page(tmp_path / "run", tmp_path / "lane page (1).md").read_text()
+    command = next(line for line in text.splitlines() if line.startswith("conductor run"))
+    assert shlex.split(command)[2] == "lane page (1)/campaign.yaml"
+    links = re.findall(r"\]\(([^)\s]+)\)", text)
+    assert len(links) == text.count("](") >= 2
+    for link in links:
+        assert (tmp_path / unquote(link)).is_file(), link
 
 
 def test_files_and_shipped_models_are_named_with_their_digests(tmp_path: Path) -> None:

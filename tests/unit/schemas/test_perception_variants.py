@@ -99,6 +99,10 @@ def test_variants_that_no_case_uses_may_lack_their_files(campaign):
         ({"model": "a.onnx", "weights": "b"}, "belong to a Darknet .cfg, not to an ONNX file"),
         ({"model": "a.onnx", "names": "b"}, "belong to a Darknet .cfg, not to an ONNX file"),
         (
+            {"model": "yolov3", "names": "b"},
+            "names belong to a Darknet network, which needs its weights",
+        ),
+        (
             {"model": "yolov3", "weights": "b", "description": "c"},
             "description belongs to an ONNX file",
         ),

@@ -102,16 +102,46 @@ def test_time_up_is_no_pass(speed_mps):
     assert ended.scalars["distance_m"] < 20.0
 
 
-def test_the_obstacle_in_the_lane_is_a_collision():
-    one = case(distance_m=400.0, ego_speed_mps=30.0, duration_s=20.0)
-    engine = Engine(one, 1)
-    engine.reset(0, one)
-    engine._vehicles.place(0, 215.0, 20.0, 0.9)
-    finished = []
-    while not finished:
-        engine.sense()
-        finished = engine.step([Command(0, 0, int(engine.tick[0]), 0.0, 0.0, 0.0)])
-    assert (finished[0].verdict, finished[0].passed) == ("collision", False)
+def test_a_parked_car_is_a_collision():
+    ended = run(
+        case(distance_m=200.0, lateral_limit_m=10.0, ego_speed_mps=15.0),
+        lambda _: (0.3, 0.0, -0.01),
+    )
+    assert (ended.verdict, ended.passed) == ("collision", False)
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "said"),
+    [
+        (411.0, "lane_keeping over 411 m, but its lane is 410 m long; set scenario.distance_m"),
+        (410.0, "the broken-down car stands in the lane; set obstacle.y_m"),
+        (293.5, "the broken-down car stands in the lane; set obstacle.y_m"),
+    ],
+)
+def test_a_lane_that_is_too_short_or_not_free_is_refused(distance_m, said):
+    """``downtown``: 410 m long, the broken-down car from 297 m on, the ego 4 m before its axle."""
+    one = case(distance_m=distance_m)
+    with pytest.raises(ValueError, match=r"scene downtown: lane_keeping") as error:
+        Engine(one, 1).reset(0, one)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_lane_up_to_the_broken_down_car_is_free():
+    one = case(distance_m=292.5)
+    Engine(one, 1).reset(0, one)
+
+
+def test_without_a_street_there_is_no_lane(tmp_path):
+    path = tmp_path / "bare.yaml"
+    np.save(tmp_path / "flat.npy", np.zeros((8, 8)))
+    path.write_text(
+        "schema: 1\nscene: bare\nstreet: false\nbake: false\nobstacle: {x_m: 60}\n"
+        "terrain: {heightmap: flat.npy, size_m: [400, 400], semantic: road}\n"
+    )
+    one = case(scene=str(path))
+    with pytest.raises(ValueError, match="lane_keeping needs a street, and this scene has none"):
+        Engine(one, 1).reset(0, one)
 
 
 def test_a_jump_scare_has_no_lateral_error():

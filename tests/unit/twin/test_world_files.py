@@ -1,9 +1,14 @@
 """Scene and vehicle files: shipped ones load, mistakes are one clear line."""
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.layout import lay_out
+from twin.world.mesh import MeshBuilder
 from twin.world.scene import load_scene
+from twin.world.sidewalks import add_lamps
 from twin.world.street import build_world
 
 
@@ -41,6 +46,10 @@ def test_unknown_names_list_what_is_shipped(load):
         (
             "schema: 1\nscene: a\nobstacle: {x_m: 250}\nbuildings: {height_m: [9, 5]}\n",
             "smallest 9 above largest 5",
+        ),
+        (
+            "schema: 1\nscene: a\nobstacle: {x_m: 250}\nroad: {start_m: 50, end_m: 50}\n",
+            "end_m 50 must lie behind start_m 50",
         ),
     ],
 )
@@ -84,3 +93,16 @@ def test_the_street_is_what_the_scene_says():
     x = world.colliders[:, 0]
     before_end = (x > scene.road.start_m) & (x < scene.road.end_m)
     assert (in_lane & before_end).sum() == 1
+
+
+@pytest.mark.parametrize(("spacing_m", "counts"), [(28.0, (15, 14)), (900.0, (1, 0))])
+def test_rows_of_lamps_may_be_empty(spacing_m, counts):
+    scene = load_scene("downtown")
+    scene = replace(scene, bake=False, furniture=replace(scene.furniture, lamp_spacing_m=spacing_m))
+    rows, posts = add_lamps(MeshBuilder(), scene, lay_out(scene))
+    assert [row.shape for row in rows] == [(count, 2) for count in counts]
+    assert len(posts) <= sum(counts)
+    world = build_world(scene)
+    assert np.isfinite(world.mesh.points_m).all()
+    near = [abs(y_m) < 20.0 for _, y_m in (world.lamps_right, world.lamps_left)]
+    assert near == [count > 0 for count in counts]
