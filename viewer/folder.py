@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from twin.fabric.errors import UsageError
-from twin.fabric.kpi_file import read_kpi
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.kpi_file import read_kpi_columns
 from viewer import naming
 from viewer.frames import read_case
 
@@ -72,7 +72,8 @@ def case_names(folder: Path) -> list[str]:
 def find_moment(found: Found, at: str) -> Moment:
     """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
 
-    Where the attempt's KPI rows are missing (it was killed), the recording says it.
+    Where the attempt's KPI rows are missing (it was killed) or cannot be read, the recording says
+    it.
 
     Raises:
         UsageError: none of these, or the case has no rows yet.
@@ -87,7 +88,7 @@ def find_moment(found: Found, at: str) -> Moment:
                 f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
             )
         return Moment(round(seconds * 1e9), f"{seconds:g} s")
-    rows = _kpi_rows(found.kpi) if found.kpi.is_file() else _recorded_rows(found.path)
+    rows = _rows(found)
     if at == "aeb":
         for time_ns, braking, _ in rows:
             if braking:
@@ -104,13 +105,14 @@ Row = tuple[int, bool, float | None]
 """Sim time [ns], AEB, distance to collision [m]."""
 
 
-def _kpi_rows(path: Path) -> list[Row]:
-    columns: dict[str, list[Any]] = read_kpi(path).to_pydict()
-    return list(zip(columns["sim_time_ns"], columns["aeb"], columns["dtc_m"], strict=True))
-
-
-def _recorded_rows(path: Path) -> list[Row]:
-    return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in read_case(path).frames]
+def _rows(found: Found) -> list[Row]:
+    names = ("sim_time_ns", "aeb", "dtc_m")
+    try:
+        columns: dict[str, list[Any]] = read_kpi_columns(found.kpi, names).to_pydict()
+    except InfrastructureError:
+        frames = read_case(found.path).frames
+        return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
+    return list(zip(*(columns[name] for name in names), strict=True))
 
 
 def _attempts(folder: Path, case: str) -> list[Path]:

@@ -2,12 +2,16 @@
 
 import json
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from recorded_case import write
 
 from schemas.kpi import KPI_COLUMNS
 from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import kpi_table, write_kpi
 from viewer import native
+from viewer.catalogue import read_catalogue
 from viewer.folder import find_moment, find_recording
 from viewer.outputs import check_out
 from viewer.shot import parse_size
@@ -62,6 +66,27 @@ def test_moments(tmp_path):
     assert moment.sim_time_ns == 50_000_000
     assert moment.label == "no AEB trigger; closest approach at 0.05 s"
     assert find_moment(found, "closest").label == "closest approach at 0.05 s"
+
+
+def test_rows_of_an_older_version_are_read(tmp_path):
+    path = attempt(tmp_path, aeb=(1,)) / "kpi.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["lateral_error_m"]), path)
+    assert find_moment(find_recording(tmp_path, "clear-1"), "aeb").sim_time_ns == 50_000_000
+
+
+@pytest.mark.parametrize("how", ["damaged", "without a column", "of another type"])
+def test_where_rows_cannot_be_read_the_recording_says_it(tmp_path, how):
+    folder = tmp_path / "cases" / "clear-1" / "attempt-1"
+    write(folder)
+    table = pa.table({"sim_time_ns": [0], "aeb": ["yes"], "dtc_m": [1.0]})
+    if how == "without a column":
+        table = table.drop_columns(["aeb"])
+    pq.write_table(table, folder / "kpi.parquet")
+    if how == "damaged":
+        (folder / "kpi.parquet").write_bytes(b"PAR1")
+    assert find_moment(find_recording(tmp_path, "clear-1"), "aeb").sim_time_ns == 150_000_000
+    [row] = read_catalogue(tmp_path, "closest").rows
+    assert row.moment.sim_time_ns == 200_000_000
 
 
 def test_errors_are_one_line_and_say_what_to_do(tmp_path):
