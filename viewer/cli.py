@@ -323,4 +323,13 @@ def tell(line: str) -> None:
 
 def main() -> None:
     """Entry point."""
-    run(app, "viewer")
+    try:
+        run(app, "viewer")
+    except SystemExit as leaving:
+        hub = sys.modules.get("viewer.hub")
+        if hub is None or not hub.STUCK:
+            raise
+        # A viewer is frozen, and Rerun's own exit hooks would wait for it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(leaving.code if isinstance(leaving.code, int) else 0)
