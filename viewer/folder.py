@@ -25,6 +25,25 @@ class Found:
     kpi: Path
     """Need not exist: the attempt may still run."""
     complete: bool
+    committed: str = ""
+    """Name of the committed attempt's folder; empty: none yet."""
+
+    @property
+    def other(self) -> bool:
+        """It is of another attempt than the one that was committed."""
+        return bool(self.committed) and self.path.parent.name != self.committed
+
+    def remarks(self) -> list[str]:
+        """One line for each thing that is not as one would wish."""
+        lines = []
+        if not self.complete:
+            lines.append(f"{self.path}: the recording is incomplete")
+        if self.other:
+            lines.append(
+                f"{self.case}: the committed {self.committed} was not recorded; "
+                f"{self.path.parent.name} is shown"
+            )
+        return lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +61,8 @@ def find_recording(folder: Path, case: str) -> Found:
         UsageError: no such folder or case, or it was not recorded.
     """
     names = case_names(folder)
-    attempts = _attempts(folder, case)
+    committed = _committed(folder, case)
+    attempts = _attempts(folder, case, committed)
     if not attempts:
         close = difflib.get_close_matches(case, names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
@@ -51,7 +71,8 @@ def find_recording(folder: Path, case: str) -> Found:
         path = attempt / naming.RECORDING_FILE
         if path.is_file() and path.stat().st_size:
             note = attempt / naming.RECORDING_NOTE
-            return Found(case, path, attempt / naming.KPI_FILE, _is_complete(note))
+            kpi = attempt / naming.KPI_FILE
+            return Found(case, path, kpi, _is_complete(note), committed)
     raise UsageError(
         f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
     )
@@ -115,13 +136,12 @@ def _rows(found: Found) -> list[Row]:
     return list(zip(*(columns[name] for name in names), strict=True))
 
 
-def _attempts(folder: Path, case: str) -> list[Path]:
+def _attempts(folder: Path, case: str, committed: str) -> list[Path]:
     """Attempt folders of a case: the committed one first, then the latest."""
     if not case or "/" in case or case.startswith("."):
         return []
     found = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
     found.sort(key=_number, reverse=True)
-    committed = _committed(folder, case)
     found.sort(key=lambda path: path.name != committed)
     return found
 
