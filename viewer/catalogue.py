@@ -74,6 +74,9 @@ class Catalogue:
             lines.append(f"{_number(self.missing)} without a recording: {_some(self.missing)}")
         if self.incomplete:
             lines.append(f"{_number(self.incomplete)} recorded with gaps: {_some(self.incomplete)}")
+        others = [row.found.case for row in self.rows if row.found.other]
+        if others:
+            lines.append(f"{_number(others)} shown by an attempt not committed: {_some(others)}")
         return lines
 
 

@@ -68,8 +68,8 @@ def shot(
     found = find_recording(folder, case)
     moment = find_moment(found, at)
     shoot(found.path, moment, out, pixels)
-    if not found.complete:
-        tell(f"{found.path}: the recording is incomplete")
+    for line in found.remarks():
+        tell(line)
     print(f"{out}: {case}, {moment.label}")
 
 
@@ -90,8 +90,8 @@ def frame(
     found = find_recording(folder, case)
     moment = find_moment(found, at)
     seconds = write_still(read_case(found.path), moment, out)
-    if not found.complete:
-        tell(f"{found.path}: the recording is incomplete")
+    for line in found.remarks():
+        tell(line)
     print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
 
 
@@ -118,8 +118,8 @@ def export(
             check_out(out, suffix)
     found = find_recording(folder, case)
     recorded = read_case(found.path)
-    if not found.complete:
-        tell(f"{found.path}: the recording is incomplete")
+    for line in found.remarks():
+        tell(line)
     if mp4 is not None:
         film = write_film(recorded, mp4)
         if film.held:
@@ -151,8 +151,8 @@ def replay(
         if output is Output.json:
             raise UsageError("--output json lists all recordings; leave out the case")
         found = find_recording(folder, case)
-        if not found.complete:
-            tell(f"{found.path}: the recording is incomplete")
+        for line in found.remarks():
+            tell(line)
         show(found, find_moment(found, at))
         return
     catalogue = read_catalogue(folder, at)
@@ -259,6 +259,8 @@ def web(
             "give a campaign folder (its recordings), or for running cases one of "
             "--connect tls/HOST:PORT and --run FOLDER"
         )
+    if folder is not None and focus:
+        raise UsageError("--case is for running cases; give a recorded one as viewer web DIR CASE")
     as_json = output is Output.json
     if folder is None:
         live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
@@ -267,7 +269,10 @@ def web(
         raise typer.Exit(run_web(WebOptions(port, live=tuple(live_options), json=as_json)))
     moment = None
     if case:
-        moment = find_moment(find_recording(folder, case), at)
+        found = find_recording(folder, case)
+        for line in found.remarks():
+            tell(line)
+        moment = find_moment(found, at)
     else:
         for line in read_catalogue(folder, at).remarks():
             tell(line)
@@ -323,4 +328,13 @@ def tell(line: str) -> None:
 
 def main() -> None:
     """Entry point."""
-    run(app, "viewer")
+    try:
+        run(app, "viewer")
+    except SystemExit as leaving:
+        hub = sys.modules.get("viewer.hub")
+        if hub is None or not hub.STUCK:
+            raise
+        # A viewer is frozen, and Rerun's own exit hooks would wait for it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(leaving.code if isinstance(leaving.code, int) else 0)

@@ -13,6 +13,7 @@ from twin.fabric.bus import Sample
 from viewer import naming
 from viewer.blueprint import case_blueprint
 from viewer.convert import CaseConverter
+from viewer.hub import leave
 from viewer.scenery import Logged, outline, points, unpacked
 
 SCENES_MAX = 4
@@ -61,7 +62,7 @@ class Scenes:
 
 
 class Focus:
-    """A case that is shown in full; a new attempt is a new recording."""
+    """A case of a campaign that is shown in full; a new attempt is a new recording."""
 
     def __init__(
         self, open_stream: Callable[[CaseStart], rr.RecordingStream], scenes: Scenes
@@ -71,6 +72,8 @@ class Focus:
         self.logged = 0
         self._open_stream = open_stream
         self._scenes = scenes
+        self._token = 0
+        """Attempts before this one are not shown."""
         self._start: CaseStart | None = None
         self._stream: rr.RecordingStream | None = None
         self._converter: CaseConverter | None = None
@@ -125,12 +128,19 @@ class Focus:
         self._put(shown, static=True)
 
     def close(self) -> None:
-        """End the recording; it stays in the hub."""
+        """End the recording; it stays in the hub. Does not wait for stuck viewers."""
         if self._stream is not None:
-            self._stream.disconnect()
+            leave(self._stream)
             self._stream = None
 
+    def forget(self) -> None:
+        """The campaign was begun anew: its tokens start again."""
+        self._token = 0
+
     def _begin(self, start: CaseStart) -> None:
+        if start.token < self._token:
+            return  # of two attempts at once the later one is shown
+        self._token = start.token
         self._scenes.want(start.rig, start.scene_sha256)
         if self._start is not None and self._start.token == start.token:
             return  # once more, for those who came later

@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from twin.fabric.errors import UsageError
-from twin.fabric.kpi_file import read_kpi
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.kpi_file import read_kpi_columns
 from viewer import naming
 from viewer.frames import read_case
 
@@ -25,6 +25,25 @@ class Found:
     kpi: Path
     """Need not exist: the attempt may still run."""
     complete: bool
+    committed: str = ""
+    """Name of the committed attempt's folder; empty: none yet."""
+
+    @property
+    def other(self) -> bool:
+        """It is of another attempt than the one that was committed."""
+        return bool(self.committed) and self.path.parent.name != self.committed
+
+    def remarks(self) -> list[str]:
+        """One line for each thing that is not as one would wish."""
+        lines = []
+        if not self.complete:
+            lines.append(f"{self.path}: the recording is incomplete")
+        if self.other:
+            lines.append(
+                f"{self.case}: the committed {self.committed} was not recorded; "
+                f"{self.path.parent.name} is shown"
+            )
+        return lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +61,8 @@ def find_recording(folder: Path, case: str) -> Found:
         UsageError: no such folder or case, or it was not recorded.
     """
     names = case_names(folder)
-    attempts = _attempts(folder, case)
+    committed = _committed(folder, case)
+    attempts = _attempts(folder, case, committed)
     if not attempts:
         close = difflib.get_close_matches(case, names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
@@ -51,7 +71,8 @@ def find_recording(folder: Path, case: str) -> Found:
         path = attempt / naming.RECORDING_FILE
         if path.is_file() and path.stat().st_size:
             note = attempt / naming.RECORDING_NOTE
-            return Found(case, path, attempt / naming.KPI_FILE, _is_complete(note))
+            kpi = attempt / naming.KPI_FILE
+            return Found(case, path, kpi, _is_complete(note), committed)
     raise UsageError(
         f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
     )
@@ -72,7 +93,8 @@ def case_names(folder: Path) -> list[str]:
 def find_moment(found: Found, at: str) -> Moment:
     """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
 
-    Where the attempt's KPI rows are missing (it was killed), the recording says it.
+    Where the attempt's KPI rows are missing (it was killed) or cannot be read, the recording says
+    it.
 
     Raises:
         UsageError: none of these, or the case has no rows yet.
@@ -87,7 +109,7 @@ def find_moment(found: Found, at: str) -> Moment:
                 f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
             )
         return Moment(round(seconds * 1e9), f"{seconds:g} s")
-    rows = _kpi_rows(found.kpi) if found.kpi.is_file() else _recorded_rows(found.path)
+    rows = _rows(found)
     if at == "aeb":
         for time_ns, braking, _ in rows:
             if braking:
@@ -104,22 +126,22 @@ Row = tuple[int, bool, float | None]
 """Sim time [ns], AEB, distance to collision [m]."""
 
 
-def _kpi_rows(path: Path) -> list[Row]:
-    columns: dict[str, list[Any]] = read_kpi(path).to_pydict()
-    return list(zip(columns["sim_time_ns"], columns["aeb"], columns["dtc_m"], strict=True))
+def _rows(found: Found) -> list[Row]:
+    names = ("sim_time_ns", "aeb", "dtc_m")
+    try:
+        columns: dict[str, list[Any]] = read_kpi_columns(found.kpi, names).to_pydict()
+    except InfrastructureError:
+        frames = read_case(found.path).frames
+        return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
+    return list(zip(*(columns[name] for name in names), strict=True))
 
 
-def _recorded_rows(path: Path) -> list[Row]:
-    return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in read_case(path).frames]
-
-
-def _attempts(folder: Path, case: str) -> list[Path]:
+def _attempts(folder: Path, case: str, committed: str) -> list[Path]:
     """Attempt folders of a case: the committed one first, then the latest."""
     if not case or "/" in case or case.startswith("."):
         return []
     found = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
     found.sort(key=_number, reverse=True)
-    committed = _committed(folder, case)
     found.sort(key=lambda path: path.name != committed)
     return found
 

@@ -34,6 +34,18 @@ def flows(stream: rr.RecordingStream) -> bool:
     return True
 
 
+STUCK: list[rr.RecordingStream] = []
+"""Recordings that could not be ended: to drop one waits for its viewer, as disconnecting does."""
+
+
+def leave(stream: rr.RecordingStream) -> None:
+    """End a recording; does not wait for stuck viewers."""
+    if flows(stream):
+        stream.disconnect()
+    else:
+        STUCK.append(stream)
+
+
 class Hub:
     """The overview's recording, and the address that single cases are sent to."""
 
@@ -67,8 +79,7 @@ class Hub:
 
     def close(self) -> None:
         """End the recording; does not wait for stuck viewers."""
-        if flows(self._stream):
-            self._stream.disconnect()
+        leave(self._stream)
 
     def _put(self, logged: list[Logged], now_s: float) -> None:
         if logged:

@@ -19,7 +19,7 @@ from schemas.view import SceneMesh
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus, Cancel, Sample
 from twin.fabric.discovery import Target
-from twin.fabric.errors import TwinError, UnreachableError, UsageError
+from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.key_file import UnfitKeyError
 from twin.fabric.zenoh_bus import open_bus
 from viewer.slots import Slots
@@ -78,7 +78,7 @@ Heard = Status | Event | Said | Scene | Ended
 
 
 class _SilenceError(Exception):
-    """Nobody has said a word for too long."""
+    """Nobody has said a word for too long; its text says who."""
 
 
 class Link:
@@ -159,8 +159,16 @@ class Link:
             except WireError as error:
                 self._say(Ended(UsageError(f"the conductor: {error}")))
                 return
-            except _SilenceError:
-                pass
+            except _SilenceError as silence:
+                if self._until_s is not None and time.monotonic() >= self._until_s:
+                    self._say(Ended(UnreachableError(str(silence))))
+                    return
+                self._tell(f"{silence}; waiting for it (Ctrl-C ends)")
+            except Exception as error:
+                # Without this thread the viewer would sit there for ever and say nothing.
+                line = " ".join(str(error).split())
+                self._say(Ended(InfrastructureError(f"{type(error).__name__}: {line}")))
+                return
             self._stop.wait(PERIOD_S)
 
     def _session(self, target: Target) -> None:
@@ -205,16 +213,11 @@ class Link:
         if time.monotonic() - self._word_s < SILENCE_S:
             return
         if answered:
-            self._tell(
-                f"{target.endpoint}: the conductor does not answer any more; waiting for it "
-                "(Ctrl-C ends)"
-            )
-        else:
-            self._tell(
-                f"{target.endpoint}: no conductor of namespace '{target.namespace}' answers there; "
-                "check --namespace; waiting for it (Ctrl-C ends)"
-            )
-        raise _SilenceError
+            raise _SilenceError(f"{target.endpoint}: the conductor does not answer any more")
+        raise _SilenceError(
+            f"{target.endpoint}: no conductor of namespace '{target.namespace}' answers there; "
+            "check --namespace"
+        )
 
     def _follow(self, bus: Bus) -> None:
         """Subscribe to the cases that are looked at, and to no others."""

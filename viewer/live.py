@@ -26,6 +26,7 @@ from viewer.link import Ended, Event, Link, Said, Scene, Status
 from viewer.overview import Overview
 from viewer.prompt import HINT, Typed, choose, has_terminal
 from viewer.pulse import Pulse
+from viewer.renewal import Renewal
 from viewer.slots import Slots
 from viewer.tunnel import Far, Tunnel
 from viewer.window import Window, window
@@ -79,7 +80,7 @@ class LiveOptions:
         """
         if not self.ssh:
             return None
-        far = Far(self.ssh, self.node, self.connect, str(self.run or ""))
+        far = Far(self.ssh, self.node, self.connect, self.run.as_posix() if self.run else "")
         return Tunnel(far, self.namespace, self.key)
 
     def target(self) -> Target:
@@ -149,10 +150,12 @@ class Live:
         self.strangers = 0
         """Messages of another version, or damaged."""
         self._pulse = Pulse()
+        self._renewal = Renewal()
         resolve = options.target if tunnel is None else tunnel.target
         self._link = Link(resolve, options.wait_s, self.slots)
         self._scenes = Scenes(self._link.send_for)
-        self._focuses: dict[str, Focus] = {}
+        self._focuses: dict[str, dict[str, Focus]] = {}
+        """By case and, as several campaigns may have one of that name, by campaign."""
         self._waiting: dict[str, Sample] = {}
         """The newest of single cases, by key, until viewers keep up."""
         self._pending = False
@@ -166,11 +169,11 @@ class Live:
     @property
     def attempts(self) -> int:
         """Attempts shown in full."""
-        return sum(focus.starts for focus in self._focuses.values())
+        return sum(focus.starts for focus in self._shown_in_full())
 
     def look_at(self, case: str) -> None:
         """Show a case in full."""
-        self._focuses[case] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
+        self._focuses[case] = {}
         self._link.look_at(case)
 
     def choose(self, text: str) -> None:
@@ -187,7 +190,8 @@ class Live:
                 say(f"{FOCUS_MAX} cases are shown in full already, as --case asks")
                 return
             self._link.look_away(oldest)
-            self._focuses.pop(oldest).close()
+            for focus in self._focuses.pop(oldest).values():
+                focus.close()
         self.look_at(case)
 
     def turn(self, now_s: float) -> None:
@@ -221,7 +225,7 @@ class Live:
     def close(self) -> None:
         """End the session and the recordings."""
         self._link.close()
-        for focus in self._focuses.values():
+        for focus in self._shown_in_full():
             focus.close()
         self.hub.close()
 
@@ -235,18 +239,30 @@ class Live:
                 case Status(found):
                     self.connected = True
                     self._pulse.status(found, now_s)
+                    self._renewed(self._renewal.status(found))
                 case Event(fact):
                     self._pulse.event(fact)
+                    self._pending |= self.overview.event(fact)
                 case Said(line):
                     say(line)
                     self._pulse.say(line)
                 case Scene(sha256, mesh):
                     if wrong := self._scenes.came(sha256, mesh):
                         say(f"{wrong}; the street is drawn by its outlines")
-                    for focus in self._focuses.values():
+                    for focus in self._shown_in_full():
                         focus.stand()
                 case Ended(error):
                     raise error
+
+    def _renewed(self, campaigns: list[str]) -> None:
+        for campaign in campaigns:
+            self.overview.forget(campaign)
+            for focuses in self._focuses.values():
+                if campaign in focuses:
+                    focuses[campaign].forget()
+
+    def _shown_in_full(self) -> list[Focus]:
+        return [focus for focuses in self._focuses.values() for focus in focuses.values()]
 
     def _thumbnail(self, sample: Sample) -> None:
         try:
@@ -254,15 +270,17 @@ class Live:
         except WireError as error:
             self._stranger(sample, error)
             return
-        self.overview.take(thumbnail, sample.payload)
-        self._pending = True
+        self._pending |= self.overview.take(thumbnail, sample.payload)
 
     def _single(self, sample: Sample) -> None:
-        focus = self._focuses.get(sample.key.split("/")[2])
-        if focus is None:
+        _, campaign, case, *_ = sample.key.split("/")
+        focuses = self._focuses.get(case)
+        if focuses is None:
             return
+        if campaign not in focuses:
+            focuses[campaign] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
         try:
-            focus.take(sample)
+            focuses[campaign].take(sample)
         except (WireError, ValueError) as error:
             self._stranger(sample, error)
 

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import shlex
 import socket
+import sys
 from pathlib import Path
 
 from twin.fabric.errors import InfrastructureError
@@ -21,7 +22,7 @@ def binary() -> Path:
     spec = importlib.util.find_spec("rerun_cli")
     folders = list(spec.submodule_search_locations or []) if spec else []
     for folder in folders:
-        path = Path(folder) / "rerun"
+        path = Path(folder) / ("rerun.exe" if sys.platform == "win32" else "rerun")
         if path.is_file():
             return path
     raise InfrastructureError("the rerun viewer is not installed; install rerun-sdk again")
@@ -29,6 +30,8 @@ def binary() -> Path:
 
 def has_display() -> bool:
     """A window can be opened here."""
+    if sys.platform in ("darwin", "win32"):
+        return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 

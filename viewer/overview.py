@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+import msgspec
 import numpy as np
 import rerun as rr
 
@@ -26,19 +29,103 @@ class Tile:
     picture: np.ndarray | None
 
 
+@dataclass(frozen=True, slots=True)
+class End:
+    """What the conductor said of a case's end."""
+
+    token: int
+    """Attempts up to this one run no more."""
+    outcome: str
+    verdict: str = ""
+    passed: bool = False
+    final: bool = True
+    """False: the case waits for another attempt."""
+
+
+COMMITTED = 2**63
+"""Token of an end after which no attempt counts."""
+
+Key = tuple[str, str]
+"""Campaign and case."""
+
+
 @dataclass(slots=True)
 class Overview:
-    """Latest tiles, oldest first, and the verdicts seen so far."""
+    """Latest tiles, oldest first, and the verdicts seen so far.
 
-    tiles: dict[tuple[str, str], Tile] = field(default_factory=dict)
-    verdicts: dict[tuple[str, str], str] = field(default_factory=dict)
+    A case may have two attempts at once, whose thumbnails come in any order: the later one is
+    shown, and what the conductor says of the end counts.
+    """
 
-    def take(self, thumbnail: Thumbnail, jpeg: bytes) -> None:
-        """A thumbnail arrived."""
+    tiles: dict[Key, Tile] = field(default_factory=dict)
+    verdicts: dict[Key, str] = field(default_factory=dict)
+    _latest: dict[Key, tuple[int, bool]] = field(default_factory=dict)
+    """Largest token seen, and whether that attempt has ended."""
+    _ends: dict[Key, End] = field(default_factory=dict)
+
+    def take(self, thumbnail: Thumbnail, jpeg: bytes) -> bool:
+        """A thumbnail arrived; False: it is of an attempt that is over, and changes nothing."""
         key = (thumbnail.campaign, thumbnail.case)
+        token, ended = self._latest.get(key, (0, False))
+        now_ended = bool(thumbnail.outcome)
+        if (thumbnail.token, now_ended) < (token, ended):
+            return False
+        self._latest[key] = (thumbnail.token, now_ended)
+        end = self._ends.get(key)
+        if not now_ended and end is not None and thumbnail.token <= end.token:
+            thumbnail = _ended(thumbnail, end)
+        elif not now_ended:
+            self.verdicts.pop(key, None)  # it runs again
         self.tiles[key] = Tile(thumbnail, mosaic.decoded(jpeg))
-        if thumbnail.outcome:
+        if now_ended or (thumbnail.outcome and end is not None and end.final):
             self.verdicts[key] = thumbnail.verdict or thumbnail.outcome
+        self._make_room()
+        return True
+
+    def event(self, fact: Mapping[str, Any]) -> bool:
+        """A fact of the conductor; whether the wall has changed."""
+        found = self._end_of(fact)
+        if found is None:
+            return False
+        key, end = found
+        known = self._ends.get(key)
+        if known is not None and known.token > end.token:
+            return False
+        self._ends[key] = end
+        tile = self.tiles.get(key)
+        if tile is None or tile.thumbnail.token > end.token:
+            return False
+        if tile.thumbnail.outcome and not end.final:
+            return False
+        self.tiles[key] = replace(tile, thumbnail=_ended(tile.thumbnail, end))
+        if end.final:
+            self.verdicts[key] = end.verdict or end.outcome
+        return True
+
+    def forget(self, campaign: str) -> None:
+        """It was begun anew: its tokens start again."""
+        for known in (self._latest, self._ends):
+            for key in [key for key in known if key[0] == campaign]:
+                del known[key]
+
+    def _end_of(self, fact: Mapping[str, Any]) -> tuple[Key, End] | None:
+        match fact.get("fact"):
+            case "committed":
+                result = fact["result"]
+                end = End(COMMITTED, result["outcome"], result["verdict"], result["passed"])
+                return (result["campaign"], result["case"]), end
+            case "case_ended":
+                key = (fact["campaign"], fact["case"])
+                known = self._ends.get(key)
+                # All attempts until now; a retry gets a later token.
+                token = max(self._latest.get(key, (0, False))[0], known.token if known else 0)
+                return key, End(token, fact["outcome"])
+            case "attempt_ended":
+                key = (fact["campaign"], fact["case"])
+                return key, End(fact["token"], fact["reason"], final=False)
+        return None
+
+    def _make_room(self) -> None:
         while len(self.tiles) > TILES_MAX:
             ended = (k for k, tile in self.tiles.items() if tile.thumbnail.outcome)
             del self.tiles[next(ended, next(iter(self.tiles)))]
@@ -83,6 +170,12 @@ class Overview:
         lines += ["| case | | t [s] | v [m/s] | DTC [m] |", "|---|---|---|---|---|"]
         lines += [_row(t) for t in (running + latest)[:ROWS_MAX]]
         return "\n".join(lines) + "\n"
+
+
+def _ended(thumbnail: Thumbnail, end: End) -> Thumbnail:
+    return msgspec.structs.replace(
+        thumbnail, outcome=end.outcome, verdict=end.verdict, passed=end.passed
+    )
 
 
 def _row(t: Thumbnail) -> str:

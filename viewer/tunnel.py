@@ -36,6 +36,9 @@ PAUSE_S = 5.0
 READ_S = 60.0
 """How long a file over there may take to come, passwords included [s]."""
 
+_UNFIT = frozenset("'\"`$;&<>|(){}")
+"""What no host is called: ssh hands names to shells, as it does with -J."""
+
 _OPTIONS = (
     *("-o", "ExitOnForwardFailure=yes", "-o", "ConnectTimeout=15"),
     # A line that is down is noticed after 15 s.
@@ -58,8 +61,7 @@ class Far:
 
     def __post_init__(self) -> None:
         for name in (self.login, self.node):
-            if name.startswith("-") or any(c.isspace() for c in name):
-                raise UsageError(f"'{name}': expected a host as ssh takes it, e.g. me@login1")
+            _check_host(name)
 
 
 class Tunnel:
@@ -97,11 +99,7 @@ class Tunnel:
         self._pause()
         found = self._look_up()
         if is_tls(found.endpoint) and self._key is None:
-            copy = f"scp {self._far.login}:{shlex.quote(f'{self._far.folder}/{KEY_FILE_NAME}')} ."
-            raise UsageError(
-                f"{found.endpoint}: needs the fabric's key; copy it (`{copy}`) and give "
-                f"--key {KEY_FILE_NAME}"
-            )
+            raise UsageError(f"{found.endpoint}: needs the fabric's key; {self._key_hint()}")
         if self._child is None or self._child.poll() is not None or self._to != found.endpoint:
             self._end()
             self._open(found)
@@ -141,7 +139,7 @@ class Tunnel:
         path = f"{far.folder}/{FILE_NAME}"
         try:
             done = subprocess.run(
-                ["ssh", *self._options, far.login, f"cat -- {shlex.quote(path)}"],
+                ["ssh", *self._options, "--", far.login, f"cat -- {shlex.quote(path)}"],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 timeout=READ_S,
@@ -155,9 +153,15 @@ class Tunnel:
         try:
             # Whatever start-up files over there print stands before it.
             text = done.stdout[max(0, done.stdout.find(b"{")) :]
-            return msgspec.json.decode(text, type=ConductorFile)
+            found = msgspec.json.decode(text, type=ConductorFile)
         except msgspec.DecodeError as error:
             raise UnreachableError(f"{far.login}:{path}: damaged: {error}") from None
+        try:
+            check_endpoint(found.endpoint)
+            _check_host(found.host)
+        except UsageError as error:
+            raise UsageError(f"{far.login}:{path}: {error}") from None
+        return found
 
     def _open(self, found: ConductorFile) -> None:
         far = self._far
@@ -167,7 +171,7 @@ class Tunnel:
         node = far.node or (found.host if is_loopback(found.endpoint) else "")
         user = far.login.rpartition("@")[0]
         behind = f"{user}@{node}" if user and "@" not in node else node
-        way = ["-J", far.login, behind] if node else [far.login]
+        way = ["-J", far.login, "--", behind] if node else ["--", far.login]
         self._port = native.free_port()
         with tempfile.TemporaryFile() as log:
             self._child = child = subprocess.Popen(
@@ -190,6 +194,13 @@ class Tunnel:
                     raise self._failed(log.read().decode("utf-8", "replace"))
         self._to, self._stood = found.endpoint, True
 
+    def _key_hint(self) -> str:
+        far = self._far
+        if not far.folder:
+            return f"copy {KEY_FILE_NAME} from the conductor's state folder and give --key FILE"
+        copy = f"scp {far.login}:{shlex.quote(f'{far.folder}/{KEY_FILE_NAME}')} ."
+        return f"copy it (`{copy}`) and give --key {KEY_FILE_NAME}"
+
     def _pause(self) -> None:
         until_s = self._called_s + PAUSE_S
         while not self._closed and time.monotonic() < until_s:
@@ -203,3 +214,9 @@ class Tunnel:
         kind = UnreachableError if self._stood else InfrastructureError
         way = f"{self._far.login}, {self._far.node}" if self._far.node else self._far.login
         return kind(f"ssh {way}: {last[:200]}")
+
+
+def _check_host(name: str) -> None:
+    """Raise UsageError if ssh would take ``name`` for an option or a shell for a command."""
+    if name.startswith("-") or any(c.isspace() or c in _UNFIT for c in name):
+        raise UsageError(f"'{name}': expected a host as ssh takes it, e.g. me@login1")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,22 @@ def read_kpi(path: Path) -> pa.Table:
         raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
     if not table.schema.equals(KPI_SCHEMA):
         raise InfrastructureError(f"{path}: not the KPI columns of this version")
+    return table
+
+
+def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
+    """Some columns of a ``kpi.parquet``, of this version or another, for those who only look.
+
+    Raises:
+        InfrastructureError: missing, damaged, or without these columns in their types.
+    """
+    try:
+        table = pq.read_table(path, columns=list(names))
+    except (OSError, pa.ArrowException) as error:
+        raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
+    found = {field.name: field.type for field in table.schema}
+    if found != {name: KPI_SCHEMA.field(name).type for name in names}:
+        raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")
     return table
 
 

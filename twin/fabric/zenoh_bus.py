@@ -228,9 +228,7 @@ class _ZenohBus:
         self._publishers: dict[str, Any] = {}
         self._lock = threading.Lock()
         self._closed = False
-        # The interpreter hangs at exit while a session with callbacks is open, also after an
-        # uncaught exception; threading's own exit hooks run before that point.
-        threading._register_atexit(self.close)  # type: ignore[attr-defined]
+        _OPEN.add(self)
 
     def publish(
         self, key: str, payload: bytes, attachment: bytes = b"", *, block: bool = False
@@ -322,3 +320,18 @@ class _ZenohBus:
                 return
             self._closed = True
         self._session.close()  # type: ignore[no-untyped-call]
+        _OPEN.discard(self)
+
+
+_OPEN: set[_ZenohBus] = set()
+"""Closed ones leave: a viewer that waits for days opens thousands."""
+
+
+def _close_all() -> None:
+    for bus in list(_OPEN):
+        bus.close()
+
+
+# The interpreter hangs at exit while a session with callbacks is open, also after an uncaught
+# exception; threading's own exit hooks run before that point.
+threading._register_atexit(_close_all)  # type: ignore[attr-defined]

@@ -6,10 +6,14 @@ which would otherwise ask for fonts, news and statistics.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import http.client
 import json
+import select
+import socket
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -40,6 +44,15 @@ READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
+
+LENGTH_DIGITS_MAX = 18
+"""Longer numbers are not even read: Python refuses some of them."""
+
+HUB_S = 10.0
+"""How long the hub may take to begin its answer [s]."""
+
+WATCH_S = 1.0
+"""How often the end of a stream is looked for while its browser is watched [s]."""
 
 PIECE_BYTES = 1 << 16
 _PAGES = {
@@ -123,7 +136,12 @@ class Handler(BaseHTTPRequestHandler):
         """Pages, their files, the catalogue and recordings."""
         if not self._welcome():
             return
-        asked = urlsplit(self.path)
+        try:
+            asked = urlsplit(self.path)
+        except ValueError:
+            self.close_connection = True
+            self.send_error(HTTPStatus.BAD_REQUEST)
+            return
         path, case = asked.path, parse_qs(asked.query).get("case", [""])[0]
         site = self.server.site
         if path == "/":
@@ -149,7 +167,10 @@ class Handler(BaseHTTPRequestHandler):
         if hub is None or self.path != READS:
             self.close_connection = True
             self.send_error(HTTPStatus.NOT_FOUND)
-        elif not length.isdigit() or int(length) > BODY_BYTES_MAX:
+        elif not (length.isascii() and length.isdecimal()):
+            self.close_connection = True
+            self.send_error(HTTPStatus.BAD_REQUEST)
+        elif len(length) > LENGTH_DIGITS_MAX or int(length) > BODY_BYTES_MAX:
             self.close_connection = True
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
@@ -215,15 +236,21 @@ class Handler(BaseHTTPRequestHandler):
 
     def _pass_on(self, hub: tuple[str, int], body: bytes) -> None:
         self.close_connection = True
-        upstream = http.client.HTTPConnection(*hub)
+        upstream = http.client.HTTPConnection(*hub, timeout=HUB_S)
         kept = ("content-type", "accept", "x-grpc-web", "x-user-agent", "grpc-timeout")
         headers = {name: self.headers[name] for name in kept if name in self.headers}
         try:
+            upstream.connect()
+            line = upstream.sock
             upstream.request("POST", self.path, body, headers)
             answer = upstream.getresponse()
         except (OSError, http.client.HTTPException):
+            upstream.close()
             self.send_error(HTTPStatus.BAD_GATEWAY, "the live hub is gone")
             return
+        line.settimeout(None)  # there may be nothing to show for long
+        over = threading.Event()
+        threading.Thread(target=self._watch, args=(line, over), name="watch", daemon=True).start()
         try:
             self.send_response(answer.status)
             for name, value in answer.getheaders():
@@ -234,7 +261,18 @@ class Handler(BaseHTTPRequestHandler):
             while piece := answer.read1(PIECE_BYTES):
                 self.wfile.write(piece)
         finally:
+            over.set()
             upstream.close()
+
+    def _watch(self, line: socket.socket, over: threading.Event) -> None:
+        """Cut the hub's line when the browser goes away while nothing comes to be passed on."""
+        # The end of the stream closes both sockets under our hands.
+        with contextlib.suppress(OSError, ValueError):
+            while not over.is_set():
+                if select.select([self.connection], [], [], WATCH_S)[0]:
+                    if not self.connection.recv(1, socket.MSG_PEEK):
+                        line.shutdown(socket.SHUT_RDWR)
+                    return
 
 
 def _page(name: str, media_type: str) -> Asset:

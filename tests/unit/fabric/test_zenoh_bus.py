@@ -1,7 +1,11 @@
 """The Zenoh bus on loopback: real sessions, real ports."""
 
+import gc
 import socket
+import subprocess
+import sys
 import threading
+import weakref
 
 import psutil
 import pytest
@@ -88,3 +92,22 @@ def test_nobody_answers_is_one_line():
 def test_bad_endpoints_are_named(endpoint):
     with pytest.raises(UsageError, match="endpoint"):
         open_bus("router", listen=[endpoint])
+
+
+def test_a_closed_session_is_forgotten():
+    bus = open_bus("router", listen=["tcp/127.0.0.1:0"])
+    left = weakref.ref(bus)
+    bus.close()
+    del bus
+    gc.collect()
+    assert left() is None
+
+
+def test_a_session_left_open_does_not_stop_the_interpreter_from_ending():
+    program = (
+        "from twin.fabric.zenoh_bus import open_bus\n"
+        "bus = open_bus('router', listen=['tcp/127.0.0.1:0'])\n"
+        "bus.subscribe('a', print)\n"
+        "raise SystemExit(7)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program], timeout=60).returncode == 7

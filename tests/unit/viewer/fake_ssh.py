@@ -41,9 +41,9 @@ def forward(spec):
 
 def main():
     arguments, options = sys.argv[1:], {}
-    while arguments[0].startswith("-"):
+    while arguments[0] != "--":
         options.setdefault(arguments.pop(0), []).append(arguments.pop(0))
-    host, command = arguments
+    _, host, command = arguments
     with Path(os.environ["FAKE_SSH_LOG"]).open("a", encoding="utf-8") as log:
         log.write(json.dumps({"host": host, "command": command, "pid": os.getpid(), **options}))
         log.write("\n")

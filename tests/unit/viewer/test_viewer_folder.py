@@ -2,12 +2,18 @@
 
 import json
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from recorded_case import write
+from typer.testing import CliRunner
 
 from schemas.kpi import KPI_COLUMNS
 from twin.fabric.errors import UsageError
 from twin.fabric.kpi_file import kpi_table, write_kpi
 from viewer import native
+from viewer.catalogue import read_catalogue
+from viewer.cli import app
 from viewer.folder import find_moment, find_recording
 from viewer.outputs import check_out
 from viewer.shot import parse_size
@@ -42,7 +48,13 @@ def test_the_committed_attempt_is_preferred(tmp_path):
 def test_an_attempt_without_recording_is_passed_over(tmp_path):
     attempt(tmp_path, number=1)
     attempt(tmp_path, number=2, recorded=False)
-    assert find_recording(tmp_path, "clear-1").path.parent.name == "attempt-1"
+    found = find_recording(tmp_path, "clear-1")
+    assert found.path.parent.name == "attempt-1"
+    assert found.remarks() == []
+    row = {"attempt_dir": "cases/clear-1/attempt-2"}
+    (tmp_path / "outcomes.json").write_text(json.dumps({"cases": {"clear-1": row}}))
+    [line] = find_recording(tmp_path, "clear-1").remarks()
+    assert line == "clear-1: the committed attempt-2 was not recorded; attempt-1 is shown"
 
 
 @pytest.mark.parametrize("note", [None, "", "[]", '{"complete": false}'])
@@ -62,6 +74,27 @@ def test_moments(tmp_path):
     assert moment.sim_time_ns == 50_000_000
     assert moment.label == "no AEB trigger; closest approach at 0.05 s"
     assert find_moment(found, "closest").label == "closest approach at 0.05 s"
+
+
+def test_rows_of_an_older_version_are_read(tmp_path):
+    path = attempt(tmp_path, aeb=(1,)) / "kpi.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["lateral_error_m"]), path)
+    assert find_moment(find_recording(tmp_path, "clear-1"), "aeb").sim_time_ns == 50_000_000
+
+
+@pytest.mark.parametrize("how", ["damaged", "without a column", "of another type"])
+def test_where_rows_cannot_be_read_the_recording_says_it(tmp_path, how):
+    folder = tmp_path / "cases" / "clear-1" / "attempt-1"
+    write(folder)
+    table = pa.table({"sim_time_ns": [0], "aeb": ["yes"], "dtc_m": [1.0]})
+    if how == "without a column":
+        table = table.drop_columns(["aeb"])
+    pq.write_table(table, folder / "kpi.parquet")
+    if how == "damaged":
+        (folder / "kpi.parquet").write_bytes(b"PAR1")
+    assert find_moment(find_recording(tmp_path, "clear-1"), "aeb").sim_time_ns == 150_000_000
+    [row] = read_catalogue(tmp_path, "closest").rows
+    assert row.moment.sim_time_ns == 200_000_000
 
 
 def test_errors_are_one_line_and_say_what_to_do(tmp_path):
@@ -92,6 +125,22 @@ def test_errors_are_one_line_and_say_what_to_do(tmp_path):
 def test_no_vulkan_driver_is_seen(monkeypatch, tmp_path):
     monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
     assert not native.has_vulkan()
+
+
+def test_windows_are_opened_where_there_is_no_x_server(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert native.binary().name == "rerun"
+    for platform, shown in (("linux", False), ("darwin", True), ("win32", True)):
+        monkeypatch.setattr(native.sys, "platform", platform)
+        assert native.has_display() is shown
+
+
+def test_a_recorded_case_is_no_option(tmp_path):
+    attempt(tmp_path)
+    done = CliRunner().invoke(app, ["web", str(tmp_path), "--case", "clear-1"])
+    assert isinstance(done.exception, UsageError)
+    assert "--case is for running cases" in str(done.exception)
 
 
 def test_commands_for_a_laptop(tmp_path):

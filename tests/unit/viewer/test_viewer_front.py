@@ -3,6 +3,7 @@
 import gzip
 import http.client
 import json
+import socket
 import threading
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -176,6 +177,51 @@ def test_a_hub_that_is_gone_and_requests_that_are_too_large(folder):
         assert ask(READS, "POST", bytes(1 << 17))[0].status == 413
     with front(folder=folder) as ask:
         assert ask(READS, "POST", b"x")[0].status == 404
+
+
+@pytest.mark.parametrize(
+    "request_line",
+    ["GET http://[::1 HTTP/1.1", f"POST {READS} HTTP/1.1\r\nContent-Length: \xb2"],
+)
+def test_nonsense_is_a_bad_request(request_line):
+    with Front(0, Site({}, hub=("127.0.0.1", 1))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with socket.create_connection(server.server_address, timeout=10) as line:
+            line.sendall(f"{request_line}\r\nHost: localhost\r\n\r\n".encode("latin-1"))
+            assert line.recv(100).startswith(b"HTTP/1.1 400 ")
+        server.shutdown()
+
+
+class SilentHub(BaseHTTPRequestHandler):
+    """Begins its answer, and has nothing more to say until its reader is gone."""
+
+    left = threading.Event()
+
+    def do_POST(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self.send_response(200)
+        self.end_headers()
+        if not self.rfile.read(1):
+            self.left.set()
+
+    def log_message(self, *_):
+        pass
+
+
+def test_a_browser_that_goes_away_while_nothing_comes_is_noticed():
+    with ThreadingHTTPServer(("127.0.0.1", 0), SilentHub) as hub:
+        threading.Thread(target=hub.serve_forever, daemon=True).start()
+        with Front(0, Site({}, hub=hub.server_address)) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            connection = http.client.HTTPConnection(*server.server_address, timeout=10)
+            connection.request("POST", READS, b"hello")
+            answer = connection.getresponse()
+            assert not SilentHub.left.is_set()
+            answer.close()
+            connection.close()
+            assert SilentHub.left.wait(20)
+            server.shutdown()
+        hub.shutdown()
 
 
 def test_a_port_in_use_is_one_line():

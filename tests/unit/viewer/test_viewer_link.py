@@ -148,6 +148,24 @@ def test_gives_up_when_told_so(opened, port):
     assert "nobody answers" in str(error)
 
 
+def test_gives_up_where_a_session_opens_but_nobody_answers(opened, port):
+    opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{port}"]))
+    link = connect(opened, port, wait_s=0)
+    error = hear(link, Ended).error
+    assert isinstance(error, UnreachableError)
+    assert "check --namespace" in str(error)
+
+
+def test_what_nobody_expects_is_the_end_and_is_told(opened):
+    def resolve():
+        raise ValueError("strange")
+
+    link = Link(resolve, None, Slots())
+    opened.append(link)
+    link.start()
+    assert str(hear(link, Ended).error) == "ValueError: strange"
+
+
 def test_a_conductor_that_ends_and_comes_back(opened, port):
     first = serve(opened, port)
     slots = Slots()
@@ -158,10 +176,11 @@ def test_a_conductor_that_ends_and_comes_back(opened, port):
     assert "does not answer any more" in said or "nobody answers" in said
     second = serve(opened, port)
     hear(link, Status)
+    until = time.monotonic() + 20
     while not second.bus.wanted(topics.VIEW_THUMBNAIL.key.format(campaign="c", case="1")):
+        assert time.monotonic() < until
         time.sleep(0.01)
     second.bus.publish("view/c/1/thumbnail", b"x")
-    until = time.monotonic() + 10
     while not slots.counters.received:
         assert time.monotonic() < until, "subscribed again"
         time.sleep(0.01)

@@ -1,5 +1,8 @@
 """What one viewer process does with what comes, without a conductor."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from test_viewer_focus import Stream
@@ -90,6 +93,41 @@ def test_while_viewers_are_stuck_the_newest_waits(shown, streams):
     speeds = [path for path, _, static in stream.logged if path == naming.SPEED and not static]
     assert len(speeds) == 1
     assert {"duration": np.timedelta64(49 * 50_000_000, "ns")} in stream.times
+
+
+def test_cases_of_two_campaigns_with_one_name_do_not_end_each_other(shown, streams):
+    for campaign in ("demo", "other", "demo", "other"):
+        message = start(seq=-1, campaign=campaign, token=7 + (campaign == "demo"))
+        shown.slots.put(Sample(f"view/{campaign}/clear-1/live/start", encode(message), b""))
+        shown.turn(100.0)
+    assert [stream.open for stream in streams] == [True, True]
+    assert shown.attempts == 2
+
+
+def test_it_ends_though_a_viewer_is_frozen():
+    program = (
+        "import atexit, sys, threading\n"
+        "from viewer import cli, hub\n"
+        "atexit.register(threading.Event().wait)  # as Rerun's hook would\n"
+        "class Stream:\n"
+        "    def flush(self, timeout_sec):\n"
+        "        raise RuntimeError('timeout')\n"
+        "hub.leave(Stream())\n"
+        "sys.argv = ['viewer', *sys.argv[1:]]\n"
+        "cli.main()\n"
+    )
+    for arguments, code, words in (
+        (["live", "--help"], 0, "--connect"),
+        (["live"], 2, "give one of --connect"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", program, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert done.returncode == code
+        assert words in done.stdout + done.stderr
 
 
 def test_strangers_are_told_once(shown, capsys):

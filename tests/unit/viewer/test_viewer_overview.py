@@ -7,6 +7,7 @@ from twin.worker.view_samples import jpeg
 from viewer import mosaic, naming
 from viewer.hub import Hub
 from viewer.overview import TILES_MAX, Overview, _color
+from viewer.renewal import Renewal
 from viewer.scenery import BLUE, GREEN, RED
 
 RED_PICTURE = np.full((36, 64, 3), (250, 10, 10), np.uint8)
@@ -82,6 +83,68 @@ def test_the_table_tells_running_and_ended():
     assert table.startswith("**1 running**, 1 collision")
     assert table.index("| b | AEB") < table.index("| a | collision")
     assert [path for path, _ in overview.logged()] == [naming.MOSAIC, naming.TILES, naming.CASES]
+
+
+VERDICT = {"outcome": "verdict", "verdict": "pass", "passed": True}
+
+
+def shown(overview, case="a"):
+    """Token, and what is said of the case."""
+    tile = overview.tiles["demo", case].thumbnail
+    return tile.token, tile.verdict or tile.outcome or "running"
+
+
+def test_late_thumbnails_of_other_attempts_do_not_take_a_verdict_back():
+    overview = Overview()
+    assert overview.take(thumbnail("a", token=8), b"")
+    assert not overview.take(thumbnail("a", token=7), b"")
+    assert overview.take(thumbnail("a", token=8, **VERDICT), b"")
+    for late in (thumbnail("a", token=8), thumbnail("a", token=7)):
+        assert not overview.take(late, b"")
+    assert shown(overview) == (8, "pass")
+    assert overview.take(thumbnail("a", token=9), b"")
+    assert shown(overview) == (9, "running"), "another attempt"
+    assert overview.verdicts == {}
+
+
+def test_what_the_conductor_says_of_the_end_counts():
+    overview = Overview()
+    case = {"campaign": "demo", "case": "a"}
+    overview.take(thumbnail("a", token=7), b"")
+    assert overview.event({"fact": "attempt_ended", **case, "token": 7, "reason": "crash"})
+    assert shown(overview) == (7, "crash")
+    assert overview.verdicts == {}, "it waits for another attempt"
+    overview.take(thumbnail("a", token=7), b"")
+    assert shown(overview) == (7, "crash")
+    overview.take(thumbnail("a", token=8), b"")
+    assert not overview.event({"fact": "attempt_ended", **case, "token": 7, "reason": "lost"})
+    assert shown(overview) == (8, "running")
+    assert overview.event({"fact": "case_ended", **case, "outcome": "unresolved", "reason": "r"})
+    assert shown(overview) == (8, "unresolved")
+    overview.take(thumbnail("a", token=9), b"")
+    assert shown(overview) == (9, "running"), "it was retried"
+    result = {**case, "token": 8, **VERDICT}
+    assert overview.event({"fact": "committed", "result": result})
+    overview.take(thumbnail("a", token=10), b"")
+    assert shown(overview) == (10, "pass"), "nothing runs after that"
+    assert overview.verdicts == {("demo", "a"): "pass"}
+    overview.forget("demo")
+    overview.take(thumbnail("a", token=1), b"")
+    assert shown(overview) == (1, "running"), "the campaign was begun anew"
+    assert not overview.event({"fact": "leased", **case})
+
+
+def test_a_campaign_that_was_begun_anew_is_noticed():
+    renewal = Renewal()
+
+    def status(**changes):
+        epoch, row = changes.pop("epoch", 2), {"out": "/runs/a", "attempts": 5, **changes}
+        return {"epoch": epoch, "campaigns": {"demo": row}}
+
+    for changes in ({}, {"attempts": 6}, {"attempts": 6, "epoch": 3}):
+        assert renewal.status(status(**changes)) == []
+    for changes in ({"attempts": 0, "epoch": 3}, {"epoch": 1}, {"epoch": 1, "out": "/runs/b"}):
+        assert renewal.status(status(**changes)) == ["demo"]
 
 
 def test_colours():

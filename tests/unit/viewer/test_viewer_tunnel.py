@@ -15,7 +15,7 @@ from test_viewer_link import hear, serve
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
 from viewer import link as linking
 from viewer import native, tunnel
-from viewer.link import Link, Said, Status
+from viewer.link import Ended, Link, Said, Status
 from viewer.slots import Slots
 from viewer.tunnel import Far, Tunnel
 
@@ -100,6 +100,31 @@ def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
     (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
     with pytest.raises(UsageError, match=r"scp me@login:.*conductor.key"):
         way.target()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"endpoint": "garbage"}, "expected tcp/HOST:PORT"),
+        ({"host": "-oProxyCommand=evil"}, "expected a host"),
+        ({"host": "cn007;evil"}, "expected a host"),
+    ],
+)
+def test_a_file_over_there_that_says_nonsense_is_the_end(opened, calls, tmp_path, changes, words):
+    entry = {"pid": 1, "host": "cn007", "epoch": 1, "namespace": "mine", "version": "1"}
+    text = json.dumps({"endpoint": "tcp/127.0.0.1:7447", **entry, **changes})
+    (tmp_path / "conductor.json").write_text(text)
+    error = hear(link_through(opened, dig(opened, folder=str(tmp_path))), Ended).error
+    assert isinstance(error, UsageError)
+    assert words in str(error)
+    assert "conductor.json" in str(error)
+    assert len(calls()) == 1, "no tunnel was opened"
+
+
+def test_a_key_is_fetched_from_a_folder_that_is_known(opened, calls):
+    with pytest.raises(UsageError, match=r"needs the fabric's key; copy conductor.key") as caught:
+        dig(opened, connect="tls/cn007:7447").target()
+    assert "scp" not in str(caught.value)
 
 
 def test_a_conductor_that_moves_is_followed(opened, calls, tmp_path):
