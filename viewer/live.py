@@ -17,6 +17,7 @@ from schemas.view import Thumbnail
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target, choose_target, find_target
+from twin.fabric.endpoint import check_protected
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.key_file import UnfitKeyError
 from viewer import native
@@ -111,7 +112,9 @@ def run_live(options: LiveOptions) -> int:
         raise UsageError(f"{len(options.cases)} cases given, at most {FOCUS_MAX} are shown in full")
     tunnel = options.tunnel()
     if options.run is None and tunnel is None:
-        options.target()  # what is wrong with the endpoint or the key is said at once
+        # What is wrong with the endpoint or the key is said at once.
+        target = options.target()
+        check_protected(target.endpoint, keyed=target.key is not None)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
