@@ -9,7 +9,15 @@ from typing import Any
 from rich.table import Table
 
 from twin.fabric.errors import UsageError
-from viewer.folder import Found, Moment, case_names, find_moment, find_recording
+from viewer.folder import (
+    Found,
+    Moment,
+    case_names,
+    committed_attempts,
+    find_moment,
+    find_recording,
+    recording_of,
+)
 from viewer.frames import RecordedCase, read_cover
 from viewer.scenery import verdict_color
 
@@ -88,10 +96,10 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
     """
     rows: list[Row] = []
     missing: list[str] = []
-    names = case_names(folder)
+    names, committed = case_names(folder), committed_attempts(folder)
     for case in names:
         try:
-            found = find_recording(folder, case)
+            found = recording_of(folder, case, names, committed.get(case, ""))
             cover = read_cover(found.path)
         except UsageError:
             missing.append(case)

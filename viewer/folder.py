@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
 from dataclasses import dataclass
@@ -61,7 +62,21 @@ def find_recording(folder: Path, case: str) -> Found:
         UsageError: no such folder or case, or it was not recorded.
     """
     names = case_names(folder)
-    committed = _committed(folder, case)
+    return recording_of(folder, case, names, committed_attempts(folder).get(case, ""))
+
+
+def recording_of(folder: Path, case: str, names: list[str], committed: str) -> Found:
+    """As :func:`find_recording`, of a folder that was looked at already.
+
+    Args:
+        folder: the campaign's.
+        case: which one.
+        names: of all its cases.
+        committed: the case's of :func:`committed_attempts`.
+
+    Raises:
+        UsageError: no such case, or it was not recorded.
+    """
     attempts = _attempts(folder, case, committed)
     if not attempts:
         close = difflib.get_close_matches(case, names, n=1)
@@ -151,13 +166,18 @@ def _number(path: Path) -> int:
     return int(text) if text.isdigit() else -1
 
 
-def _committed(folder: Path, case: str) -> str:
-    """Name of the committed attempt's folder; empty: none yet."""
+def committed_attempts(folder: Path) -> dict[str, str]:
+    """Case -> name of its committed attempt's folder; cases that have none are left out."""
     try:
         cases = msgspec.json.decode((folder / "outcomes.json").read_bytes())["cases"]
-        return Path(cases[case]["attempt_dir"]).name
-    except (OSError, msgspec.MsgspecError, KeyError, TypeError):
-        return ""
+        items = list(cases.items())
+    except (OSError, msgspec.MsgspecError, KeyError, TypeError, AttributeError):
+        return {}
+    found = {}
+    for case, end in items:
+        with contextlib.suppress(KeyError, TypeError):
+            found[case] = Path(end["attempt_dir"]).name
+    return found
 
 
 def _is_complete(note: Path) -> bool:
