@@ -6,10 +6,8 @@ import base64
 import datetime
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
@@ -24,23 +22,14 @@ from conductor.report.palette import line_styles, status_color, status_symbol
 from conductor.report.perception_cost import perception_costs
 from conductor.report.resources_figure import resource_figure
 from conductor.report.tables import case_columns, statuses, verdict_table, without_verdict
-
-_ASSETS = Path(__file__).parent / "assets"
+from conductor.report.templates import ASSETS, environment
 
 
 def render(content: Content) -> str:
     """The page."""
     dossier = content.dossier
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_ASSETS),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["words"] = lambda text: str(text).replace("_", " ")
-    environment.filters["number"] = _number
-    return environment.get_template("page.html.j2").render(
+    template = environment(autoescape=True).get_template("page.html.j2")
+    return template.render(
         dossier=dossier,
         outcomes=dossier.outcomes,
         evidence=content.evidence,
@@ -60,8 +49,8 @@ def render(content: Content) -> str:
         made=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         data=Markup(_script_json(_page_data(content))),
         plotly=Markup(get_plotlyjs()),
-        style=Markup((_ASSETS / "page.css").read_text(encoding="utf-8")),
-        script=Markup((_ASSETS / "page.js").read_text(encoding="utf-8")),
+        style=Markup((ASSETS / "page.css").read_text(encoding="utf-8")),
+        script=Markup((ASSETS / "page.js").read_text(encoding="utf-8")),
     )
 
 
@@ -121,8 +110,3 @@ def _script_json(data: Any) -> str:
     for char in "<>&\u2028\u2029":
         text = text.replace(char, f"\\u{ord(char):04x}")
     return text
-
-
-def _number(value: float | int | None, digits: int = 2) -> str:
-    """A number for people; a dash where it is missing."""
-    return "–" if value is None else f"{value:.{digits}f}"

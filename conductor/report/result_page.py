@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import msgspec
 from PIL import Image
 
@@ -43,11 +42,11 @@ from conductor.report.perception_cost import perception_costs
 from conductor.report.prose import SUMMARY, block, check_known, model_block, read_texts
 from conductor.report.provenance import file_digests, text_digest
 from conductor.report.tables import statuses, verdict_table
+from conductor.report.templates import environment, number, words
 from schemas.yaml_file import dump_yaml
 from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.files import write_atomic
 
-_ASSETS = Path(__file__).parent / "assets"
 _RECORDING = "recording.rrd"
 _QUALITY = 88
 """Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
@@ -119,19 +118,12 @@ def write_result_page(folder: Path, page: Path) -> Path:
 
 def _render(content: Content, sections: list[Section], texts: dict[str, str], folder: str) -> str:
     dossier = content.dossier
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_ASSETS),
-        autoescape=False,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"md": escaped, "number": _number, "words": _words}
+    jinja = environment(autoescape=False)
+    jinja.filters["md"] = escaped
     rows = dossier.rows
     passed = [row for row in rows if row.passed is True]
     autonomy = dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)).strip()
-    text = environment.get_template("result.md.j2").render(
+    text = jinja.get_template("result.md.j2").render(
         dossier=dossier,
         outcomes=dossier.outcomes,
         evidence=content.evidence,
@@ -226,12 +218,12 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
 
 def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
     axes = [axis for axis in reversed(varied_axes(dossier)) if axis != "model"]
-    values = [_words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
+    values = [words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
     story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
     time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
     aeb = "No AEB."
     if time is not None:
-        where = "" if dossier.lane_keeping else f", {_number(distance)} m before it"
+        where = "" if dossier.lane_keeping else f", {number(distance)} m before it"
         aeb = f"AEB at {time:.2f} s{where}."
     return Shown(
         kind=kind_of(row),
@@ -283,11 +275,3 @@ def fenced(text: str, language: str) -> str:
     longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
     fence = "`" * max(3, longest + 1)
     return f"{fence}{language}\n{text.rstrip()}\n{fence}"
-
-
-def _words(value: object) -> str:
-    return str(value).replace("_", " ")
-
-
-def _number(value: float | int | None, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
