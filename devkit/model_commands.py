@@ -29,6 +29,12 @@ class RuntimeChoice(StrEnum):
     onnxruntime = "onnxruntime"
 
 
+DescriptionOption = Annotated[
+    Path | None, typer.Option(help="JSON about a model whose metadata has none.")
+]
+RuntimeOption = Annotated[RuntimeChoice, typer.Option(help="What runs the network.")]
+
+
 WidthOption = Annotated[
     int | None, typer.Option(min=1, max=8192, help="Of the network's input [px].")
 ]
@@ -131,12 +137,8 @@ def detect(
     images: Annotated[list[Path], typer.Argument(help="Images, e.g. PNG or JPEG.")],
     confidence_min: Annotated[float, typer.Option(min=0.001, max=0.999)] = 0.25,
     overlap_max: Annotated[float, typer.Option(min=0, max=1)] = 0.4,
-    description: Annotated[
-        Path | None, typer.Option(help="JSON about a model whose metadata has none.")
-    ] = None,
-    runtime: Annotated[
-        RuntimeChoice, typer.Option(help="What runs the network.")
-    ] = RuntimeChoice.opencv,
+    description: DescriptionOption = None,
+    runtime: RuntimeOption = RuntimeChoice.opencv,
     output: OutputOption = Output.human,
 ) -> None:
     """Print what a detector sees in images."""

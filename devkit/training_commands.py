@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from devkit.model_commands import RuntimeChoice
+from devkit.model_commands import DescriptionOption, RuntimeChoice, RuntimeOption
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import UsageError
 
@@ -123,12 +123,8 @@ def evaluate(
             "are trucks."
         ),
     ] = None,
-    description: Annotated[
-        Path | None, typer.Option(help="JSON about a model whose metadata has none.")
-    ] = None,
-    runtime: Annotated[
-        RuntimeChoice, typer.Option(help="What runs the network.")
-    ] = RuntimeChoice.opencv,
+    description: DescriptionOption = None,
+    runtime: RuntimeOption = RuntimeChoice.opencv,
     output: OutputOption = Output.human,
 ) -> None:
     """Score a detector on a dataset: average precision by class, hour and weather, and what it
