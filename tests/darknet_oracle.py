@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from devkit.darknet.build import build_network
 from devkit.darknet.network import (
     Convolutional,
     Head,
@@ -18,7 +19,15 @@ from devkit.darknet.network import (
     Shortcut,
     Upsample,
 )
+from devkit.darknet.sections import parse_sections
 from devkit.darknet.weights import Convolution, Weights
+
+
+def small_network(layers: str, *, width: int, height: int) -> Network:
+    """These layers between a convolution and a head of two classes."""
+    head = "[convolutional]\nfilters=7\nactivation=linear\n[yolo]\nanchors=8,8\nclasses=2\nnum=1\n"
+    text = f"[net]\nwidth={width}\nheight={height}\n[convolutional]\nfilters=8\nactivation=linear\n"
+    return build_network(parse_sections(text + layers + head, "a.cfg"), "a.cfg")
 
 
 def random_weights(network: Network, seed: int, version=(0, 2, 5)) -> Weights:

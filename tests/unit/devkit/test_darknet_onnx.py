@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import msgspec
 import numpy as np
 import onnx
 import onnxruntime
 import pytest
-from darknet_oracle import forward, random_weights, reorg
+from darknet_oracle import forward, random_weights, reorg, small_network
 
-from devkit.darknet.build import build_network
 from devkit.darknet.network import Network, Route
 from devkit.darknet.onnx_writer import write_onnx
-from devkit.darknet.sections import DarknetError, parse_sections
+from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import ARCHITECTURES, architecture_network, coco_names
 from devkit.detector_description import METADATA_KEY, DetectorDescription
 
@@ -74,10 +75,7 @@ def test_quarter_width_variants_layer_by_layer(name):
     compare(architecture_network(f"{name}-w25", classes=4, width=160, height=96), batch=3)
 
 
-def small(layers: str) -> Network:
-    head = "[convolutional]\nfilters=7\nactivation=linear\n[yolo]\nanchors=8,8\nclasses=2\nnum=1\n"
-    text = "[net]\nwidth=30\nheight=20\n[convolutional]\nfilters=8\nactivation=linear\n"
-    return build_network(parse_sections(text + layers + head, "a.cfg"), "a.cfg")
+small = partial(small_network, width=30, height=20)
 
 
 @pytest.mark.parametrize("activation", ["linear", "leaky", "logistic", "relu", "mish", "swish"])

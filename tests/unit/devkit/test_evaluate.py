@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
+from detection_rows import detections_of
 
 from devkit.detector_decode import Detections
 from devkit.evaluate import Truth, average_precision, evaluate, overlaps, table
 
 NAMES = ("car", "truck")
+
+found = partial(detections_of, NAMES)
 
 
 def truth(*rows) -> Truth:
@@ -16,19 +21,6 @@ def truth(*rows) -> Truth:
     data = np.array(rows, np.float64).reshape(-1, 7)
     return Truth(
         data[:, 0].astype(int), data[:, 1].astype(int), data[:, 2:6], data[:, 6].astype(bool)
-    )
-
-
-def found(*rows) -> Detections:
-    """Rows (image, class, confidence, x, y, width, height)."""
-    data = np.array(rows, np.float64).reshape(-1, 7)
-    return Detections(
-        NAMES,
-        data[:, 0].astype(int),
-        data[:, 1].astype(int),
-        data[:, 2],
-        data[:, 3:],
-        np.arange(len(data)),
     )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from detection_rows import detections_of
 
-from devkit.detector_decode import Detections
 from devkit.labelled_images import (
     NO_CLASS,
     DetectorClass,
@@ -20,6 +21,8 @@ from devkit.scoring import NIGHT, Scorecard, block_of, joined, plain, renamed, s
 from twin.fabric.errors import UsageError
 
 NAMES = ("car", "pedestrian")
+
+found = partial(detections_of, NAMES)
 
 CLEAR_NOON, FOG, NIGHT_CLEAR = (12.5, "clear"), (13.9, "light_fog"), (1.0, "clear")
 
@@ -42,19 +45,6 @@ def images(conditions, rows) -> LabelledImages:
         visibility=data[:, 7],
         truncation=data[:, 9],
         distance_m=data[:, 8],
-    )
-
-
-def found(*rows) -> Detections:
-    """Rows (image, class, confidence, x, y, width, height)."""
-    data = np.array(rows, np.float64).reshape(-1, 7)
-    return Detections(
-        NAMES,
-        data[:, 0].astype(int),
-        data[:, 1].astype(int),
-        data[:, 2],
-        data[:, 3:],
-        np.arange(len(data)),
     )
 
 

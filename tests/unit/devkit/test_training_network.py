@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -9,12 +10,10 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from darknet_oracle import random_weights
+from darknet_oracle import random_weights, small_network
 
-from devkit.darknet.build import build_network
 from devkit.darknet.network import IMAGE, Head, Network
 from devkit.darknet.onnx_writer import write_onnx
-from devkit.darknet.sections import parse_sections
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
 from devkit.detector import Detector
 from devkit.training.network import TorchNetwork
@@ -58,10 +57,7 @@ def test_architectures_layer_by_layer(name):
     assert compare(network) == len(network.layers) - heads - alone
 
 
-def small(layers: str) -> Network:
-    head = "[convolutional]\nfilters=7\nactivation=linear\n[yolo]\nanchors=8,8\nclasses=2\nnum=1\n"
-    text = "[net]\nwidth=32\nheight=24\n[convolutional]\nfilters=8\nactivation=linear\n"
-    return build_network(parse_sections(text + layers + head, "a.cfg"), "a.cfg")
+small = partial(small_network, width=32, height=24)
 
 
 @pytest.mark.parametrize("activation", ["linear", "leaky", "logistic", "relu", "mish", "swish"])

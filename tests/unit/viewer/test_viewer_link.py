@@ -97,15 +97,6 @@ def hasty(monkeypatch):
     monkeypatch.setattr(linking, "PERIOD_S", 0.1)
 
 
-@pytest.fixture
-def opened():
-    """What is to be closed."""
-    things = []
-    yield things
-    for thing in reversed(things):
-        thing.close()
-
-
 def connect(opened, port, wait_s=None, slots=None):
     target = Target(f"tcp/127.0.0.1:{port}", "twin", None)
     link = Link(lambda: target, wait_s, slots or Slots())

@@ -39,15 +39,6 @@ def calls(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def opened():
-    """What is to be closed."""
-    things = []
-    yield things
-    for thing in reversed(things):
-        thing.close()
-
-
-@pytest.fixture
 def port():
     return native.free_port()
 
