@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from conductor.operate import Connect, Namespace, State, add_commands
+from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
@@ -304,7 +305,20 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 @app.command()
 def report(
-    folder: Folder,
+    folder: Annotated[
+        Path | None, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")
+    ] = None,
+    import_autodrive: Annotated[
+        Path | None,
+        typer.Option(
+            help="Or: a folder with config.json and batch_N/aeb_metrics_sim_inst_M.csv of the "
+            "AutoDRIVE study; they become a campaign folder first."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Campaign folder of an import; default runs/imported-DIR."),
+    ] = None,
     markdown: Annotated[
         Path | None,
         typer.Option(
@@ -319,7 +333,9 @@ def report(
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
     from conductor.report import report_json, write_report, write_result_page
+    from conductor.report_commands import report_folder
 
+    folder = report_folder(folder, import_autodrive, out)
     page = write_report(folder)
     tables = report_json(folder)
     pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
@@ -328,6 +344,9 @@ def report(
         print(f"conductor: {alarm}", file=sys.stderr)
     if tables["alarms"]:
         raise typer.Exit(EXIT_INFRASTRUCTURE)
+
+
+add_report_commands(app)
 
 
 @app.command("bench")

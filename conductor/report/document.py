@@ -6,8 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
+from conductor.report.findings import findings
 from conductor.report.page import render
 from conductor.report.perception_cost import perception_costs
 from conductor.report.resources import gather_resources
@@ -72,6 +75,8 @@ def report_json(folder: Path) -> dict[str, Any]:
         "alarms": evidence.alarms,
         "audits": evidence.audits,
         "disagreements": evidence.disagreements,
+        "imported": msgspec.to_builtins(dossier.imported),
+        "findings": [asdict(finding) for finding in findings(dossier)],
         "systems": [{**asdict(line), "rate": line.rate} for line in verdict_table(dossier)],
         "cases": [case_record(dossier, row) for row in dossier.rows],
         "perception": [asdict(line) for line in perception_costs(dossier)],

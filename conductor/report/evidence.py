@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -70,6 +71,13 @@ def versions() -> dict[str, str]:
 
 def commands(dossier: Dossier) -> list[str]:
     """Shell commands that run the campaign again and compare, from the campaign folder."""
+    if dossier.imported is not None:
+        logs = shlex.quote(f"../{dossier.imported.source}")
+        return [
+            f"conductor report --import-autodrive {logs} --out repeat",
+            "conductor fingerprint repeat",
+            "conductor fingerprint .",
+        ]
     on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
     return [
         f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",

@@ -65,6 +65,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+def points(difference: float) -> str:
+    """A difference of shares for people, in percentage points."""
+    return f"{100 * difference:.1f}"
+
+
 def p_text(p_value: float) -> str:
     """A p-value for people."""
     return "p < 0.001" if p_value < 0.001 else f"p = {p_value:.3f}"
@@ -157,7 +162,7 @@ def _pair(one: str, two: str, pairs: list[tuple[Row, Row]], p_value: float) -> F
     text = (
         f"{one} passed {counted(first, 'case', 'cases')} that {two} lost under the same "
         f"conditions, the other way round {second} (of {len(pairs)} pairs; {one} ahead by "
-        f"{percent(gap.estimate)}, 95 % interval {percent(gap.low)} to {percent(gap.high)}; "
+        f"{points(gap.estimate)} points, 95 % interval {points(gap.low)} to {points(gap.high)}; "
         f"McNemar's exact test, corrected {p_text(p_value)})."
     )
     differing = [row for pair in pairs if pair[0].passed is not pair[1].passed for row in pair]
