@@ -169,7 +169,10 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
             gaps.setdefault(column, []).append(line)
         log.rows.append(parsed)
     log.notes += [f"{name}: {_lines(at)} left out: {why}" for why, at in torn.items()]
-    log.notes += [f"{name}: {_lines(at)} without {column}" for column, at in gaps.items()]
+    together: dict[tuple[int, ...], list[str]] = {}
+    for column, at in gaps.items():
+        together.setdefault(tuple(at), []).append(column)
+    log.notes += [f"{name}: {_lines(at)} without {', '.join(c)}" for at, c in together.items()]
     if not log.rows and not log.foreign:
         log.foreign = "no row that can be read"
     return log

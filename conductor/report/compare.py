@@ -18,6 +18,7 @@ from conductor.report.statistics import (
     Interval,
     holm,
     mcnemar,
+    mean_interval,
     median_interval,
     newcombe_paired,
 )
@@ -87,7 +88,8 @@ class Shift:
     changed: int
     median: Interval | None
     """Of the differences; the bounds are infinite for fewer than six pairs."""
-    mean: float | None
+    mean: Interval | None
+    """Of the differences: moved by a few large ones, which the median is not."""
     largest_case: str
     """Where the difference is largest; empty: nothing changed."""
     largest: float | None
@@ -290,7 +292,7 @@ def _shift(name: str, label: str, pairs: list[tuple[Row, Row]]) -> Shift | None:
         pairs=len(known),
         changed=len(changed),
         median=median_interval(differences),
-        mean=math.fsum(differences) / len(differences) if differences else None,
+        mean=mean_interval(differences),
         largest_case=case,
         largest=largest,
         lost=lost,
@@ -306,6 +308,12 @@ def _finite(row: Row, name: str) -> float | None:
 def _notes(
     before: Dossier, after: Dossier, pairs: list[tuple[Row, Row]], *, identical: bool
 ) -> list[str]:
+    logs = [dossier.folder.absolute().name for dossier in (before, after) if dossier.imported]
+    if logs:
+        return [
+            f"imported from logs: {', '.join(logs)}; whether both ran under the same conditions is "
+            "not in them"
+        ]
     notes = []
     for name, setting in _SETTINGS:
         differing = sum(setting(a.case) != setting(b.case) for a, b in pairs)
@@ -322,7 +330,7 @@ def _notes(
         if not identical and len(one.device_classes) == 1:
             notes.append(
                 "software, campaign and device class are the same and the results are not: "
-                "something in the stack is not deterministic"
+                "the stack's own code has changed, or it is not deterministic"
             )
     elif one.software and one.software == two.software:
         notes.append("the software is the same; only the campaign differs")

@@ -158,7 +158,7 @@ def _axes(lines: list[AxisLine]) -> TextTable:
                 str(line.passed_before),
                 str(line.passed_after),
                 _interval(line.difference, points),
-                f"{line.p_value:.3f}",
+                p_text(line.p_value).removeprefix("p = ").removeprefix("p "),
             ]
             for line in lines
         ],
@@ -169,8 +169,8 @@ def _axes(lines: list[AxisLine]) -> TextTable:
 def _shifts(shifts: list[Shift]) -> TextTable:
     return TextTable(
         "KPIs",
-        "Differences of the same case, after less before; the median with its 95 % interval "
-        "(sign test). Only in one run: cases that have the KPI there and not in the other.",
+        "Differences of the same case, after less before, with 95 % intervals (median: sign test, "
+        "mean: Student). Only in one run: cases that have the KPI there and not in the other.",
         [
             *("KPI", "pairs", "changed", "median", "mean", "largest"),
             *("case", "only before", "only after"),
@@ -181,7 +181,7 @@ def _shifts(shifts: list[Shift]) -> TextTable:
                 str(shift.pairs),
                 str(shift.changed),
                 "–" if shift.median is None else _interval(shift.median, _signed),
-                "–" if shift.mean is None else _signed(shift.mean),
+                "–" if shift.mean is None else _interval(shift.mean, _signed),
                 "–" if shift.largest is None else _signed(shift.largest),
                 shift.largest_case or "–",
                 str(shift.lost),
@@ -200,7 +200,7 @@ def _interval(found: Interval, shown: Callable[[float], str]) -> str:
 
 
 def _signed(value: float) -> str:
-    return "0" if value == 0.0 else f"{value:+.3f}"
+    return "0" if value == 0.0 else f"{value:+.3g}"
 
 
 def _words(text: str) -> str:

@@ -82,6 +82,8 @@ def test_four_planted_flips_of_256_are_found(paper_run: Path, tmp_path: Path) ->
     assert (closest.pairs, closest.changed) == (256, 4)
     assert closest.median is not None
     assert (closest.median.estimate, closest.median.low, closest.median.high) == (0, 0, 0)
+    assert closest.mean is not None
+    assert closest.mean.low < closest.mean.high < 0
     assert closest.largest_case in planted
     assert (closest.largest or 0) < 0
     assert (impact.lost, impact.gained) == (0, 4)

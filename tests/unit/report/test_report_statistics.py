@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import statistics
 
 import pytest
 
@@ -13,6 +14,7 @@ from conductor.report.statistics import (
     holm,
     homogeneity,
     mcnemar,
+    mean_interval,
     median_interval,
     newcombe,
     newcombe_paired,
@@ -192,3 +194,27 @@ def test_few_values_have_a_median_without_bounds() -> None:
     found = median_interval([3.0, 1.0, 2.0])
     assert found is not None
     assert (found.estimate, found.low, found.high) == (2.0, -math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("total", "quantile"),
+    # Tables of Student's t for 5, 9, 29 and 999 degrees of freedom.
+    [(6, 2.5706), (10, 2.2622), (30, 2.0452), (1000, 1.9623)],
+)
+def test_bounds_of_a_mean_are_students(total: int, quantile: float) -> None:
+    values = [float(value % 7) for value in range(total)]
+    found = mean_interval(values)
+    assert found is not None
+    spread = statistics.stdev(values) / math.sqrt(total) * quantile
+    assert found.estimate == pytest.approx(statistics.mean(values))
+    assert found.high - found.estimate == pytest.approx(spread, rel=0.002)
+    assert found.estimate - found.low == pytest.approx(spread, rel=0.002)
+
+
+def test_means_of_few_and_of_equal_values() -> None:
+    assert mean_interval([]) is None
+    few, same = mean_interval([1.0, 2.0]), mean_interval([0.25] * 9)
+    assert few is not None
+    assert (few.estimate, few.low, few.high) == (1.5, -math.inf, math.inf)
+    assert same is not None
+    assert (same.estimate, same.low, same.high) == (0.25, 0.25, 0.25)
