@@ -36,11 +36,11 @@ from conductor.report.losses import (
     lost_lines,
     moment_of,
     page_axes,
-    wilson,
 )
 from conductor.report.perception_cost import perception_costs
 from conductor.report.prose import SUMMARY, block, check_known, model_block, read_texts
 from conductor.report.provenance import file_digests, text_digest
+from conductor.report.statistics import wilson
 from conductor.report.tables import statuses, verdict_table
 from conductor.report.templates import environment, number, words
 from schemas.yaml_file import dump_yaml
