@@ -326,23 +326,38 @@ def report(
             "written into it by hand stays."
         ),
     ] = None,
+    serial: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the same campaign, run with --workers 1 --slots 1: the speed-up is "
+            "measured against it."
+        ),
+    ] = None,
+    anew: Annotated[
+        bool, typer.Option("--anew", help="Read every KPI file again, also unchanged ones.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Write summary.parquet and report.html of a campaign folder.
+    """Write report.html, summary.parquet, summary.csv and plots of a campaign folder, also while
+    the campaign runs.
 
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
-    from conductor.report import report_json, write_report, write_result_page
+    from conductor.report import make_report, tables_of, write_result_page
     from conductor.report_commands import report_folder
 
     folder = report_folder(folder, import_autodrive, out)
-    page = write_report(folder)
-    tables = report_json(folder)
-    pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
-    print(json.dumps(tables) if output is Output.json else "\n".join(map(str, pages)))
-    for alarm in tables["alarms"]:
-        print(f"conductor: {alarm}", file=sys.stderr)
-    if tables["alarms"]:
+    made = make_report(folder, anew=anew, serial=serial)
+    pages = [made.page, *({path.parent for path in made.plots})]
+    if markdown is not None:
+        pages.append(write_result_page(folder, markdown))
+    as_json = output is Output.json
+    print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
+    alarms = made.content.evidence.alarms
+    for line in [made.plots_missing, *alarms]:
+        if line:
+            print(f"conductor: {line}", file=sys.stderr)
+    if alarms:
         raise typer.Exit(EXIT_INFRASTRUCTURE)
 
 

@@ -96,6 +96,33 @@ def frame(
 
 
 @app.command()
+def strip(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="JPEG file to write.")] = Path("strip.jpg"),
+    at: At = "aeb",
+    around_s: Annotated[
+        float, typer.Option(min=0.0, max=600.0, help="How long before and after [s].")
+    ] = 1.0,
+    frames: Annotated[int, typer.Option(min=1, max=15, help="Pictures.")] = 5,
+) -> None:
+    """Write the camera's pictures around a moment side by side, with boxes; needs no graphics
+    driver."""
+    from viewer.folder import find_moment, find_recording
+    from viewer.frames import read_case
+    from viewer.outputs import check_out
+    from viewer.strip import write_strip
+
+    check_out(out, ".jpg")
+    found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    taken = write_strip(read_case(found.path), moment, around_s, frames, out)
+    for line in found.remarks():
+        tell(line)
+    print(f"{out}: {case}, {moment.label}, {len(taken)} pictures")
+
+
+@app.command()
 def export(
     folder: Folder,
     case: Case,

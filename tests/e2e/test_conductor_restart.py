@@ -34,7 +34,10 @@ def test_serve_killed_and_restarted(marked, quiet, tmp_path):
     port = find_conductor(state).endpoint
     second = serve(marked, state)
     assert find_conductor(state).endpoint == port, "workers look for it at the old port"
-    wait_for(lambda: (campaign / "outcomes.json").exists(), "the end of the campaign")
+    wait_for(
+        lambda: all(row["outcome"] for row in outcomes(campaign).values()),
+        "the end of the campaign",
+    )
     status = marked.run("conductor", "status", "--state", str(state), "--output", "json")
     assert '"left": 0' in status.stdout
     worker.terminate()

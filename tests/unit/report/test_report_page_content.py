@@ -14,6 +14,8 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import Late
 from conductor.report import content, report_json, write_report
+from conductor.report.cells import cell_number, cells_of, worst
+from conductor.report.dossier import open_dossier
 from twin.fabric.errors import UsageError
 
 replace = msgspec.structs.replace
@@ -48,8 +50,9 @@ def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", text)
     data = page_data(page)
     assert len(data["cases"]) == 8
-    assert [m["title"] for m in data["heat"]] == ["yolov3", "yolov2-tiny"]
-    assert {m["data"][0]["type"] for m in data["heat"]} == {"heatmap"}
+    assert data["heat"] == {"x": "time_of_day", "y": "weather", "per": "model"}
+    assert data["all"]["axes"]["model"]["values"] == ["yolov3", "yolov2-tiny"]
+    assert [c["id"] for c in data["cases"]] == data["all"]["ids"]
     assert data["groups"][0]["axis"] == "weather"
 
 
@@ -74,7 +77,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     assert "alert(1)" in page
     for mark in ("<script>alert", "<img src=x", "</SCRIPT>"):
         assert mark not in page
-    hover = page_data(page)["heat"][0]["data"][0]["hovertext"][0][0]
+    hover = page_data(page)["all"]["hover"][0]
     assert "<script" not in hover
     assert "&lt;script&gt;" in hover
 
@@ -105,7 +108,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
     assert "AEB TTC" not in text
     assert '<td class="n" data-sort="0.302">0.302</td>' in text
     assert page_data(page)["curves"][0] == "lateral_error_m"
-    assert page_data(page)["heat"][0]["data"][0]["text"][0] == ["✓ 0.06", "✓ 0.06"]
+    assert page_data(page)["all"]["number"] == ["0.06", "0.06", "0.30", "0.30"] * 2
     total = report_json(tmp_path)["systems"][-1]
     assert total["lateral_rms_m"] == pytest.approx((0.062, 0.182, 0.302))
     assert total["counts"]["lane_departure"] == 4
@@ -130,6 +133,9 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     assert "Incomplete: 4 of 8 cases have not ended" in page
     assert "of 8 cases passed so far" in page
     assert page.count("at least ") == 3  # a rate per system under test and of all
+    assert page.count("Findings so far") == 1
+    # Intervals are of the cases that have ended: one system passed 2 of 2, the other one too.
+    assert page.count("34.2 to 100.0 %") == 2
     found = report_json(tmp_path)
     assert found["fingerprint"] is None
     assert found["alarms"] == []
@@ -206,37 +212,38 @@ def test_noop_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "titles", "axes"),
+    ("matrix", "x", "y", "per"),
     [
-        ({"model": ["yolov3"], "repeat": [0, 1]}, ["yolov3"], ("Repeat", "Time of day [HH:MM]")),
-        ({"model": ["yolov3", "yolov2-tiny"]}, ["All models"], ("Perception model", "Time of")),
+        ({"model": ["yolov3"], "repeat": [0, 1]}, "repeat", "time_of_day", ""),
+        ({"model": ["yolov3", "yolov2-tiny"]}, "model", "time_of_day", ""),
         (
             {
-                "model": ["yolov3"],
+                "model": ["yolov3", "yolov2-tiny"],
                 "scenario.ego_start_m": [40, 50, 60],
                 "weather": ["clear", "cloudy"],
             },
-            ["yolov3"],
-            ("Ego start [m]", "Weather"),
+            "scenario.ego_start_m",
+            "weather",
+            "model",
         ),
     ],
 )
 def test_heat_maps_fall_back_to_other_axes(
-    tmp_path: Path, matrix: dict[str, Any], titles: list[str], axes: tuple[str, str]
+    tmp_path: Path, matrix: dict[str, Any], x: str, y: str, per: str
 ) -> None:
     make_campaign(tmp_path, campaign_data(matrix=matrix))
-    heat = page_data(write_report(tmp_path).read_text())["heat"]
-    assert [m["title"] for m in heat] == titles
-    layout = heat[0]["layout"]
-    assert layout["xaxis"]["title"]["text"].startswith(axes[0])
-    assert layout["yaxis"]["title"]["text"].startswith(axes[1])
+    data = page_data(write_report(tmp_path).read_text())
+    assert data["heat"] == {"x": x, "y": y, "per": per}
+    assert {x, y} <= set(data["all"]["axes"])
+    for axis in data["all"]["axes"].values():
+        assert len(axis["of"]) == len(data["all"]["ids"])
+        assert set(axis["of"]) == set(range(len(axis["values"])))
 
 
 def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
     data = campaign_data(
         matrix={"model": ["yolov3"], "weather": ["clear", "cloudy"], "repeat": [0, 1]}
     )
-    data["matrix"]["time_of_day"] = ["05:00", "13:00"]
 
     def change(case, end):
         if case.repeat or case.weather == "cloudy":
@@ -244,8 +251,12 @@ def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
         return replace(end, verdict="collision", passed=False)
 
     make_campaign(tmp_path, data, change)
-    heat = page_data(write_report(tmp_path).read_text())["heat"][0]["data"][0]
-    assert heat["text"] == [["✕ 1/2", "✕ 1/2"], ["✓ 2/2", "✓ 2/2"]]
+    dossier = open_dossier(tmp_path)
+    (clear, cloudy) = cells_of(dossier, dossier.rows, "model", "weather").rows
+    assert (worst(clear[0]).status, cell_number(clear[0])) == ("collision", "1/2")
+    assert (worst(cloudy[0]).status, cell_number(cloudy[0])) == ("pass", "2/2")
+    severity = page_data(write_report(tmp_path).read_text())["all"]["severity"]
+    assert severity[0] == min(severity) < severity[1]
 
 
 def test_a_huge_campaign_shows_its_worst_first(
