@@ -23,7 +23,7 @@ from conductor.folders import CAMPAIGN_FILE
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.content import Content, read_content
 from conductor.report.dossier import Dossier, Row, open_dossier, perception_text
-from conductor.report.evidence import versions
+from conductor.report.evidence import commands, versions
 from conductor.report.heat_picture import heat_picture
 from conductor.report.losses import (
     LostLine,
@@ -159,6 +159,8 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
 
 
 def _commands(dossier: Dossier, folder: str) -> list[str]:
+    if dossier.imported is not None:
+        return commands(dossier)[:2]
     on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
     device = " --device cuda:0" if on_gpu else ""
     return [

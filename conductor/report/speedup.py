@@ -71,6 +71,8 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
     run = _pace(dossier, leases)
     if serial is not None:
         return SpeedUp(run, _serial_pace(dossier, serial), serial.name, _missing(run))
+    if dossier.imported is not None:
+        return SpeedUp(run, None, "", "logs do not say how long their simulators ran")
     if run.at_once == 1 and dossier.outcomes.complete:
         return SpeedUp(run, run, "", "")
     return SpeedUp(

@@ -20,8 +20,9 @@ ALPHA = 0.05
 """Below this a corrected p-value counts as found."""
 EXPECTED_MIN = 5.0
 """Smallest expected count with which the chi-square distribution is trusted (Cochran 1954)."""
-EXACT_STATES_MAX = 60_000
-"""Most partial sums of an exact test; beyond them the chi-square distribution has to do."""
+EXACT_STEPS_MAX = 500_000
+"""Longest way to an exact p-value, some tenths of a second; beyond it the chi-square distribution
+has to do."""
 
 _Z = NormalDist().inv_cdf(0.5 + LEVEL / 2)
 
@@ -180,14 +181,17 @@ def _exact(events: list[int], counts: list[int]) -> float | None:
     seen = sum(w * e * e for w, e in zip(weights, events, strict=True))
     left = sum(events)
     ways: dict[tuple[int, int], int] = {(0, 0): 1}
+    steps = 0
     for count, weight in zip(counts, weights, strict=True):
         found: dict[tuple[int, int], int] = {}
         for (used, value), number in ways.items():
-            for event in range(min(count, left - used) + 1):
+            most = min(count, left - used)
+            steps += most + 1
+            if steps > EXACT_STEPS_MAX:
+                return None
+            for event in range(most + 1):
                 key = (used + event, value + weight * event * event)
                 found[key] = found.get(key, 0) + number * math.comb(count, event)
-        if len(found) > EXACT_STATES_MAX:
-            return None
         ways = found
     extreme = sum(number for (used, value), number in ways.items() if used == left if value >= seen)
     return extreme / math.comb(sum(counts), left)

@@ -12,7 +12,7 @@ import pytest
 from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
-from conductor.report import report_json, write_report
+from conductor.report import report_json, write_report, write_result_page
 from conductor.report.autodrive_import import import_autodrive
 from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -61,6 +61,11 @@ def test_logs_become_a_campaign_with_one_report(tmp_path: Path) -> None:
     page = write_report(tmp_path / "run").read_text()
     assert found.sha256 in page
     assert "nothing was simulated here" in page
+    assert "Of 6 passed runs, 3 braked further than 60 m" in page
+    assert "<code>batch_2/aeb_metrics_sim_inst_3.csv</code>" in page
+    assert "conductor run campaign.yaml" not in page  # there is nothing to run
+    text = write_result_page(tmp_path / "run", tmp_path / "page.md").read_text()
+    assert "conductor report --import-autodrive ../logs --out repeat" in text
     again = import_autodrive(tmp_path / "logs", tmp_path / "again")
     assert again == found
     assert fingerprint(tmp_path / "again") == fingerprint(tmp_path / "run")

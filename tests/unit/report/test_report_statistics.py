@@ -9,7 +9,7 @@ import statistics
 import pytest
 
 from conductor.report.statistics import (
-    EXACT_STATES_MAX,
+    EXACT_STEPS_MAX,
     chi_square_tail,
     holm,
     homogeneity,
@@ -150,7 +150,7 @@ def test_groups_without_a_difference_and_groups_that_are_none() -> None:
 
 def test_too_many_ways_fall_back_and_say_so() -> None:
     uneven = [(count - 1 - count % 4, count) for count in range(23, 47)]
-    assert math.lcm(*(count for _, count in uneven)) > EXACT_STATES_MAX
+    assert math.lcm(*(count for _, count in uneven)) > EXACT_STEPS_MAX
     found = homogeneity(uneven)
     assert not found.exact
     assert found.p_value == chi_square_tail(found.chi_square, 23)
