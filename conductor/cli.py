@@ -391,6 +391,24 @@ def bench_command(
     raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
 
 
+@app.command("bench-report")
+def bench_report_command(
+    cases: Annotated[int, typer.Option(min=1, help="Cases, rounded up to 256.")] = 10_000,
+    folder: Annotated[Path, typer.Option(help="Where the files are written, 0.5 GB.")] = Path(
+        "runs"
+    ),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 beyond 60 s or 1 GB.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure reports over a large campaign of real files: the first, and those after it."""
+    from conductor.bench.report import bench_report
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
+
+
 @app.command()
 def fields(
     key: Annotated[

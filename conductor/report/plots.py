@@ -70,6 +70,7 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
                 data = io.BytesIO()
                 metadata = {"Date": None} if suffix == "svg" else None
                 sheet.savefig(data, format=suffix, metadata=metadata)
+                sheet.set_layout_engine("none")  # the second file has the layout of the first
                 path = folder / f"{name}.{suffix}"
                 write_atomic(path, data.getbuffer(), sync=False)
                 written.append(path)

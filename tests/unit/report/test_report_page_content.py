@@ -82,6 +82,108 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     assert "&lt;script&gt;" in hover
 
 
+def test_a_text_of_ten_megabytes_leaves_the_page_intact(tmp_path: Path) -> None:
+    huge = "<b>" + "x" * 10_000_000
+
+    def change(case, end):
+        if case.weather == "clear":
+            return end
+        log = tmp_path / end.attempt_dir / "log.txt"
+        if case.id == "yolov3-0500-heavy_fog":
+            log.write_text(f"{huge}\nthe last <i>line</i>\n")
+        return replace(end, outcome="failed", verdict="nan", reasons=[huge], charges=[huge])
+
+    make_campaign(tmp_path, change=change)
+    small = len(write_report(tmp_path).read_text())
+    page = (tmp_path / "report.html").read_text()
+    assert small < 6_000_000
+    assert "(10000003 characters)" in page
+    assert "the last &lt;i&gt;line&lt;/i&gt;" in page
+    assert "<b>xxx" not in page
+
+
+def test_markup_in_the_value_of_an_axis_stays_text(tmp_path: Path) -> None:
+    scene = "/tmp/<img src=x onerror=alert(1)>.yaml"
+    data = campaign_data(matrix={"model": ["yolov3"], "scenario.scene": ["downtown", scene]})
+    make_campaign(tmp_path, data)
+    page = write_report(tmp_path).read_text()
+    assert "<img src=x" not in page
+    assert "&lt;img src=x onerror=alert(1)&gt;.yaml" in page
+
+
+def test_the_effects_of_the_axes(tmp_path: Path) -> None:
+    def change(case, end):
+        if case.id == "yolov3-0500-clear":
+            return replace(end, outcome="unresolved", verdict="", kpi_sha256="", scalars={})
+        hit = case.weather == "heavy_fog" and case.model == "yolov2-tiny"
+        return replace(end, verdict="collision" if hit else "pass", passed=not hit)
+
+    make_campaign(tmp_path, change=change)
+    effects = {e["axis"]: e["levels"] for e in report_json(tmp_path)["effects"]}
+    assert list(effects) == ["model", "time_of_day", "weather"]
+    clear, fog = effects["weather"]
+    assert (clear["value"], clear["passed"], clear["total"], clear["missing"]) == ("clear", 3, 3, 1)
+    assert (fog["passed"], fog["total"], fog["missing"]) == (2, 4, 0)
+    assert (fog["low"], fog["high"]) == pytest.approx((0.1500, 0.8500), abs=1e-4)
+    assert len(page_data(write_report(tmp_path).read_text())["effects"]["data"]) == 3
+
+
+def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
+    def change(case, end):
+        if case.time_of_day_min == 5 * 60:
+            return end
+        far = {**end.scalars, "dtc_end_m": 40.0 + len(case.weather), "aeb_dtc_m": 55.0}
+        return replace(end, verdict="false_braking", passed=True, scalars=far, wall_s=9.25)
+
+    make_campaign(tmp_path, change=change)
+    text = without_scripts(write_report(tmp_path).read_text())
+    table = re.search(r'<section id="false-braking">.*?</section>', text, re.S)
+    assert table
+    assert "False braking: 4 cases" in table[0]
+    rest = re.findall(r'<td class="n">(\d+\.\d+)</td></tr>', table[0])
+    assert rest == ["49.00", "49.00", "45.00", "45.00"], "furthest first"
+    assert table[0].count("2 of 2") == 2, "by time of day, both models at 13:00"
+    slowest = re.search(r'id="slowest">.*?</table>', text, re.S)
+    assert slowest
+    assert slowest[0].count("9.2") == 4
+
+
+def test_failures_come_with_the_command_that_shows_them(tmp_path: Path) -> None:
+    make_campaign(
+        tmp_path, change=lambda c, e: replace(e, verdict="collision", passed=False, reasons=["hit"])
+    )
+    text = without_scripts(write_report(tmp_path).read_text())
+    assert text.count('<article class="failure">') == 8
+    assert "conductor run campaign.yaml --case yolov3-0500-clear --view record" in text
+    assert "the case was not recorded" in text
+
+
+@pytest.mark.parametrize("kind", ["none ended", "all failed", "one case"])
+def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
+    def change(case, end):
+        if kind == "none ended":
+            return msgspec.convert({"outcome": ""}, type(end))
+        if kind == "all failed":
+            return replace(
+                end, outcome="failed", verdict="nan", passed=False, kpi_sha256="", scalars={}
+            )
+        return end
+
+    matrix = {"model": ["yolov3"]} if kind == "one case" else campaign_data()["matrix"]
+    make_campaign(tmp_path, campaign_data(matrix=matrix), change)
+    page = write_report(tmp_path).read_text()
+    data, text = page_data(page), without_scripts(page)
+    assert len(data["all"]["axes"]) >= 2
+    if kind == "one case":
+        assert "<strong>1</strong> of 1 cases passed" in text
+        assert data["effects"] is None
+    else:
+        assert 'id="no-curves"' in text
+        assert data["effects"] is None
+    assert ("8 cases ended without a verdict" in text) == (kind == "all failed")
+    assert ("8 of 8 cases have not ended" in text) == (kind == "none ended")
+
+
 def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, verdict="lane_left", passed=False))
     assert report_json(tmp_path)["systems"][-1]["counts"]["lane_left"] == 8
