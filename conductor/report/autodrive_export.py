@@ -47,6 +47,7 @@ from conductor.report.autodrive_layout import (
 )
 from conductor.report.axes import varied_axes
 from conductor.report.dossier import Dossier, Row, open_dossier
+from conductor.report.summary import inert
 from schemas.campaign import Case
 from schemas.names import WEATHERS
 from twin.fabric.errors import UsageError, storage_error
@@ -58,8 +59,6 @@ CONFIDENCE_MIN = 0.5
 _START = datetime.datetime(2000, 1, 1)
 """Sim time 0 in the column of timestamps: a run has no date, and the same run gives the same
 bytes."""
-_TEXT_FIRST = ("=", "+", "-", "@", "'")
-"""A spreadsheet takes a text that begins so for a formula (or hides the apostrophe)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +161,7 @@ def _cells(case: Case, row: dict[str, Any]) -> dict[str, str]:
         TIME_OF_DAY: str(case.time_of_day_min),
         WEATHER: str(WEATHERS.index(case.weather) + 1),
         MODEL: case.model,
-        LABEL: f"'{label}" if label.startswith(_TEXT_FIRST) else label,
+        LABEL: inert(label) or "",
         CONFIDENCE: _number(percent),
         SIZE: "" if area_px2 is None else str(area_px2),
         AEB: "" if aeb is None else str(int(aeb)),

@@ -212,7 +212,7 @@ def _row(
     numbers = {column: _number(column, row.get(column, "")) for column in _NUMBERS}
     label = row.get(LABEL, "")
     # An export puts an apostrophe before what a spreadsheet would take for a formula.
-    if label[:1] == "'" and label[1:2] in ("=", "+", "-", "@", "'"):
+    if label[:1] == "'" and label[1:2] in ("=", "+", "-", "@"):
         label = label[1:]
     return LogRow(time_us, label, numbers, aeb == "1" if aeb else None, int(collisions))
 
