@@ -219,7 +219,7 @@ def _write_case(out: Path, case: Case, log: Log) -> CaseOutcome:
         reason = f"{log.name}: {log.foreign}"
         return CaseOutcome(outcome="unresolved", reasons=[reason], attempts=1)
     attempt = f"cases/{case.id}/attempt-1"
-    table = kpi_table(_kpi_columns(log.rows))
+    table = kpi_table(kpi_columns(log.rows))
     try:
         (out / attempt).mkdir(parents=True)
     except OSError as error:
@@ -240,7 +240,9 @@ def _write_case(out: Path, case: Case, log: Log) -> CaseOutcome:
     )
 
 
-def _kpi_columns(rows: list[LogRow]) -> dict[str, list[Any]]:
+def kpi_columns(rows: list[LogRow]) -> dict[str, list[Any]]:
+    """Columns of a KPI table; what a log does not hold is missing in every row."""
+
     def number(column: str) -> list[float]:
         return [row.numbers[column] for row in rows]
 

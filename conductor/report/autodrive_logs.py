@@ -40,6 +40,8 @@ from conductor.report.autodrive_layout import (
 
 REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
+SPAN_MAX_US = 24 * 3600 * 10**6
+"""No log lasts longer; a row further than this from the first has a damaged time [us]."""
 NAMED_MAX = 8
 """Most lines that a note names; then it counts."""
 
@@ -173,8 +175,10 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
     for column, at in gaps.items():
         together.setdefault(tuple(at), []).append(column)
     log.notes += [f"{name}: {_lines(at)} without {', '.join(c)}" for at, c in together.items()]
-    if not log.rows and not log.foreign:
-        log.foreign = "no row that can be read"
+    lost = sum(map(len, torn.values()))
+    # What the rows say that are left is not what happened, and may look like a pass.
+    if not log.foreign and lost >= len(log.rows):
+        log.foreign = f"{lost} of {lost + len(log.rows)} rows cannot be read"
     return log
 
 
@@ -203,6 +207,8 @@ def _row(
     time_us = (moment - first) // datetime.timedelta(microseconds=1)
     if before is not None and time_us <= before.time_us:
         raise _UnreadableError(f"{TIMESTAMP} not after the row before")
+    if time_us > SPAN_MAX_US:
+        raise _UnreadableError(f"{TIMESTAMP} more than a day after the first row")
     collisions = row[COLLISIONS]
     if not (collisions.isascii() and collisions.isdigit() and len(collisions) < 10):
         raise _UnreadableError(f"no number of {COLLISIONS}")

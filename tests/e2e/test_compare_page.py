@@ -11,6 +11,8 @@ from unit.report.autodrive_logs import config, drive, write_logs
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 
 CHROMIUM = Path("/usr/bin/chromium")
+PATIENCE_MS = 120_000
+"""How long a page may take on a loaded machine [ms]."""
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"
@@ -51,6 +53,7 @@ def test_logs_of_two_versions_from_the_files_to_the_pages(marked, tmp_path):
             executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-dev-shm-usage"]
         )
         page = browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
         page.on("console", lambda m: complaints.append(m.text) if m.type != "log" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("dialog", lambda dialog: complaints.append(dialog.message))
@@ -62,7 +65,7 @@ def test_logs_of_two_versions_from_the_files_to_the_pages(marked, tmp_path):
             "yolov2-1300-heavy_fog",
         ]
         page.goto((runs[2] / "report.html").as_uri())
-        sync_api.expect(page.locator("#curves .main-svg").first).to_be_visible()
+        sync_api.expect(page.locator("#curves .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
         assert "8 logs of the AutoDRIVE study" in page.locator("#imported").inner_text()
         left_out = page.locator("#left-out li").all_inner_texts()
         assert any("line 133 left out: cut off" in line for line in left_out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import random
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
 from conductor.report import report_json, write_report, write_result_page
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE
+from conductor.report.autodrive_import import import_autodrive, judge, kpi_columns
+from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
+from conductor.report.autodrive_logs import read_log
 from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.kpi_file import read_kpi
+from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi
 
 PUBLISHED = Path(__file__).parents[4] / "shared" / "data" / "autodrive_opencav_aeb"
 FIRST = "batch_1/aeb_metrics_sim_inst_1.csv"
@@ -178,6 +180,19 @@ def test_missing_and_foreign_logs_never_pass(tmp_path: Path) -> None:
     assert all(reason in found.left_out for reason in reasons)
 
 
+@pytest.mark.parametrize("date", ["0001-01-01", "9999-12-31"])
+def test_a_log_of_which_little_can_be_read_never_passes(tmp_path: Path, date: str) -> None:
+    """A first time that is damaged leaves no row after it; the obstacle is further than ever."""
+    write_logs(tmp_path / "logs")
+    damaged = tmp_path / "logs" / FIRST
+    edit(damaged, lambda lines: lines.__setitem__(1, lines[1].replace("2024-03-18", date)))
+    found = import_autodrive(tmp_path / "logs", tmp_path / "run")
+    case = report_json(tmp_path / "run")["cases"][0]
+    assert (case["outcome"], case["passed"]) == ("unresolved", None)
+    assert case["reasons"] == [f"{FIRST}: 130 of 131 rows cannot be read"]
+    assert any("130 lines from line 3 on left out: Timestamp" in note for note in found.left_out)
+
+
 def test_batches_that_are_not_there_are_named_and_left_out(tmp_path: Path) -> None:
     data = write_logs(tmp_path / "logs", config(("a", "b", "c")))
     for file in (tmp_path / "logs" / "batch_2").iterdir():
@@ -315,3 +330,35 @@ def test_the_published_logs_give_table_1_and_what_it_hides(tmp_path: Path) -> No
         "it: 7 braked first further than 60 m away (yolov2 1, yolov3-tiny 6), 7 of them drove on "
         "afterwards; 13 ended further than 30 m away (yolov2 13)."
     )
+
+
+def damaged(draw: random.Random, data: bytes) -> bytes:
+    """A log with bytes changed, lost, repeated and put in."""
+    odd = [b'"', b",", b"\n", b"\r", b"\0", b"'", b"\xff\xfe", b"1e999", b"nan", b"-", b"1" * 400]
+    odd += [b"9999-12-31 23:59:59", b"0001-01-01", "\u00b2".encode()]
+    for _ in range(draw.randint(1, 8)):
+        at, length = draw.randrange(len(data)), draw.randint(1, 200)
+        more = draw.choice([draw.choice(odd), data[at : at + length], b""])
+        end = at + draw.choice([0, 1, length])
+        data = data[:at] + more + data[end:]
+    return data
+
+
+def test_no_damage_breaks_the_reading_and_every_row_is_read_or_listed() -> None:
+    instance = config()["simulation_instances"][0]
+    whole = text(drive(instance)[:40]).encode()
+    outcomes = {"read": 0, "foreign": 0, "whole": 0}
+    for seed in range(400):
+        data = damaged(random.Random(seed), whole)
+        log = read_log("log", data, Instance(**instance))
+        lines = data.decode("utf-8-sig", errors="replace").split("\n")[1:]
+        if log.foreign:
+            outcomes["foreign"] += 1
+            continue
+        outcomes["read" if log.notes else "whole"] += 1
+        table = kpi_table(kpi_columns(log.rows))
+        assert kpi_sha256(table)
+        assert judge(log.rows, 30.0)[0] in ("pass", "false_braking", "collision"), seed
+        if len(log.rows) < sum(bool(line.strip()) for line in lines):
+            assert any("left out" in note for note in log.notes), seed
+    assert min(outcomes.values()) > 10, outcomes
