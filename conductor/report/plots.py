@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from conductor.report.curves import drawn
 from conductor.report.figures import GRID_ROWS_MAX, SAFETY_M, TITLES
 from conductor.report.leases_figure import SPANS_MAX, lanes_of
 from conductor.report.losses import page_axes
-from conductor.report.palette import line_styles, status_color
+from conductor.report.palette import line_styles, status_color, status_symbol
 from conductor.report.tables import statuses, verdict_table
 from twin.fabric.files import write_atomic
 
@@ -42,6 +43,9 @@ _STYLE = {
     "figure.dpi": 130,
 }
 
+_BAR = (-0.4, 0.4, 0.4, -0.4)
+"""Height of a lease's corners above the middle of its lane."""
+
 Figure = Any
 """A figure of matplotlib, which has no stubs that name what is used here."""
 
@@ -59,7 +63,8 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
     folder = content.dossier.folder / PLOTS_FOLDER
     folder.mkdir(exist_ok=True)
     written = []
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # names that are too long for a layout, or for a font
         for name, draw in _PLOTS.items():
             sheet = _matplotlib("figure").Figure(layout="constrained")
             if not draw(content, sheet):
@@ -89,7 +94,7 @@ def _words(value: object) -> str:
 def _outcomes(content: Content, sheet: Figure) -> bool:
     """Outcomes by system under test, stacked."""
     lines = verdict_table(content.dossier)[:-1]
-    sheet.set_size_inches(7, 1.2 + 0.36 * len(lines))
+    sheet.set_size_inches(7, 1.8 + 0.36 * len(lines))
     axes = sheet.subplots()
     names = [line.model for line in lines]
     left = np.zeros(len(lines))
@@ -122,8 +127,8 @@ def _heat(content: Content, sheet: Figure) -> bool:
     rows = -(-len(models) // columns)
     first = cells_of(dossier, dossier.rows, x_axis, y_axis)
     wide = 1.6 + 0.62 * len(first.xs)
-    high = 1.1 + 0.34 * len(first.ys)
-    sheet.set_size_inches(max(wide * columns, 5), high * rows)
+    high = 1.5 + 0.34 * len(first.ys)
+    sheet.set_size_inches(max(wide * columns, 6), high * rows)
     panels = sheet.subplots(rows, columns, squeeze=False).flat
     for panel, model in zip(panels, models, strict=False):
         own = [row for row in dossier.rows if row.case.model == model]
@@ -133,8 +138,10 @@ def _heat(content: Content, sheet: Figure) -> bool:
             for x, cell in enumerate(line):
                 if cell:
                     shown[y, x] = known.index(worst(cell).status)
-                    text = cell_number(cell)
-                    panel.text(x, y, text, ha="center", va="center", fontsize=7, color="white")
+                    text = f"{status_symbol(worst(cell).status)} {cell_number(cell)}"
+                    panel.text(
+                        x, y, text.rstrip(), ha="center", va="center", fontsize=7, color="white"
+                    )
         panel.imshow(shown, cmap=colors, vmin=-0.5, vmax=len(known) - 0.5, aspect="auto")
         panel.set_xticks(range(len(cells.xs)), [_words(x) for x in cells.xs], rotation=45)
         panel.set_yticks(range(len(cells.ys)), [_words(y) for y in cells.ys])
@@ -144,7 +151,14 @@ def _heat(content: Content, sheet: Figure) -> bool:
         panel.grid(visible=False)
     for panel in panels:
         panel.set_axis_off()
+    _legend(sheet, {_words(status): status_color(status) for status in known})
     return True
+
+
+def _legend(sheet: Figure, colors: dict[str, str]) -> None:
+    patch = _matplotlib("patches").Patch
+    handles = [patch(color=color, label=label) for label, color in colors.items()]
+    sheet.legend(handles=handles, loc="outside lower left", ncols=8, frameon=False)
 
 
 def _kpis(content: Content, sheet: Figure) -> bool:
@@ -177,10 +191,12 @@ def _kpis(content: Content, sheet: Figure) -> bool:
             if name == "dtc_m":
                 panel.axhline(SAFETY_M, color="#B3261E", lw=0.8, ls="--")
             if line == 0:
-                panel.set_title(TITLES[name][0], fontsize=9)
+                unit = TITLES[name][1].rpartition("[")[2]
+                panel.set_title(f"{TITLES[name][0]} [{unit}", fontsize=9)
             if line == len(models) - 1:
                 panel.set_xlabel("Sim time [s]")
         panels[line][0].set_ylabel(str(model))
+    _legend(sheet, {_words(value): style[0] for value, style in styles.items()})
     return True
 
 
@@ -216,25 +232,33 @@ def _leases(content: Content, sheet: Figure) -> bool:
         return False
     lanes, places = lanes_of(spans)
     status = {row.case.id: row.status for row in content.dossier.rows}
-    sheet.set_size_inches(8, min(9.0, 1.0 + 0.16 * len(lanes)))
+    sheet.set_size_inches(8, min(9.0, 1.8 + 0.16 * len(lanes)))
     axes = sheet.subplots()
     colors = [
         status_color(status.get(span.case, "")) if span.how == "committed" else "#111111"
         for span in spans
     ]
-    axes.barh(
-        places,
-        [span.end_s - span.start_s for span in spans],
-        left=[span.start_s for span in spans],
-        color=colors,
-        edgecolor="white",
-        linewidth=0.2,
-        rasterized=len(spans) > _RASTER_LINES,
+    corners = [
+        [
+            (x, place + y)
+            for x, y in zip((s.start_s, s.start_s, s.end_s, s.end_s), _BAR, strict=True)
+        ]
+        for s, place in zip(spans, places, strict=True)
+    ]
+    axes.add_collection(
+        _matplotlib("collections").PolyCollection(
+            corners,
+            facecolors=colors,
+            edgecolors="white",
+            linewidths=0.2,
+            rasterized=len(spans) > _RASTER_LINES,
+        )
     )
+    axes.autoscale_view()
+    axes.set_ylim(len(lanes) - 0.4, -0.6)
     firsts = [number for number, (_, slot) in enumerate(lanes) if slot == 0]
     step = max(1, len(firsts) // 40)
     axes.set_yticks(firsts[::step], [lanes[number][0] for number in firsts[::step]])
-    axes.invert_yaxis()
     axes.set_xlabel("Wall time [s]")
     return True
 

