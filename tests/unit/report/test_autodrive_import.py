@@ -14,7 +14,8 @@ from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
 from conductor.report import report_json, write_report, write_result_page
-from conductor.report.autodrive_import import import_autodrive, judge, kpi_columns
+from conductor.report.autodrive_import import import_autodrive
+from conductor.report.autodrive_kpi import judge, kpi_columns
 from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
 from conductor.report.autodrive_logs import read_log
 from twin.fabric.errors import InfrastructureError, UsageError
