@@ -142,8 +142,7 @@ def read_outcomes(folder: Path) -> Outcomes:
     except FileNotFoundError:
         if (folder / CONDUCTOR_FILE).exists():
             raise UsageError(
-                f"{folder}: the conductor has not written {FILE_NAME} yet; try again in a few "
-                "seconds"
+                f"{folder}: its conductor has not written {FILE_NAME} yet; try again in a moment"
             ) from None
         raise UsageError(
             f"{folder}: no {FILE_NAME}; give the folder of a campaign that a conductor has run"

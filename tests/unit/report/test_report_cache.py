@@ -15,10 +15,17 @@ from conductor.fingerprint import fingerprint
 from conductor.outcomes import CaseOutcome
 from conductor.report import content, make_report
 from conductor.report.cache import FOLDER
+from conductor.report.content import Content, read_content
+from conductor.report.dossier import open_dossier
 from twin.fabric.kpi_file import read_kpi, write_kpi
 
 replace = msgspec.structs.replace
 CASE = "yolov3-0500-clear"
+
+
+def read(folder: Path) -> Content:
+    """As a report reads it, without the page."""
+    return read_content(open_dossier(folder))
 
 
 def kpi(folder: Path, case: str = CASE) -> Path:
@@ -51,25 +58,25 @@ def test_only_cases_that_have_ended_since_are_read(tmp_path: Path) -> None:
         return CaseOutcome(outcome="") if case.id == CASE else end
 
     make_campaign(tmp_path, change=half)
-    assert make_report(tmp_path).content.read == 4
+    assert read(tmp_path).read == 4
     stamps = {path: path.stat() for path in tmp_path.glob("cases/*/*/kpi.parquet")}
     make_campaign(tmp_path, change=most)
     for path, stat in stamps.items():  # made again, byte for byte
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    assert make_report(tmp_path).content.read == 3
+    assert read(tmp_path).read == 3
     make_campaign(tmp_path)
     for path, stat in stamps.items():
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    found = make_report(tmp_path).content
+    found = read(tmp_path)
     assert found.read == 8, "a fingerprint takes every file, once"
     assert found.evidence.fingerprint == fingerprint(tmp_path)
-    assert make_report(tmp_path).content.read == 0
+    assert read(tmp_path).read == 0
 
 
 @pytest.mark.parametrize("damage", ["other values", "removed", "corrupt"])
 def test_a_file_that_was_changed_since_raises_the_alarm(tmp_path: Path, damage: str) -> None:
     make_campaign(tmp_path)
-    assert not make_report(tmp_path).content.evidence.alarms
+    assert not read(tmp_path).evidence.alarms
     path = kpi(tmp_path)
     if damage == "other values":
         write_kpi(read_kpi(path).slice(1), path)
@@ -78,7 +85,7 @@ def test_a_file_that_was_changed_since_raises_the_alarm(tmp_path: Path, damage: 
     else:
         path.write_bytes(b"PAR1")
     for _ in range(2):
-        found = make_report(tmp_path).content.evidence
+        found = read(tmp_path).evidence
         assert len(found.alarms) == 1
         assert CASE in found.alarms[0]
         assert found.fingerprint is None
@@ -86,18 +93,18 @@ def test_a_file_that_was_changed_since_raises_the_alarm(tmp_path: Path, damage: 
 
 def test_another_result_of_a_case_is_read(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    make_report(tmp_path)
+    read(tmp_path)
     make_campaign(tmp_path, change=lambda c, e: replace(e, kpi_sha256="a" * 64))
-    assert len(make_report(tmp_path).content.evidence.alarms) == 8
+    assert len(read(tmp_path).evidence.alarms) == 8
 
 
 @pytest.mark.parametrize("content_of_cache", [b"", b"\xc1", b"\x80", b"\x81\xa7version\xa1x"])
 def test_a_cache_that_cannot_be_used_is_made_anew(tmp_path: Path, content_of_cache: bytes) -> None:
     make_campaign(tmp_path)
-    make_report(tmp_path)
+    read(tmp_path)
     (tmp_path / FOLDER / "read.msgpack").write_bytes(content_of_cache)
-    assert make_report(tmp_path).content.read == 8
-    assert make_report(tmp_path).content.read == 0
+    assert read(tmp_path).read == 8
+    assert read(tmp_path).read == 0
 
 
 def test_a_case_that_comes_onto_the_page_gets_its_curve(
