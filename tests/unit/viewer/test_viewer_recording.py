@@ -12,7 +12,7 @@ from twin.fabric.bus import Sample
 from twin.worker.view_samples import jpeg
 from viewer import naming
 from viewer.record import Recorder
-from viewer.recording import Recording
+from viewer.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
 
 PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
 
@@ -95,3 +95,28 @@ def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, cap
     recorder.take(message("end", end(2, token=1)))
     assert (recorder.complete, recorder.incomplete) == (0, 1)
     assert "not recorded" in capsys.readouterr().err
+
+
+def test_what_has_waited_is_written_though_nothing_else_comes(tmp_path):
+    recording = Recording(start(tmp_path))
+    recording.camera(camera(1, 0), PICTURE, 100.0)
+    recording.state(state(2, 0), 101.0)
+    path = tmp_path / naming.RECORDING_FILE
+    recording.write(100.0 + FLUSH_PERIOD_S - 0.1)
+    recording._stream.flush()
+    assert naming.SPEED not in read_recording(path).rows
+    recording.write(100.0 + FLUSH_PERIOD_S)
+    recording._stream.flush()
+    found = read_recording(path)  # as a recorder that is killed now leaves it
+    assert found.rows[naming.SPEED] == found.rows[naming.CAMERA] == 1
+    assert found.properties["case"]["case"] == "clear-1"
+    recording.close(None)
+
+
+def test_large_pictures_do_not_wait(tmp_path):
+    recording = Recording(start(tmp_path))
+    for tick in range(3):
+        recording.camera(camera(1 + tick, tick), b"x" * (FLUSH_BYTES // 2), 0.0)
+    recording._stream.flush()
+    assert read_recording(tmp_path / naming.RECORDING_FILE).rows[naming.CAMERA] == 2
+    recording.close(None)
