@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import rerun as rr
 
@@ -26,8 +28,8 @@ STATE_BYTES = 1024
 class Recording:
     """Writes ``recording.rrd`` in batches; readable at any time, also after a kill.
 
-    ``recording.json`` is written last and says whether anything is missing. No file changes its
-    name, so nothing temporary can stay behind.
+    ``recording.json`` is written last: whether anything is missing, and the file's digest, or that
+    it was not kept. No file changes its name, so nothing temporary can stay behind.
     """
 
     def __init__(self, start: CaseStart) -> None:
@@ -113,17 +115,25 @@ class Recording:
         )
         self._stream.flush()
         self._stream.disconnect()
-        self._note(complete)
+        self._note(complete, kept=not (self.start.keep == "failed" and _passed(end)))
         return complete
 
-    def _note(self, complete: bool) -> None:
-        note = {
+    def _note(self, complete: bool, *, kept: bool) -> None:
+        path = self._folder / naming.RECORDING_FILE
+        note: dict[str, Any] = {
             "complete": complete,
             "samples": self._sequence.received,
             "lost": self._sequence.lost,
+            "kept": kept,
         }
-        path = self._folder / naming.RECORDING_NOTE
-        path.write_text(json.dumps(note) + "\n", encoding="utf-8")
+        if kept:
+            with path.open("rb") as file:
+                note["sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
+            note["bytes"] = path.stat().st_size
+        (self._folder / naming.RECORDING_NOTE).write_text(json.dumps(note) + "\n", "utf-8")
+        if not kept:
+            # Last: a recorder that is killed here has left a file too many.
+            path.unlink()
 
     def _came(self, nbytes: int, now_s: float) -> None:
         self._bytes += nbytes
@@ -146,3 +156,8 @@ class Recording:
     def _log(self, logged: list[Logged], *, static: bool = False) -> None:
         for path, archetype in logged:
             self._stream.log(path, archetype, static=static)
+
+
+def _passed(end: CaseEnd | None) -> bool:
+    """Without fail: a car that brakes for nothing has ``passed`` too, and is worth a look."""
+    return end is not None and (end.outcome, end.verdict) == ("verdict", "pass")

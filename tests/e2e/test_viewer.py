@@ -202,9 +202,19 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     case = "yolov3-1300-heavy_rain"
     viewer, said = look(marked, folder, "--case", case)
     hello = said()
-    found = finish(start(marked, folder, "--workers", "2", "--view", "record+live"))
+    text = (quiet["folder"] / "campaign.yaml").read_text()
+    assert "keep: all" in text
+    (tmp_path / "lost.yaml").write_text(text.replace("keep: all", "keep: failed"))
+    run = ("conductor", "run", str(tmp_path / "lost.yaml"), "--out", str(folder))
+    options = ("--workers", "2", "--view", "record+live", "--output", "json")
+    found = finish(marked.start(*run, *options))
     assert found["fingerprint"] == quiet["fingerprint"]
-    assert note(folder, case)["complete"] is True, "the viewer took nothing from the recorder"
+    for name, row in outcomes(folder).items():
+        said_of_it = note(folder, name)
+        assert said_of_it["complete"] is True, "the viewer took nothing from the recorder"
+        assert said_of_it["kept"] is (row["verdict"] != "pass")
+        path = folder / row["attempt_dir"] / naming.RECORDING_FILE
+        assert path.exists() is said_of_it["kept"]
     assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
     with window(["--connect", hello["hub"]], headless=True) as shown:
 

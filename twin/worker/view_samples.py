@@ -93,6 +93,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         height=case.camera.height,
         hfov_deg=case.camera.hfov_deg,
         stage=stage,
+        keep=case.keep,
     )
 
 

@@ -1,7 +1,9 @@
 """A recording: written, read back with Rerun's own reader, honest about what is missing."""
 
+import hashlib
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from recordings import read_recording
@@ -34,7 +36,10 @@ def test_a_complete_recording(tmp_path):
     recording, seq = write(tmp_path)
     assert recording.close(end(seq))
     note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
-    assert note == {"complete": True, "samples": 8, "lost": 0}
+    data = (tmp_path / naming.RECORDING_FILE).read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    whole = {"complete": True, "samples": 8, "lost": 0}
+    assert note == {**whole, "kept": True, "sha256": sha256, "bytes": len(data)}
     found = read_recording(tmp_path / naming.RECORDING_FILE)
     assert found.rows[naming.SPEED] == found.rows[naming.CAMERA] == 3
     assert found.properties["verdict"]["verdict"] == "pass"
@@ -50,7 +55,7 @@ def test_gaps_are_told(tmp_path, skip, lost):
     recording, seq = write(tmp_path, skip)
     assert not recording.close(end(seq))
     note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
-    assert note == {"complete": False, "samples": 8 - lost, "lost": lost}
+    assert (note["complete"], note["samples"], note["lost"]) == (False, 8 - lost, lost)
     found = read_recording(tmp_path / naming.RECORDING_FILE)
     assert found.properties["verdict"]["complete"] is False
     assert found.properties["verdict"]["verdict"] == "pass"
@@ -120,3 +125,26 @@ def test_large_pictures_do_not_wait(tmp_path):
     recording._stream.flush()
     assert read_recording(tmp_path / naming.RECORDING_FILE).rows[naming.CAMERA] == 2
     recording.close(None)
+
+
+@pytest.mark.parametrize(
+    ("keep", "ending", "kept"),
+    [
+        ("failed", {}, False),
+        ("all", {}, True),
+        ("failed", {"verdict": "collision", "passed": False}, True),
+        ("failed", {"verdict": "false_braking", "passed": True}, True),
+        ("failed", {"outcome": "failed", "verdict": "pass", "passed": False}, True),
+        ("failed", {"outcome": "", "verdict": "", "passed": False}, True),
+        ("failed", None, True),
+    ],
+)
+def test_what_is_not_a_pass_is_kept(tmp_path, keep, ending, kept):
+    recording = Recording(msgspec.structs.replace(start(tmp_path), keep=keep))
+    recording.state(state(1))
+    recording.close(None if ending is None else end(2, **ending))
+    note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
+    assert note["kept"] is kept
+    assert ("sha256" in note) is kept
+    assert note["complete"] is (ending is not None)
+    assert (tmp_path / naming.RECORDING_FILE).exists() is kept
