@@ -304,7 +304,7 @@ def bench_command(
         str, typer.Option(help="Campaign that is run with and without viewers.")
     ] = "aeb-demo",
     rounds: Annotated[
-        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen viewer.")
+        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
     ] = 3,
     workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,
