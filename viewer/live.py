@@ -150,6 +150,8 @@ class Live:
         self.slots = Slots()
         self.connected = False
         """The conductor has answered, once at least."""
+        self.leased = 0
+        """Cases that workers have, as the conductor says."""
         self.strangers = 0
         """Messages of another version, or damaged."""
         self._pulse = Pulse()
@@ -241,6 +243,7 @@ class Live:
             match heard:
                 case Status(found):
                     self.connected = True
+                    self.leased = sum(row["leased"] for row in found["campaigns"].values())
                     self._pulse.status(found, now_s)
                     self._renewed(self._renewal.status(found))
                 case Event(fact):

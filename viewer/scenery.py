@@ -112,6 +112,7 @@ def outline(stage: Stage) -> list[Logged]:
                 colors=[RED],
                 fill_mode="solid",
                 class_ids=[class_id("car")],
+                show_labels=False,
             ),
         ),
     ]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-QUALITY_MAX, QUALITY_MIN, QUALITY_STEP = 75, 40, 5
+QUALITY_MAX, QUALITY_MIN, QUALITY_STEP = 75, 25, 5
 """JPEG qualities."""
 
-BYTES_PER_PIXEL = 0.1
-"""Budget of a picture [bytes]: 24 kB at 640x360, so that 21 s at 20 Hz take 11 MB. At one quality
-for all, snow takes three times as many bytes as fog."""
+BYTES_PER_PIXEL = 0.08
+"""Budget of a picture [bytes]: 19 kB at 640x360, so that the 530 of an AEB case take less than
+12 MB with all else. Most of it is the camera's noise: at one quality for all, a snowy day takes
+five times as many bytes as fog (58 and 12 kB at 80)."""
 
 HEAD_BYTES = 1000
 """And so much more, for the tables in front [bytes]."""
@@ -22,7 +23,7 @@ ROOM = 0.75
 class Quality:
     """The quality of a camera's next picture; follows from its pictures so far."""
 
-    value: int = 60
+    value: int = 50
 
     def took(self, nbytes: int, pixels: int) -> None:
         """A picture of so many pixels took so many bytes."""
