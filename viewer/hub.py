@@ -88,8 +88,8 @@ class Hub:
             self._stream.log(path, archetype)
 
 
-def open_hub(port: int) -> Hub:
-    """Listen on loopback ``port``.
+def open_hub(port: int, *, bare: bool = False) -> Hub:
+    """Listen on loopback ``port``; ``bare``: see :func:`viewer.blueprint.overview_blueprint`.
 
     Raises:
         UsageError: the port is in use.
@@ -103,6 +103,6 @@ def open_hub(port: int) -> Hub:
     if not native.is_free(port):
         raise UsageError(f"--port {port}: already in use; choose another, or 0 for a free one")
     sink = rr.GrpcServerSink("127.0.0.1", port, server_memory_limit=HUB_MEMORY)
-    stream.set_sinks(sink, default_blueprint=overview_blueprint())
+    stream.set_sinks(sink, default_blueprint=overview_blueprint(bare=bare))
     stream.send_recording_name("All cases")
     return Hub(stream, sink.uri)

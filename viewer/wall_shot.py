@@ -34,7 +34,7 @@ def shoot_wall(options: LiveOptions, out: Path, size: tuple[int, int], wait_s: f
         UnreachableError: no conductor, or no case runs.
         UsageError: ``out`` cannot be written, another key or another version.
     """
-    live = Live(options, open_hub(native.free_port()))
+    live = Live(options, open_hub(native.free_port(), bare=True))
     until_s = time.monotonic() + wait_s
     arguments = ["--window-size", f"{size[0]}x{size[1]}", "--connect", live.hub.url]
     try:
