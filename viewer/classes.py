@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import rerun as rr
 
 from schemas.messages import SEMANTIC_CLASSES
@@ -35,6 +37,7 @@ def class_id(name: str) -> int:
     return _IDS.get(name, 0)
 
 
+@functools.cache
 def contexts() -> rr.AnnotationContext:
     """Names and colours of all classes; holds for what lies below the entity it is logged at."""
     return rr.AnnotationContext(
