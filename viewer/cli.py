@@ -63,6 +63,10 @@ def shot(
     wait: Annotated[
         float, typer.Option(min=0, help="Of the wall: how long running cases are waited for [s].")
     ] = 60.0,
+    watch: Annotated[
+        float,
+        typer.Option(min=0, help="Of the wall: look on first, until verdicts and plots come [s]."),
+    ] = 0.0,
 ) -> None:
     """Render one moment of a recorded case, or the wall of running ones; needs no display."""
     from viewer.folder import find_moment, find_recording
@@ -75,7 +79,8 @@ def shot(
         from viewer.live import LiveOptions
         from viewer.wall_shot import shoot_wall
 
-        wall = shoot_wall(LiveOptions(run=folder, key=key, wait_s=wait), out, pixels, wait)
+        options = LiveOptions(run=folder, key=key, wait_s=wait)
+        wall = shoot_wall(options, out, pixels, wait, watch)
         print(f"{out}: {wall.cases} cases, {wall.running} running")
         return
     found = find_recording(folder, case)

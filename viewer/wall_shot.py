@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.fabric.errors import InfrastructureError, UnreachableError
-from viewer import native
 from viewer.hub import open_hub
 from viewer.live import TURN_S, Live, LiveOptions
 from viewer.outputs import write_whole
@@ -26,15 +25,19 @@ class WallShot:
     running: int
 
 
-def shoot_wall(options: LiveOptions, out: Path, size: tuple[int, int], wait_s: float) -> WallShot:
+def shoot_wall(
+    options: LiveOptions, out: Path, size: tuple[int, int], wait_s: float, watch_s: float = 0.0
+) -> WallShot:
     """Render the wall once all cases that run are on it, or after ``wait_s`` those that are.
+
+    Then it looks on for ``watch_s``, so that verdicts come and plots grow.
 
     Raises:
         InfrastructureError: no Vulkan driver, or the viewer failed.
         UnreachableError: no conductor, or no case runs.
         UsageError: ``out`` cannot be written, another key or another version.
     """
-    live = Live(options, open_hub(native.free_port(), bare=True))
+    live = Live(options, open_hub(0, bare=True))
     until_s = time.monotonic() + wait_s
     arguments = ["--window-size", f"{size[0]}x{size[1]}", "--connect", live.hub.url]
     try:
@@ -45,7 +48,7 @@ def shoot_wall(options: LiveOptions, out: Path, size: tuple[int, int], wait_s: f
                 raise UnreachableError(
                     f"{options.where}: no case has shown itself for {wait_s:g} s; is one running?"
                 )
-            settled_s = time.monotonic() + SETTLE_S
+            settled_s = time.monotonic() + max(SETTLE_S, watch_s)
             while time.monotonic() < settled_s:
                 _turn(live)
             shown.loaded(1)
