@@ -135,11 +135,14 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     try:
         _subscribe(bus, rig, channel, finish)
         recorder = Recorder()
+        looked_s = 0.0
         while (sample := channel.take(TURN_S)) is not END:
             now_s = time.monotonic()
             if isinstance(sample, Sample):
                 recorder.take(sample, now_s)
-            recorder.write(now_s)
+            if now_s - looked_s >= TURN_S:
+                looked_s = now_s
+                recorder.write(now_s)
         recorder.close()
     finally:
         bus.close()
