@@ -6,7 +6,8 @@ Columns instead of records: a campaign of ten thousand cases stays below two meg
 from __future__ import annotations
 
 import html
-from typing import Any
+import math
+from typing import Any, TypeGuard
 
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.cells import case_number, severity
@@ -45,7 +46,6 @@ def case_data(dossier: Dossier) -> dict[str, Any]:
         "severity": [severity(row) for row in rows],
         "number": [case_number(row) for row in rows],
         "hover": [_hover(row) for row in rows],
-        "models": [row.case.model for row in rows] if "model" not in axes else None,
         "axes": axes,
         "measures": _measures(dossier),
     }
@@ -67,9 +67,13 @@ def _measures(dossier: Dossier) -> list[dict[str, Any]]:
     for label, name in case_columns(dossier):
         values = [row.scalar(name) for row in dossier.rows]
         if any(value is not None for value in values):
-            plain = [None if v is None else float(f"{v:.4g}") for v in values]
+            plain = [float(f"{v:.4g}") if _is_number(v) else None for v in values]
             found.append({"label": label, "values": plain})
     return found[:_MEASURES_MAX]
+
+
+def _is_number(value: float | int | None) -> TypeGuard[float | int]:
+    return value is not None and math.isfinite(value)
 
 
 def _hover(row: Row) -> str:
