@@ -69,6 +69,9 @@ def run_command(
     device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
     case: Annotated[str, typer.Option(help="Only this case; choose another --out for it.")] = "",
+    cases: Annotated[
+        int | None, typer.Option(min=1, help="Only so many, the first; choose another --out.")
+    ] = None,
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
@@ -91,11 +94,14 @@ def run_command(
     from conductor.models import check_models
     from conductor.run import RunOptions, run_campaign
     from conductor.source import load, only_case, with_render
+    from schemas.campaign import first
     from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     if case:
         loaded = only_case(loaded, case)
+    if cases is not None:
+        loaded = first(loaded, cases)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
     check_models(loaded, campaign, "cpu" if workers == 0 else device)

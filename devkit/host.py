@@ -86,6 +86,7 @@ def serve(link: StackEnd, stack: Stack) -> None:
     while True:
         incoming = link.receive(lambda: None)
         seq = incoming.tick.seq
+        begun_s = time.perf_counter()
         try:
             commands = step(stack, incoming)
             # A stack that is none of ours may lack the method.
@@ -97,7 +98,10 @@ def serve(link: StackEnd, stack: Stack) -> None:
                 reason = str(error)
             link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason))
             raise
-        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs))
+        wall_s = time.perf_counter() - begun_s
+        link.answer(
+            Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs, wall_s=wall_s)
+        )
 
 
 def step(stack: Stack, incoming: Incoming) -> list[Any]:

@@ -313,6 +313,13 @@ def only(campaign: Campaign, case: str) -> Campaign | None:
     return None
 
 
+def first(campaign: Campaign, count: int) -> Campaign:
+    """The campaign with its first ``count`` cases, which keep their ids."""
+    kept, _ = _points(campaign)
+    points = [point for _, point in kept[:count]]
+    return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=points)
+
+
 def _cross_checks(campaign: Campaign) -> list[Mistake]:
     mistakes = environment_mistakes(campaign.environment)
     allowed = axes_allowed()

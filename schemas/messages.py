@@ -253,6 +253,8 @@ class Commands(Struct, frozen=True):
     """Not empty: the stack cannot go on; the rig ends with this reason."""
     costs: list[PerceptionCost | None] = []
     """One per command, None where no frame was looked at; empty: the stack does not measure it."""
+    wall_s: float = 0.0
+    """From the last sensor message to this answer; for benches, never a KPI [s]."""
 
 
 def command_mistake(command: Command) -> str:

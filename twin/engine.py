@@ -17,6 +17,7 @@ from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
 from twin.fabric.frames import Channel
+from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
@@ -85,6 +86,7 @@ class Engine:
         slots: int,
         device: str = "cpu",
         buffers: Mapping[str, np.ndarray] | None = None,
+        watch: Stopwatch | None = None,
     ) -> None:
         """Build for the rig of ``case``: scene, vehicle, camera and rates are those of the case.
 
@@ -93,6 +95,7 @@ class Engine:
             device: ``cpu`` or ``cuda:N``.
             buffers: host arrays that receive images, by the name of the channel
                 (:func:`frame_channels`).
+            watch: told where the time goes: ``sense``, ``render``, ``step``, ``physics``.
 
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
@@ -107,6 +110,7 @@ class Engine:
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
+        self._watch = watch or Stopwatch()
         self.control_period_ns = 1_000_000_000 // case.control_hz
         self.active = np.zeros(slots, np.bool_)
         self.tick = np.zeros(slots, np.int32)
@@ -251,9 +255,10 @@ class Engine:
         sensors.update((name, SensorData(values)) for name, values in own.items())
         now = Moment(self.tick, self.sim_time_ns, self.active)
         self._place_objects()
-        images = self._eyes.read(
-            now, self._lamps(), self._placement, self._vehicles.ego_device, truth
-        )
+        lamps = self._lamps()
+        self._watch.lap("sense")
+        images = self._eyes.read(now, lamps, self._placement, self._vehicles.ego_device, truth)
+        self._watch.lap("render")
         sensors.update(images)
         return sensors
 
@@ -319,7 +324,9 @@ class Engine:
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
         self._vehicles.wind[...] = self._winds.advance(self.tick)
+        self._watch.lap("step")
         self._vehicles.advance(self._steps)
+        self._watch.lap("physics")
         for slot, run in enumerate(self._runs):
             if run is None:
                 continue
@@ -328,6 +335,7 @@ class Engine:
             ended = self._end(slot, run)
             if ended is not None:
                 finished.append(ended)
+        self._watch.lap("step")
         return finished
 
     def close(self) -> None:

@@ -50,6 +50,7 @@ from twin.worker.pipe import (
     Unpacker,
     send,
 )
+from twin.worker.profile import LoopLog
 from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
@@ -117,6 +118,7 @@ class Simulator:
         self._waiting: list[Lease] = []
         self._seq = 0
         self._reported_s = 0.0
+        self._log = LoopLog(rig, device, slots)
 
     def run(self) -> None:
         """Build when told, then exchange and step for ever."""
@@ -124,8 +126,11 @@ class Simulator:
         assert isinstance(order, Build)
         self._build(order.lease.case)
         while True:
-            self._take_orders(block=not self._busy() and not self._waiting)
+            idle = not self._busy() and not self._waiting
+            self._take_orders(block=idle)
+            self._log.watch.lap("idle" if idle else "orders")
             self._refill()
+            self._log.watch.lap("refill")
             if self._busy():
                 self._tick()
 
@@ -144,9 +149,10 @@ class Simulator:
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
-        self._engine = Engine(case, slots, self._device, buffers)
+        self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
         self._end = SimulatorEnd(self._bus, self._rig, slots, self._frames)
         self._end.handshake(self._on_wait)
+        self._log.transport = "memory" if self._end.shared else "bytes"
         send(self._out, Built(shared_frames=self._end.shared))
 
     def _take_orders(self, *, block: bool) -> None:
@@ -185,7 +191,11 @@ class Simulator:
 
     def _tick(self) -> None:
         started_s = time.monotonic()
+        watch = self._log.watch
+        self._log.begin_tick()
+        active = int(self._engine.active.sum())
         sensed = self._engine.sense()
+        frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
         sensors = self._outgoing(sensed)
         episodes = self._episodes()
         tick = Tick(
@@ -198,15 +208,20 @@ class Simulator:
             sensors=[sensor.name for sensor in sensors],
             episodes=len(episodes),
         )
+        watch.lap("messages")
         answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        self._log.exchanged(answer)
         self._seq += 1
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
         commands = self._checked(answer.commands)
+        watch.lap("messages")
         self._feed.tick(self._engine, sensed, commands)
+        watch.lap("view")
         ended = self._engine.step(commands)
         self._account(answer, time.monotonic() - started_s)
+        results = []
         for finished in ended:
             slot = self._slots[finished.slot]
             assert slot is not None
@@ -217,6 +232,11 @@ class Simulator:
             result = write_attempt(slot.lease, finished, time.monotonic() - slot.started_s)
             result = structs.replace(result, perception=slot.perception, rig_wall_s=slot.rig_wall_s)
             self._slots[finished.slot] = None
+            results.append(result)
+        watch.lap("results")
+        self._log.end_tick(active, frames, self._engine.control_period_ns)
+        self._log.write(now=not self._busy())
+        for result in results:
             send(self._out, Done(result))
 
     def _account(self, answer: Commands, wall_s: float) -> None:
@@ -289,6 +309,7 @@ class Simulator:
         self._report()
 
     def _report(self) -> None:
+        self._log.write()
         now = time.monotonic()
         if now - self._reported_s < PROGRESS_PERIOD_S or not self._busy():
             return
