@@ -139,6 +139,8 @@ class _Eye:
     every: int
     camera: RayCamera
     boxes: BoxSensor
+    lamps: list[Lights | None]
+    """Written last, per slot."""
 
 
 @dataclass(slots=True)
@@ -185,7 +187,7 @@ class ExteroceptiveSuite:
             )
             boxes = BoxSensor(self._geometry.classes, slots, device)
             every = case.control_hz // camera.hz
-            self._eyes.append(_Eye(camera, suffix, every, eye, boxes))
+            self._eyes.append(_Eye(camera, suffix, every, eye, boxes, [None] * slots))
         self._scanners = []
         self.lidar_sites = lidar_sites(case, vehicle)
         for lidar, site in zip(case.lidars, self.lidar_sites, strict=True):
@@ -274,7 +276,7 @@ class ExteroceptiveSuite:
         self._geometry.place(placement)
         readings = {}
         for eye in due:
-            _switch(eye.camera.lights.host, now, lights)
+            _switch(eye, now, lights)
             readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
             for output, values in eye.camera.outputs.items():
                 readings[f"{output}{eye.suffix}"] = SensorData(values)
@@ -304,10 +306,12 @@ def _check_memory(
     check_free(found, device)
 
 
-def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:
+def _switch(eye: _Eye, now: Moment, lights: list[Lights | None]) -> None:
     """Write what changes from frame to frame: tick, lamps, blinking."""
+    rows = eye.camera.lights.host
     rows["tick"] = now.tick
     rows["hazard"] = 2 * (now.sim_time_ns % HAZARD_PERIOD_NS) < HAZARD_PERIOD_NS
-    for slot, lamps in enumerate(lights):
-        if lamps is not None:
+    for slot, (lamps, written) in enumerate(zip(lights, eye.lamps, strict=True)):
+        if lamps is not None and lamps != written:
             switch_lamps(rows[slot], lamps)
+            eye.lamps[slot] = lamps

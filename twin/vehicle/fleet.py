@@ -211,6 +211,12 @@ class Fleet:
             block_dim=_BLOCK,
         )
 
+    def faulty(self) -> np.ndarray:
+        """Which slots cannot go on, bool [S]; :meth:`fault` says why."""
+        fine = np.isfinite(self.state).all(axis=2) & (self.state[..., COLUMN["fault"]] == 0.0)
+        found: np.ndarray = ~fine.all(axis=1)
+        return found
+
     def fault(self, slot: int) -> str:
         """Why a slot cannot go on, or nothing."""
         rows = self.state[slot]
