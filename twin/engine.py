@@ -188,9 +188,7 @@ class Engine:
         environment = CaseEnvironment(case, self._origin)
         x_m, y_m, yaw_rad = self._start(case.scenario)
         speed_mps = case.scenario.ego_speed_mps
-        self._vehicles.place(
-            slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False
-        )
+        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
         self._unmeasured = True  # once for all that begin together
         self._vehicles.active[slot] = 1
         self._eyes.reset(slot, case)

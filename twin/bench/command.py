@@ -202,6 +202,4 @@ def campaign(
     """
     from twin.bench.campaign_command import show
 
-    show(
-        campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check
-    )
+    show(campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check)

@@ -70,9 +70,7 @@ def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np
 
 def has_left(scenario: Scenario, lane: LaneProgress) -> bool:
     """Whether a case of lane keeping ends: the ego has come far enough, or is out of its lane."""
-    return (
-        lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
-    )
+    return lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
 
 
 def scalars(recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None) -> Scalars:

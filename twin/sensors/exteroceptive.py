@@ -24,6 +24,7 @@ from twin.sensors.data import SensorData
 from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
 from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import Vehicle
+from twin.world.mirror import Mirror
 from twin.world.motion import Placement
 from twin.world.scene import Scene
 from twin.world.street import World
@@ -277,18 +278,24 @@ class ExteroceptiveSuite:
         readings = {}
         for eye in due:
             _switch(eye, now, lights)
-            readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
-            for output, values in eye.camera.outputs.items():
-                readings[f"{output}{eye.suffix}"] = SensorData(values)
+            eye.camera.launch(pose)
+            for kind, mirror in eye.camera.pictures.items():
+                found = SensorData(mirror.pull, device=_on_gpu(mirror))
+                readings[f"{kind or 'camera'}{eye.suffix}"] = found
             boxes, count = eye.boxes.read(eye.camera.boxes)
             readings[f"boxes{eye.suffix}"] = SensorData(boxes, count)
         for scanner in sweeping:
             assert truth is not None
             scanner.sensor.air.host["tick"] = now.tick
             scanner.sensor.scan(truth)
-            points, count = scanner.sensor.pull()
-            readings[scanner.site.message] = SensorData(points, count)
+            mirror, count = scanner.sensor.mirror, scanner.sensor.count.numpy()
+            readings[scanner.site.message] = SensorData(mirror.pull, count, _on_gpu(mirror))
         return readings
+
+
+def _on_gpu(mirror: Mirror) -> wp.array | None:
+    """Where it lies, if that is another memory than the host's."""
+    return None if mirror.device.device.is_cpu else mirror.device
 
 
 def _check_memory(
