@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from devkit import control, lights, planning
 from devkit.eyes import Eyes
+from devkit.images import on_host
 from devkit.lane_track import LaneTrack, Motion
 from devkit.lane_view import LaneView
 from devkit.stack import Observation, Stack
@@ -198,7 +199,7 @@ class AebStack(Stack):
         vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
         motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
         curve = car.lane.update(
-            motion, None if camera is None else camera[slot], car.period_s, detections
+            motion, None if camera is None else on_host(camera)[slot], car.period_s, detections
         )
         car.wheel = steer(
             car.wheel, curve, car.lane.bend, motion.speed_mps, car.period_s, self.steering

@@ -111,6 +111,7 @@ class Engine:
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
+        self._device = warp_device
         self._watch = watch or Stopwatch()
         self.control_period_ns = 1_000_000_000 // case.control_hz
         self.active = np.zeros(slots, np.bool_)
@@ -347,6 +348,10 @@ class Engine:
         finished += self._ended()
         self._watch.lap("step")
         return finished
+
+    def wait(self) -> None:
+        """Until what was sensed is written: another process may read it then."""
+        wp.synchronize_device(self._device)
 
     def close(self) -> None:
         """Make all slots inactive; the engine is not used afterwards."""

@@ -31,6 +31,13 @@ class SensorData:
         self.device = device
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the values; nothing is brought to the host for it."""
+        if self.device is None:
+            return self.values.shape
+        return tuple(self.device.__cuda_array_interface__["shape"])
+
+    @property
     def values(self) -> np.ndarray:
         """[S, ...] on the host; valid until the next call of the engine."""
         if self._values is None:

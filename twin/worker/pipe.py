@@ -46,7 +46,8 @@ class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
     """Engine built and stack connected."""
 
-    shared_frames: bool
+    transport: str
+    """How large arrays reach the stack, see :data:`twin.fabric.drive.Transport`."""
 
 
 class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from msgspec import structs
@@ -57,9 +57,14 @@ from twin.worker.view_port import Feed
 if TYPE_CHECKING:
     from twin.engine import Engine
     from twin.sensors.data import SensorData
+    from twin.worker.inline import InlineStack
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
+
+TRANSPORT_VARIABLE = "TWIN_TRANSPORT"
+"""Environment variable: the best way for frames to reach the stack that may be tried, ``device``
+(the default), ``memory`` or ``bytes``; for comparisons."""
 
 VIEW_GRACE_S = 2.0
 """Longest time for the view feed to hand over what it holds, at the end [s]."""
@@ -119,6 +124,8 @@ class Simulator:
         self._seq = 0
         self._reported_s = 0.0
         self._log = LoopLog(rig, device, slots)
+        self._inline: InlineStack | None = None
+        self._handles: dict[str, bytes] = {}
 
     def run(self) -> None:
         """Build when told, then exchange and step for ever."""
@@ -144,16 +151,32 @@ class Simulator:
         slots = len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
-        shared = case.placement == "worker" and size > 0
-        self._frames = frames = FrameBuffer(size) if shared else None
+        best = os.environ.get(TRANSPORT_VARIABLE, "device") if case.placement == "worker" else ""
+        shared = best in ("device", "memory") and size > 0
+        frames = FrameBuffer(size) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
         self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
-        self._end = SimulatorEnd(self._bus, self._rig, slots, self._frames)
+        if case.placement == "inline":
+            from twin.worker.inline import InlineStack
+
+            self._inline = InlineStack(case, slots)
+            self._log.transport = "inline"
+        else:
+            self._meet(slots, frames, best)
+        send(self._out, Built(self._log.transport))
+
+    def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> None:
+        """Wait for the stack, and agree on how frames travel."""
+        from twin.fabric import cuda  # needs Warp only where a GPU is
+
+        probe = cuda.offer(self._device) if best == "device" else None
+        self._end = SimulatorEnd(
+            self._bus, self._rig, slots, frames, probe=probe, device=self._device
+        )
         self._end.handshake(self._on_wait)
-        self._log.transport = "memory" if self._end.shared else "bytes"
-        send(self._out, Built(shared_frames=self._end.shared))
+        self._log.transport = self._end.transport
 
     def _take_orders(self, *, block: bool) -> None:
         while (order := self._orders.next(0.2 if block else 0)) is not None:
@@ -196,7 +219,7 @@ class Simulator:
         active = int(self._engine.active.sum())
         sensed = self._engine.sense()
         frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
-        sensors = self._outgoing(sensed)
+        sensors = [] if self._inline else self._outgoing(sensed)
         episodes = self._episodes()
         tick = Tick(
             v=SCHEMA_VERSION,
@@ -205,11 +228,15 @@ class Simulator:
             token=self._tokens(),
             tick=self._engine.tick.tolist(),
             sim_time_ns=self._engine.sim_time_ns.tolist(),
-            sensors=[sensor.name for sensor in sensors],
+            sensors=list(sensed),
             episodes=len(episodes),
         )
         watch.lap("messages")
-        answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        if self._inline:
+            self._engine.wait()
+            answer = self._inline.exchange(tick, sensed, episodes)
+        else:
+            answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
         self._log.exchanged(answer)
         self._seq += 1
         for slot in self._slots:
@@ -253,29 +280,56 @@ class Simulator:
         return [slot.lease.token if slot else 0 for slot in self._slots]
 
     def _outgoing(self, sensed: dict[str, SensorData]) -> list[Outgoing]:
-        cases = [slot.lease.case.id if slot else "" for slot in self._slots]
-        active = [slot is not None for slot in self._slots]
-        outgoing = []
-        for name, data in sensed.items():
+        common = Frame(
+            v=SCHEMA_VERSION,
+            type="",
+            seq=self._seq,
+            active=[slot is not None for slot in self._slots],
+            case=[slot.lease.case.id if slot else "" for slot in self._slots],
+            token=self._tokens(),
+            tick=self._engine.tick.tolist(),
+            sim_time_ns=self._engine.sim_time_ns.tolist(),
+            dtype="",
+            shape=[],
+            encoding="",
+        )
+        on_gpu = self._end.transport == "device"
+        if on_gpu:
+            self._engine.wait()
+        return [self._frame(name, data, common, on_gpu=on_gpu) for name, data in sensed.items()]
+
+    def _frame(self, name: str, data: SensorData, common: Frame, *, on_gpu: bool) -> Outgoing:
+        """One message; an array in shared memory has no payload."""
+        handle, offset, payload = b"", -1, b""
+        if on_gpu and data.device is not None:
+            handle = self._handle(name, data.device)
+            dtype, shape = np.dtype(data.device.__cuda_array_interface__["typestr"]), data.shape
+        else:
             values = np.ascontiguousarray(data.values)
-            shared = name in self._offsets and self._end.shared
-            frame = Frame(
-                v=SCHEMA_VERSION,
-                type=name,
-                seq=self._seq,
-                active=active,
-                case=cases,
-                token=self._tokens(),
-                tick=self._engine.tick.tolist(),
-                sim_time_ns=self._engine.sim_time_ns.tolist(),
-                dtype=values.dtype.newbyteorder("<").str,
-                shape=list(values.shape),
-                encoding=topics.sensor_topic(name).type,
-                count=[] if data.count is None else data.count.tolist(),
-                offset=self._offsets[name] if shared else -1,
-            )
-            outgoing.append(Outgoing(name, frame, b"" if shared else values.tobytes()))
-        return outgoing
+            dtype, shape = values.dtype, values.shape
+            if name in self._offsets and self._end.transport != "bytes":
+                offset = self._offsets[name]
+            else:
+                payload = values.tobytes()
+        frame = structs.replace(
+            common,
+            type=name,
+            dtype=dtype.newbyteorder("<").str,
+            shape=list(shape),
+            encoding=topics.sensor_topic(name).type,
+            count=[] if data.count is None else data.count.tolist(),
+            offset=offset,
+            handle=handle,
+        )
+        return Outgoing(name, frame, payload)
+
+    def _handle(self, name: str, array: Any) -> bytes:
+        """The handle of an array that stays where it is."""
+        if name not in self._handles:
+            from twin.fabric.cuda import handle_of
+
+            self._handles[name] = handle_of(array)
+        return self._handles[name]
 
     def _episodes(self) -> list[Episode]:
         return [
