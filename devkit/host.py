@@ -20,6 +20,7 @@ from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import (
     PARENT_VARIABLE,
     bind_to_parent,
@@ -86,6 +87,7 @@ def serve(link: StackEnd, stack: Stack) -> None:
     """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
     # A stack that is none of ours may lack the attribute.
     link.takes_device_frames = bool(getattr(stack, "takes_device_frames", False))
+    settle()
     while True:
         incoming = link.receive(lambda: None)
         try:

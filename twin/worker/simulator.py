@@ -34,6 +34,7 @@ from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer, lay_out
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.pipe import (
@@ -132,6 +133,7 @@ class Simulator:
         order = self._orders.next(None)
         assert isinstance(order, Build)
         self._build(order.lease.case)
+        settle()
         while True:
             idle = not self._busy() and not self._waiting
             self._take_orders(block=idle)
@@ -344,17 +346,18 @@ class Simulator:
         for command in commands:
             if 0 <= command.slot < len(by_slot):
                 by_slot[command.slot] = command
+        ticks = self._engine.tick.tolist()
         for index, slot in enumerate(self._slots):
             if slot is None:
                 by_slot[index] = None
                 continue
-            command = by_slot[index]
-            if command is None:
+            given = by_slot[index]
+            if given is None:
                 raise InfrastructureError(f"stack: no command for case {slot.lease.case.id}")
-            if command.token != slot.lease.token or command.tick != self._engine.tick[index]:
+            if given.token != slot.lease.token or given.tick != ticks[index]:
                 raise InfrastructureError(
-                    f"stack: command of case {slot.lease.case.id} is for tick {command.tick}, "
-                    f"expected {self._engine.tick[index]}"
+                    f"stack: command of case {slot.lease.case.id} is for tick {given.tick}, "
+                    f"expected {ticks[index]}"
                 )
         return by_slot
 
