@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
@@ -49,9 +49,10 @@ from twin.worker.pipe import (
     Listening,
     Progress,
     Unpacker,
-    send,
+    Upstream,
 )
 from twin.worker.profile import LoopLog
+from twin.worker.results import Ended, ResultWriter
 from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
@@ -112,13 +113,14 @@ class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
     def __init__(
-        self, bus: Bus, rig: str, slots: int, device: str, out: BinaryIO, feed: Feed
+        self, bus: Bus, rig: str, slots: int, device: str, out: Upstream, feed: Feed
     ) -> None:
         self._bus = bus
         self._feed = feed
         self._rig = rig
         self._device = device
-        self._out = out
+        self._upward = out
+        self._results = ResultWriter(lambda result: self._upward.send(Done(result)))
         self._orders = Orders(0)
         self._slots: list[_Slot | None] = [None] * slots
         self._waiting: list[Lease] = []
@@ -167,7 +169,7 @@ class Simulator:
             self._log.transport = "inline"
         else:
             self._meet(slots, frames, best)
-        send(self._out, Built(self._log.transport))
+        self._upward.send(Built(self._log.transport))
 
     def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> None:
         """Wait for the stack, and agree on how frames travel."""
@@ -191,6 +193,7 @@ class Simulator:
                 # The recorder is still reading; the worker cuts the lifeline when it has it all.
                 self._orders.next(None)
             block = False
+        self._results.check()
         self._report()
 
     def _abandon(self, token: int) -> None:
@@ -250,23 +253,17 @@ class Simulator:
         watch.lap("view")
         ended = self._engine.step(commands)
         self._account(answer, time.monotonic() - started_s)
-        results = []
         for finished in ended:
             slot = self._slots[finished.slot]
             assert slot is not None
             self._feed.end(finished)
-            # Late: this module imports Parquet only after the engine is warm.
-            from twin.worker.attempt import write_attempt
-
-            result = write_attempt(slot.lease, finished, time.monotonic() - slot.started_s)
-            result = structs.replace(result, perception=slot.perception, rig_wall_s=slot.rig_wall_s)
             self._slots[finished.slot] = None
-            results.append(result)
+            self._results.put(
+                Ended(slot.lease, finished, slot.started_s, slot.perception, slot.rig_wall_s)
+            )
         watch.lap("results")
         self._log.end_tick(active, frames, self._engine.control_period_ns)
         self._log.write(now=not self._busy())
-        for result in results:
-            send(self._out, Done(result))
 
     def _account(self, answer: Commands, wall_s: float) -> None:
         """What the tick took: for the report, never for a KPI."""
@@ -372,12 +369,11 @@ class Simulator:
             return
         self._reported_s = now
         running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
-        send(
-            self._out,
+        self._upward.send(
             Progress(
                 tokens=[slot.lease.token for _, slot in running],
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
-            ),
+            )
         )
 
 
@@ -429,27 +425,27 @@ def run_simulator(
     bind_to_parent()
     leave_signals_to_the_parent()
     # Whatever prints by mistake must not end up between the messages.
-    out = os.fdopen(os.dup(1), "wb", buffering=0)
+    out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)
     bus = None
     try:
         bus = open_bus("peer", listen=[listen], namespace=namespace, key=key)
         feed = open_feed(rig, slots, view)
-        send(out, Listening(bus.endpoints[0], feed.endpoint))
+        out.send(Listening(bus.endpoints[0], feed.endpoint))
         Simulator(bus, rig, slots, device, out, feed).run()
     except TwinError as error:
-        send(out, Broken("crash", str(error)))
+        out.send(Broken("crash", str(error)))
         return error.exit_code
     except MemoryError as error:
-        send(out, Broken("out_of_memory", f"out of memory {error}".strip()))
+        out.send(Broken("out_of_memory", f"out of memory {error}".strip()))
         return 3
     except ValueError as error:
         # What the engine refuses: one line, for people.
-        send(out, Broken("crash", str(error)))
+        out.send(Broken("crash", str(error)))
         return 3
     except Exception as error:
         sys.excepthook(*sys.exc_info())
-        send(out, Broken("crash", f"{type(error).__name__}: {error}"))
+        out.send(Broken("crash", f"{type(error).__name__}: {error}"))
         return 3
     finally:
         if bus is not None:
