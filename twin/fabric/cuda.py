@@ -33,7 +33,8 @@ class SharedProbe:
         data = np.zeros(_PROBE_BYTES, np.uint8)
         data[: len(self.nonce)] = np.frombuffer(self.nonce.encode(), np.uint8)
         with warp.ScopedMempool(device, False):
-            self._array = warp.array(data, dtype=warp.uint8, device=device)
+            self._array = warp.zeros(_PROBE_BYTES, dtype=warp.uint8, device=device)
+        self._array.assign(data)
         warp.synchronize_device(device)
         self.handle = handle_of(self._array)
 
@@ -120,16 +121,26 @@ class DeviceFrame:
         return self._host
 
 
-def pin(host: NDArray[Any]) -> object | None:
+def pin(host: NDArray[Any], context: Any) -> object | None:
     """Pin the pages of an array, so that a GPU copies to it at full speed, until the answer is
-    freed; None: it cannot be done, and copies are slower."""
+    freed; None: it cannot be done, and copies are slower.
+
+    Args:
+        host: the array.
+        context: CUDA context of the GPU, as Warp's devices hold it.
+    """
     try:
         driver = ctypes.CDLL("libcuda.so.1")
     except OSError:
         return None
+    context = context if isinstance(context, ctypes.c_void_p) else ctypes.c_void_p(context)
+    if driver.cuCtxPushCurrent_v2(context) != 0:
+        return None
     address = ctypes.c_void_p(host.ctypes.data)
-    portable = 1
-    if driver.cuMemHostRegister_v2(address, ctypes.c_size_t(host.nbytes), portable) != 0:
+    size, portable = ctypes.c_size_t(host.nbytes), ctypes.c_uint(1)
+    refused = driver.cuMemHostRegister_v2(address, size, portable)
+    driver.cuCtxPopCurrent_v2(ctypes.byref(ctypes.c_void_p()))
+    if refused:
         return None
     pinned = _Pinned()
     # The array is kept alive by the callback: pages must not be freed while they are pinned.
@@ -147,4 +158,7 @@ def _unpin(driver: Any, address: ctypes.c_void_p, _host: NDArray[Any]) -> None:
 
 def _warp() -> Any:
     # By name: viewers, conductors and stacks on a CPU must start without it.
-    return importlib.import_module("warp")
+    warp = importlib.import_module("warp")
+    warp.config.quiet = True
+    warp.config.log_level = warp.LOG_ERROR
+    return warp

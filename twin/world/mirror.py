@@ -52,7 +52,7 @@ class Mirror:
         elif large:
             with wp.ScopedMempool(device, False):
                 self.device = wp.zeros(shape, dtype=dtype, device=device)
-            self._pages = cuda.pin(self.host)
+            self._pages = cuda.pin(self.host, device.context)
         else:
             self.device = wp.zeros(shape, dtype=dtype, device=device)
 
