@@ -30,7 +30,7 @@ PARTS = {
     "physics": ("physics",),
     "render": ("render",),
     "inference": ("inference",),
-    "transport": ("transport",),
+    "transport": ("transport", "frames"),
     "conductor": ("idle", "orders"),
     "host": ("sense", "step", "stack", "messages", "refill", "results", "view"),
 }
@@ -137,7 +137,7 @@ def measure(request: Request, slots: int) -> Row:
     ]
     watcher = _GpuWatcher(request.device)
     begun_s = time.monotonic()
-    environment = {**os.environ, FOLDER_VARIABLE: str(profiles)}
+    environment = {**os.environ, FOLDER_VARIABLE: str(profiles.absolute())}
     with watcher:
         done = subprocess.run(command, capture_output=True, text=True, env=environment)
     wall_s = time.monotonic() - begun_s

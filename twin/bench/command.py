@@ -196,9 +196,10 @@ def campaign(
     """A whole campaign by `conductor run`: cases per minute, and where the time goes.
 
     Shares are of the simulator's loop, from its first tick to its last: physics, render, inference,
-    transport (Zenoh and the other process's wake-up), conductor (no case to run, orders) and host
-    (Python of simulator and stack). Targets, with the last number of slots on a GPU: 10 ms of wall
-    time per simulated second of a case from command to report, real-time factor 100, GPU 85 %.
+    transport (frames to the host, Zenoh, the other process's wake-up), conductor (no case to run,
+    orders) and host (Python of simulator and stack). Targets, with the last number of slots on a
+    GPU: 10 ms of wall time per simulated second of a case from command to report, real-time factor
+    100, GPU 85 %.
     """
     from twin.bench.campaign_command import show
 

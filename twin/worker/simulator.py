@@ -225,6 +225,7 @@ class Simulator:
         sensed = self._engine.sense()
         frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
         sensors = [] if self._inline else self._outgoing(sensed)
+        watch.lap("frames")
         episodes = self._episodes()
         tick = Tick(
             v=SCHEMA_VERSION,
