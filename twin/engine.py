@@ -142,8 +142,8 @@ class Engine:
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = self._eyes.lidar_sites
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
-        needs_truth = self._suite.needs_truth or self._eyes.needs_truth
-        self._truth = VehicleTruth(slots, warp_device) if needs_truth else None
+        looked_at = self._suite.needs_truth or self._eyes.needs_truth
+        self._truth = VehicleTruth(slots, warp_device) if looked_at else None
         self.refill_every = math.lcm(self._eyes.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
@@ -151,8 +151,7 @@ class Engine:
         self._runs: list[_Run | None] = [None] * slots
         self._recorder = Recorder(slots)
         self._limits = judging.Limits.of(slots)
-        self._unmeasured = False
-        """Vehicles were placed since their state was measured last."""
+        self._unmeasured = False  # no vehicle was placed since the state was measured last
 
     @property
     def state(self) -> np.ndarray:
