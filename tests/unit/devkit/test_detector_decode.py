@@ -240,11 +240,12 @@ def test_suppression_in_blocks_is_that_of_one_box_after_the_other(monkeypatch, p
     rng = np.random.default_rng(5)
     for count in (0, 1, 2, 20):
         box = np.concatenate([rng.uniform(0, 20, (count, 2)), rng.uniform(0, 12, (count, 2))], 1)
+        corners = np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], 1)
         group = rng.integers(0, 2, count)
         kept: list[int] = []
         for index in range(count):
             if all(
-                group[other] != group[index] or overlap(box[other], box[index]) <= 0.3
+                group[other] != group[index] or overlap(corners[other], corners[index]) <= 0.3
                 for other in kept
             ):
                 kept.append(index)
