@@ -266,7 +266,7 @@ def _intervention(state: State, fact: Intervention) -> None:
 
 def touch_of(touch: Touch | Intervention) -> str:
     """What a hand did, in words."""
-    effect = f"{touch.changes} changes, no verdict" if touch.changes else "it keeps its verdict"
+    effect = f"no verdict, changes: {touch.changes}" if touch.changes else "it keeps its verdict"
     return f"{touch.what[:TOUCH_CHARS_MAX]} at tick {touch.tick}; {effect}"
 
 

@@ -16,6 +16,7 @@ from viewer.scenery import (
     GREY,
     ORANGE,
     RED,
+    VIOLET,
     Color,
     Logged,
     eyes,
@@ -37,6 +38,8 @@ class CaseConverter:
         self._aeb = False
         self._seen = False
         self._planner = ""
+        self.hand = ""
+        """What somebody has done to the case, as of the latest state."""
 
     def start(self) -> list[Logged]:
         """Static scene, intrinsics and styles; logged without a time.
@@ -99,7 +102,7 @@ class CaseConverter:
             logged.append((naming.TRUTH, _truth(sample.boxes)))
         if sample.movers:
             logged.append((naming.MOVERS, movers(sample.movers)))
-        return logged + self._planner_state(sample, braking)
+        return logged + self._hand(sample) + self._planner_state(sample, braking)
 
     def camera(self, jpeg: bytes, name: str = "camera") -> list[Logged]:
         """A picture of the camera whose messages are called ``name``, passed through untouched."""
@@ -118,6 +121,10 @@ class CaseConverter:
         """What the case came to, static."""
         return [(naming.SUMMARY, _document(ended_text(self._start, end, lost)))]
 
+    def touched(self) -> list[Logged]:
+        """What stands above the case after a hand has done something to it, static."""
+        return [(naming.SUMMARY, _document(running_text(self._start, self.hand)))]
+
     def _events(
         self, sample: StateSample, detections: list[Detection], braking: bool
     ) -> list[Logged]:
@@ -132,6 +139,14 @@ class CaseConverter:
             logged.append((naming.EVENTS, rr.TextLog(text, level="WARN", color=RED)))
         self._aeb = braking
         return logged
+
+    def _hand(self, sample: StateSample) -> list[Logged]:
+        """An event where somebody begins or ceases to do something to the case."""
+        if sample.hand == self.hand:
+            return []
+        self.hand = sample.hand
+        text = f"by hand: {sample.hand or 'nothing'}"
+        return [(naming.EVENTS, rr.TextLog(text, level="WARN", color=VIOLET))]
 
     def _planner_state(self, sample: StateSample, braking: bool) -> list[Logged]:
         """A coloured bar, logged where it changes."""
