@@ -118,8 +118,9 @@ class Autonomy(_Spec, frozen=True):
 
     stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
     """Entry point ``module:Class``."""
-    placement: Literal["worker", "node"] = "worker"
-    """``worker``: beside the simulator, frames in shared memory; ``node``: frames over TCP."""
+    placement: Literal["worker", "inline", "node"] = "worker"
+    """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
+    simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Delay between a frame and the effect of its command, in sim time [ms]."""
     parameters: dict[str, bool | int | float | str] = {}
@@ -217,7 +218,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     stack: str
-    placement: Literal["worker", "node"]
+    placement: Literal["worker", "inline", "node"]
     latency_ms: int
     parameters: dict[str, bool | int | float | str]
     model: str
@@ -311,6 +312,13 @@ def only(campaign: Campaign, case: str) -> Campaign | None:
         if found.id == case:
             return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=[point])
     return None
+
+
+def first(campaign: Campaign, count: int) -> Campaign:
+    """The campaign with its first ``count`` cases, which keep their ids."""
+    kept, _ = _points(campaign)
+    points = [point for _, point in kept[:count]]
+    return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=points)
 
 
 def _cross_checks(campaign: Campaign) -> list[Mistake]:

@@ -117,8 +117,9 @@ def _values(data: pa.Array, column: Column) -> Iterator[bytes]:
         for name in DETECTION_FIELDS:
             child = rows.field(name)
             if name == "label":
-                for text in child.to_pylist():
-                    yield _prefixed(text.encode())
+                texts = child.to_pylist()
+                prefixed = {text: _prefixed(text.encode()) for text in set(texts)}
+                yield b"".join([prefixed[text] for text in texts])
             else:
                 yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
         return

@@ -92,6 +92,7 @@ class RigProcess:
                 *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
             ],
+            environment=_threads() if lease.case.placement == "inline" else None,
             log=self._log,
             pipe_output=True,
         )
@@ -172,12 +173,14 @@ class RigProcess:
             *("--slots", str(self._options.slots), "--stack", self._lease.case.stack),
             *("--parameters", json.dumps(self._lease.case.parameters), *self._key),
         ]
+        if self._lease.case.placement == "inline":
+            return  # the simulator has it in its own process
         if self._lease.case.placement == "node":
             self._announce(arguments)
             return
         self._stack = spawn(
             [sys.executable, "-m", "devkit", "host", *arguments],
-            environment={name: os.environ.get(name, "1") for name in THREADS},
+            environment=_threads(),
             log=self._stack_log,
         )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
@@ -239,6 +242,10 @@ class RigProcess:
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
         self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))
+
+
+def _threads() -> dict[str, str]:
+    return {name: os.environ.get(name, "1") for name in THREADS}
 
 
 def _resident_bytes(pid: int) -> int:

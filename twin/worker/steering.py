@@ -33,7 +33,7 @@ from schemas.interventions import (
     Takeover,
     steers,
 )
-from schemas.messages import Command, Lease, Result, Touch
+from schemas.messages import Command, Lease, Touch
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Respond
 from twin.fabric.errors import TwinError
@@ -123,20 +123,14 @@ class Steering(Generic[_Slot]):
         if journal is not None:
             journal.close()
 
-    def finish(self, slot: int, result: Result, ticks: int) -> int:
-        """The attempt of ``slot`` came to its end; the number of changes that a hand has made."""
+    def finish(self, slot: int) -> tuple[int, SteeringJournal | None]:
+        """The attempt of ``slot`` came to its end: how many changes a hand has made, and their
+        journal, to be ended with the result."""
         hand = self._hands[slot]
         assert hand is not None
         journal = self._journals.pop(slot, None)
-        if journal is not None:
-            journal.end(result, ticks)
         self.end(slot)
-        return 0 if hand.replayed else hand.changes
-
-    def changes(self, slot: int) -> int:
-        """Of the case in ``slot``, so far."""
-        hand = self._hands[slot]
-        return 0 if hand is None or hand.replayed else hand.changes
+        return (0 if hand.replayed else hand.changes), journal
 
     def label(self, slot: int) -> str:
         """What views say of the case in ``slot``."""

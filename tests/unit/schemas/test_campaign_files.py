@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from conductor.source import check, load, shipped
+from devkit.darknet.variant import ARCHITECTURES
 from schemas.campaign import WEATHERS, expand, only, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
 from schemas.view_mode import View, ViewMode
@@ -154,11 +155,11 @@ def test_shipped_campaigns_are_the_papers():
     campaign = load("aeb-256")
     cases = expand(campaign)
     assert len(cases) == len({c.id for c in cases}) == 256
-    assert {c.model for c in cases} == {"yolov2", "yolov2-tiny", "yolov3", "yolov3-tiny"}
+    assert {c.model for c in cases} == {f"{name}-w25" for name in ARCHITECTURES}
     assert {c.weather for c in cases} == set(WEATHERS)
     assert sorted({c.time_of_day_min for c in cases}) == [60 * h for h in range(5, 20, 2)]
     assert sorted({c.batch for c in cases}) == list(range(1, 9))
-    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2"}
+    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2-w25"}
     assert campaign.scenario.ego_start_m == 148
     assert campaign.control_hz == campaign.camera.hz == 20
     demo = expand(load("aeb-demo"))
