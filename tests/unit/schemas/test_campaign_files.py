@@ -243,3 +243,23 @@ def test_what_is_shown_is_no_part_of_a_case_but_of_its_rig():
     assert mistakes[0].path == "view"
     assert "record+live" in mistakes[0].message
     assert get_args(View) == tuple(mode.value for mode in ViewMode)
+
+
+def test_what_is_kept_of_recordings_is_no_part_of_a_case_but_of_its_rig():
+    data = {"schema": 1, "campaign": "c", "matrix": {"weather": ["clear"]}}
+    seen = []
+    for keep in ("all", "failed"):
+        campaign, mistakes = parse_campaign({**data, "recording": {"keep": keep}})
+        assert not mistakes
+        [case] = expand(campaign)
+        assert case.keep == keep
+        seen.append((campaign_digest(campaign, [case]), rig_key(case)))
+    assert seen[0][0] == seen[1][0]
+    assert seen[0][1] != seen[1][1]
+    _, mistakes = parse_campaign({**data, "recording": {"keep": "some"}})
+    assert mistakes[0].path == "recording.keep"
+    assert "failed" in mistakes[0].message
+
+
+def test_views_without_a_recorder():
+    assert [mode.unrecorded for mode in ViewMode] == ["none", "live", "none", "live"]

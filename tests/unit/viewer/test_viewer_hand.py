@@ -32,12 +32,14 @@ def test_the_wall_shows_it_until_the_case_has_ended():
 def test_the_case_text_and_its_events_tell_it_once():
     converter, said = CaseConverter(start()), []
     for tick, hand in enumerate(["", "paused", "paused", "steered", ""]):
-        logged = converter.state(state(tick, tick=tick, hand=hand))
-        said += [_text(a) for path, a in logged if path == naming.EVENTS and "hand" in _text(a)]
+        rows = converter.states([state(tick, tick=tick, hand=hand)])
+        events = [row for row in rows if row.path == naming.EVENTS]
+        texts = [str(column.as_arrow_array().to_pylist()) for e in events for column in e.columns]
+        said += [text for text in texts if "by hand" in text]
         ((path, document),) = converter.touched()
         assert path == naming.SUMMARY
         assert _text(document).startswith(f"**RUNNING{', ' * bool(hand)}{hand.upper()}**")
-    assert said == ["by hand: paused", "by hand: steered", "by hand: nothing"]
+    assert said == [f"[['by hand: {hand}']]" for hand in ("paused", "steered", "nothing")]
 
 
 def test_the_conductors_events_tell_it():
