@@ -48,7 +48,7 @@ class LoopProfile(Struct, frozen=True):
     full_s: float
     """When more than half of the slots had a case for the last time [s]."""
     seconds: dict[str, float]
-    """Where the loop's time went, by name [s]; sums to that since the first tick."""
+    """Where the loop's time went, by name [s]; sums to that from the first tick to the last."""
     round_trip_p50_ms: float
     round_trip_p99_ms: float
 
@@ -68,6 +68,8 @@ class LoopLog:
         self._ticks = self._frames = 0
         self._sim_ns = self._period_ns = 0
         self._round_trips = array("d")
+        self._counted: dict[str, float] = {}
+        """Laps up to the last tick: what comes after it is no part of the loop."""
 
     def begin_tick(self) -> None:
         """A tick begins; what passed before the first is not part of the loop."""
@@ -86,6 +88,7 @@ class LoopLog:
     def end_tick(self, active: int, frames: int, period_ns: int) -> None:
         """A tick of ``active`` slots has ended, ``frames`` pictures were rendered in it."""
         self._last_s = time.monotonic()
+        self._counted = dict(self.watch.seconds)
         self._ticks += 1
         self._frames += frames
         self._sim_ns += active * period_ns
@@ -117,7 +120,7 @@ class LoopLog:
             first_tick_s=self._first_s,
             last_tick_s=self._last_s,
             full_s=self._full_s,
-            seconds=dict(self.watch.seconds),
+            seconds=self._counted,
             round_trip_p50_ms=float(np.percentile(trips_ms, 50)),
             round_trip_p99_ms=float(np.percentile(trips_ms, 99)),
         )
