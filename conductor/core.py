@@ -20,6 +20,7 @@ from conductor.facts import (
     EpochRaised,
     Fact,
     Granted,
+    Intervention,
     Leased,
     Pinned,
     Replied,
@@ -27,6 +28,7 @@ from conductor.facts import (
     WorkerJoined,
     WorkerLeft,
 )
+from conductor.fold import touch_of
 from conductor.grant import choose, mismatches
 from conductor.lease import lost, own, seen, token_of
 from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects, expire
@@ -304,6 +306,19 @@ def _beat(turn: Turn, request: Beat) -> Reply:
             return turn.reply(error=f"held: {text[:40]!r} is not a token (a decimal number)")
     held = {int(token): progress for token, progress in request.held.items()}
     turn.emit(seen(turn.state, request.worker, held, turn.now_ns, held))
+    for lease in own(turn.state, request.worker, held):
+        touch = request.touched.get(str(lease.token))
+        if touch is not None and lease.touched != touch_of(touch):
+            turn.emit(
+                Intervention(
+                    campaign=lease.key[0],
+                    case=lease.key[1],
+                    token=lease.token,
+                    tick=touch.tick,
+                    what=touch.what,
+                    changes=touch.changes,
+                )
+            )
     return turn.reply(worker, lost=lost(turn.state, request.worker, held))
 
 

@@ -47,6 +47,8 @@ def _running(state: State, case: CaseState, now_ns: int) -> Iterator[str]:
             f"attempt {lease.attempt}, at tick {lease.progress}; the worker was heard "
             f"{silent_s:.0f} s ago and has until {(lease.expiry_ns - now_ns) / 1e9:.0f} s from now"
         )
+        if lease.touched:
+            yield f"steered by hand: {lease.touched}"
     if case.paused:
         yield "paused: if this attempt ends without a result, no other follows"
 
@@ -124,6 +126,8 @@ def _past(case: CaseState) -> Iterator[str]:
         yield f"charge {number}: {charge}"
     for loss in case.losses:
         yield f"worker {loss.worker} died with it while all others lived: {loss.detail}"
+    for steered in case.steered:
+        yield f"no verdict of {steered}"
     for late in case.late:
         yield f"a late result '{late.result.verdict}' of worker {late.worker} is kept as evidence"
 

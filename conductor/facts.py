@@ -130,6 +130,20 @@ class AttemptEnded(_Fact, frozen=True):
     """Its worker died while all others lived: the case may be why."""
 
 
+class Intervention(_Fact, frozen=True):
+    """A hand has done something to a running attempt."""
+
+    campaign: str
+    case: str
+    token: int
+    tick: int
+    """Control tick of the case at which it was applied."""
+    what: str
+    """In a few words."""
+    changes: int
+    """So far; if any, the attempt gives the case no verdict."""
+
+
 class Charge(Struct, frozen=True):
     """Evidence against a case: one attempt that ended badly."""
 
@@ -140,6 +154,16 @@ class Charge(Struct, frozen=True):
     def __str__(self) -> str:
         text = f"{self.reason}: {self.detail}" if self.detail else self.reason
         return f"{text} (worker {self.worker})"
+
+
+class SteeredAttempt(Struct, frozen=True):
+    """An attempt that gave no verdict, because a hand has steered it."""
+
+    attempt: int
+    detail: str
+
+    def __str__(self) -> str:
+        return f"attempt {self.attempt}: {self.detail}"
 
 
 class CaseEnded(_Fact, frozen=True):
@@ -247,6 +271,7 @@ Durable = (
     | Leased
     | Committed
     | AttemptEnded
+    | Intervention
     | CaseEnded
     | Paused
     | Retried

@@ -20,6 +20,7 @@ from conductor.facts import (
     Draining,
     EpochRaised,
     Fact,
+    Intervention,
     LateAttempt,
     Leased,
     Paused,
@@ -29,6 +30,7 @@ from conductor.facts import (
     Seen,
     Shortened,
     Snapshot,
+    SteeredAttempt,
     Submitted,
     WorkerDraining,
     WorkerJoined,
@@ -48,7 +50,10 @@ from conductor.state import (
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
-from schemas.messages import Result
+from schemas.messages import Result, Touch
+
+TOUCH_CHARS_MAX = 300
+"""Longest words of a hand that are kept [characters]."""
 
 
 def fold(facts: Iterable[Fact], config: Config | None = None) -> State:
@@ -239,6 +244,9 @@ def _attempt_ended(state: State, fact: AttemptEnded) -> None:
         host, key = _host(state, fact.token), (fact.campaign, fact.case)
         known = state.deaths.get(host, ())
         state.deaths[host] = known if key in known else (*known, key)
+    if fact.reason == "intervened":
+        number = state.leases[fact.token].attempt
+        case.steered += (SteeredAttempt(number, fact.detail),)
     _drop(state, campaign, case, fact.token)
     if fact.charged:
         case.charges += (charge,)
@@ -249,6 +257,17 @@ def _attempt_ended(state: State, fact: AttemptEnded) -> None:
     case.group = ALONE if fact.alone else fact.group
     state.groups = max(state.groups, fact.group)
     _wait(campaign, case)
+
+
+def _intervention(state: State, fact: Intervention) -> None:
+    _expect(fact.token in state.leases, fact)
+    state.leases[fact.token].touched = touch_of(fact)
+
+
+def touch_of(touch: Touch | Intervention) -> str:
+    """What a hand did, in words."""
+    effect = f"no verdict, changes: {touch.changes}" if touch.changes else "it keeps its verdict"
+    return f"{touch.what[:TOUCH_CHARS_MAX]} at tick {touch.tick}; {effect}"
 
 
 def _case_ended(state: State, fact: CaseEnded) -> None:
@@ -358,6 +377,7 @@ _FOLDS: dict[type[Any], Callable[[State, Any], None]] = {
     Leased: _leased,
     Committed: _committed,
     AttemptEnded: _attempt_ended,
+    Intervention: _intervention,
     CaseEnded: _case_ended,
     Paused: _paused,
     Retried: _retried,

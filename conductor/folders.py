@@ -131,6 +131,7 @@ class Folders:
             if len(case.issued) < 2 or not isinstance(end := case.end, Committed):
                 continue
             named = {end.result.attempt_dir, *(late.result.attempt_dir for late in case.late)}
+            named |= {f"cases/{name}/attempt-{steered.attempt}" for steered in case.steered}
             for attempt in (Path(campaign.out) / "cases" / name).glob("attempt-*"):
                 if f"cases/{name}/{attempt.name}" not in named:
                     shutil.rmtree(attempt, ignore_errors=True)

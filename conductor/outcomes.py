@@ -60,6 +60,8 @@ class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
     rig_wall_s: float = 0.0
     """Wall time of the rig, each tick divided evenly among its cases [s]."""
     late: list[Late] = []
+    steered: list[str] = []
+    """Attempts without a verdict, because a hand has steered them."""
 
 
 class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
@@ -156,7 +158,10 @@ def read_outcomes(folder: Path) -> Outcomes:
 def _case(case: CaseState) -> CaseOutcome:
     end = case.end
     common = CaseOutcome(
-        outcome="", attempts=len(case.issued), charges=[str(charge) for charge in case.charges]
+        outcome="",
+        attempts=len(case.issued),
+        charges=[str(charge) for charge in case.charges],
+        steered=[str(each) for each in case.steered],
     )
     if end is None:
         return common

@@ -13,7 +13,15 @@ import msgspec
 from msgspec import Struct
 
 from conductor.backlog import Backlog
-from conductor.facts import Charge, Image, LateAttempt, Snapshot, Submitted, WorkerJoined
+from conductor.facts import (
+    Charge,
+    Image,
+    LateAttempt,
+    Snapshot,
+    SteeredAttempt,
+    Submitted,
+    WorkerJoined,
+)
 from conductor.state import IMAGE_CASES, CampaignState, CaseState, LiveLease, State, WorkerState
 
 
@@ -55,6 +63,7 @@ class _LeaseHead(Struct, frozen=True, array_like=True):
     attempt: int
     group: int
     speculative: bool
+    touched: str = ""
 
 
 class _CaseRow(Struct, frozen=True, array_like=True):
@@ -68,6 +77,7 @@ class _CaseRow(Struct, frozen=True, array_like=True):
     lost: tuple[str, ...]
     sealed: bytes
     late: tuple[LateAttempt, ...]
+    steered: tuple[SteeredAttempt, ...] = ()
 
 
 class _Cases(Struct, frozen=True):
@@ -127,7 +137,7 @@ def _head(state: State) -> _Head:
         ],
         departed=sorted(state.departed),
         leases=[
-            _LeaseHead(x.token, *x.key, x.worker, x.attempt, x.group, x.speculative)
+            _LeaseHead(x.token, *x.key, x.worker, x.attempt, x.group, x.speculative, x.touched)
             for x in state.leases.values()
         ],
         deaths=state.deaths,
@@ -163,6 +173,7 @@ def _row(case: CaseState) -> _CaseRow:
         case.lost,
         case.sealed,
         case.late,
+        case.steered,
     )
 
 
@@ -173,7 +184,7 @@ def _restore_cases(state: State, image: _Cases) -> None:
         case.group, case.paused = row.group, row.paused
         case.issued, case.live = row.issued, row.live
         case.charges, case.losses, case.lost = row.charges, row.losses, row.lost
-        case.sealed, case.late = row.sealed, row.late
+        case.sealed, case.late, case.steered = row.sealed, row.late, row.steered
 
 
 def _restore_head(state: State, head: _Head) -> None:
@@ -192,7 +203,7 @@ def _restore_head(state: State, head: _Head) -> None:
     }
     state.leases = {
         x.token: LiveLease(
-            x.token, (x.campaign, x.case), x.worker, x.attempt, x.group, x.speculative
+            x.token, (x.campaign, x.case), x.worker, x.attempt, x.group, x.speculative, x.touched
         )
         for x in head.leases
     }

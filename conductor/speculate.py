@@ -31,7 +31,8 @@ def straggler(state: State, request: Next, worker: WorkerState, now_ns: int) -> 
         campaign = state.campaigns[lease.key[0]]
         case = campaign.cases[lease.key[1]]
         if (
-            len(case.live) == 1
+            not lease.touched  # somebody is looking at it
+            and len(case.live) == 1
             and case.group == SHARED
             and not (case.charges or case.losses or case.paused)
             and may_race(state, campaign, request, worker)

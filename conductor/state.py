@@ -21,6 +21,7 @@ from conductor.facts import (
     Committed,
     LateAttempt,
     Replied,
+    SteeredAttempt,
     Submitted,
     WorkerJoined,
 )
@@ -95,6 +96,8 @@ class LiveLease:
     group: int
     """As the case was leased."""
     speculative: bool = False
+    touched: str = ""
+    """What a hand last did to it, and when; empty: nothing."""
     granted_ns: int = _volatile(0)
     """When it was granted, or when this process learned of it [ns]."""
     expiry_ns: int = _volatile(0)
@@ -135,6 +138,7 @@ class CaseState:
     sealed: bytes = b""
     """The fact that ended it, packed: unpacked they are most of the conductor's memory."""
     late: tuple[LateAttempt, ...] = ()
+    steered: tuple[SteeredAttempt, ...] = ()
 
     @property
     def alone(self) -> bool:

@@ -308,8 +308,20 @@ class Ready(Struct, frozen=True):
 Outcome = Literal["verdict", "failed", "unresolved", "cancelled"]
 """Terminal outcomes of a case; exactly one each."""
 
-Release = Literal["released", "walltime", "crash", "deadline", "out_of_memory", "suspect", "lost"]
-"""Why an attempt ended without a result."""
+Release = Literal[
+    "released", "walltime", "crash", "deadline", "out_of_memory", "suspect", "lost", "intervened"
+]
+"""Why an attempt ended without a result; ``intervened``: a hand has steered it."""
+
+
+class Touch(Struct, frozen=True):
+    """What a hand last did to an attempt."""
+
+    tick: int
+    what: str
+    """In a few words."""
+    changes: int
+    """Actions so far that cost the case its verdict; 0: it keeps it."""
 
 
 class Result(Struct, frozen=True):
@@ -413,6 +425,8 @@ class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
     worker: str
     held: dict[str, int]
     """Token (decimal) -> progress (case ticks)."""
+    touched: dict[str, Touch] = {}
+    """Token (decimal) -> what a hand has done to it since the last beat that was answered."""
 
 
 class Bye(Struct, frozen=True, tag_field="verb", tag="bye"):

@@ -15,8 +15,8 @@ class Topic:
     key: str
     payload: Payload
     type: str
-    """Name of the Struct or array layout in :mod:`schemas.messages`,
-    :mod:`schemas.view` or :mod:`schemas.delivery`."""
+    """Name of the Struct or array layout in :mod:`schemas.messages`, :mod:`schemas.view`,
+    :mod:`schemas.delivery` or :mod:`schemas.interventions`."""
     block: bool
     """BLOCK on congestion (one known peer); otherwise DROP."""
     recorded: bool
@@ -42,6 +42,7 @@ EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True, False)
 TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True, False)
 COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True, True)
 READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True, False)
+CONTROL = Topic("drive/{rig}/control", "msgpack", "ControlRequest -> ControlReply", True, False)
 SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False, False)
 
 RPC = Topic("conductor/rpc", "msgpack", "Request -> Reply", True, False)
@@ -67,6 +68,9 @@ VIEW_LIVE_CAMERA = Topic(
 VIEW_LIVE_LIDAR = Topic(
     "view/{campaign}/{case}/live/{sensor}", "array", "PointsSample [N,4] int16", False, False
 )
+VIEW_CONTROL = Topic(
+    "view/{campaign}/{case}/control", "msgpack", "ControlRequest -> ControlReply", True, False
+)
 FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True, False)
 FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True, False)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
@@ -89,6 +93,7 @@ TOPICS: tuple[Topic, ...] = (
     TICK,
     COMMAND,
     READY,
+    CONTROL,
     SIMULATOR_ALIVE,
     RPC,
     FILES,
@@ -105,6 +110,7 @@ TOPICS: tuple[Topic, ...] = (
     VIEW_LIVE_END,
     VIEW_LIVE_CAMERA,
     VIEW_LIVE_LIDAR,
+    VIEW_CONTROL,
     FEED_SCENE,
     FEED_END,
     RECORDER_ALIVE,

@@ -128,6 +128,8 @@ class StateSample(Struct, frozen=True):
     movers: list[list[float]] = []
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
     width, height [m]; live only."""
+    hand: str = ""
+    """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 
 
 class CameraSample(Struct, frozen=True):
@@ -210,6 +212,8 @@ class Thumbnail(Struct, frozen=True):
     """Empty: the case is running."""
     verdict: str = ""
     passed: bool = False
+    hand: str = ""
+    """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 
 
 class FeedEnd(Struct, frozen=True):

@@ -125,6 +125,25 @@ def worker(
     raise typer.Exit(Worker(options).serve())
 
 
+@app.command()
+def reenact(
+    attempt: Annotated[
+        Path, typer.Argument(help="Folder of an attempt that was steered, with its journal.")
+    ],
+    device: Device = "cpu",
+    slots: Annotated[
+        int | None, typer.Option(min=1, max=4096, help="Slots of the rig; default: as it had.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep the new attempt's files below this folder.")
+    ] = None,
+) -> None:
+    """Run a steered attempt again from its journal; exits 1 if its KPIs differ."""
+    from twin.worker.reenact import reenact
+
+    raise typer.Exit(reenact(attempt, device, slots, out))
+
+
 @app.command(hidden=True)
 def sim(
     rig: str = typer.Option(...),

@@ -28,12 +28,14 @@ from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
 from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
+from twin.steerable import Steerable
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.environment import CaseEnvironment
+from twin.world.hand_motion import HandMotion
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.motion import Placement
 from twin.world.scene import load_scene
@@ -74,7 +76,7 @@ class _Run:
     """Of a case of lane keeping."""
 
 
-class Engine:
+class Engine(Steerable):
     """Simulates up to ``slots`` cases of one rig at a time.
 
     Call :meth:`reset` for every new case, then alternate :meth:`sense` and :meth:`step`. Nothing of
@@ -101,6 +103,7 @@ class Engine:
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
         """
+        super().__init__()
         prepare_kernels()
         try:
             warp_device = wp.get_device(device)
@@ -121,6 +124,7 @@ class Engine:
         self._world = build_world(scene)
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
+        self._motion = HandMotion(self._world.motion, self._world.kinds)
         self._origin = scene.origin
         self._street = scene.street
         self._winds = Winds(slots, self.control_period_ns / 1e9)
@@ -238,6 +242,8 @@ class Engine:
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
         self._runs[slot] = None
+        self._held.pop(slot, None)
+        self._motion.clear(slot)
         self.active[slot] = False
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
@@ -285,7 +291,7 @@ class Engine:
 
     def _place_objects(self) -> None:
         """Scripted objects as they are at the current ticks, for eyes and for contacts."""
-        placement = self._placement = self._world.motion.at(self.sim_time_ns / 1e9)
+        placement = self._placement = self._motion.at(self.sim_time_ns / 1e9)
         if not placement.kind.size:
             return
         there = placement.kind >= 0

@@ -17,12 +17,16 @@ import typer
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.errors import UsageError
 from twin.fabric.process import PARENT_VARIABLE
+from viewer.steer_commands import register as register_steering
 
 app = make_app(
     "viewer",
     "Records and shows cases. `conductor run NAME --view record` writes the recordings that "
     "`viewer replay` and `viewer shot` open; `viewer live` shows cases as they run.",
 )
+
+
+register_steering(app)
 
 
 @app.command(hidden=True)
@@ -298,6 +302,7 @@ def web(
     from viewer.browser.serve import WebOptions, run_web
     from viewer.catalogue import read_catalogue
     from viewer.folder import find_moment, find_recording
+    from viewer.live import LiveOptions
 
     if sum((bool(connect), run_folder is not None, folder is not None)) != 1:
         raise UsageError(
@@ -311,7 +316,9 @@ def web(
         live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
         live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
         live_options += [f"--case={name}" for name in focus or ()]
-        raise typer.Exit(run_web(WebOptions(port, live=tuple(live_options), json=as_json)))
+        where = LiveOptions(connect=connect, run=run_folder, namespace=namespace, key=key)
+        options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
+        raise typer.Exit(run_web(options))
     moment = None
     if case:
         found = find_recording(folder, case)

@@ -24,6 +24,7 @@ from viewer.scenery import (
     GREY,
     ORANGE,
     RED,
+    VIOLET,
     Color,
     Logged,
     eyes,
@@ -45,6 +46,8 @@ class CaseConverter:
         self._aeb = False
         self._seen = False
         self._planner = ""
+        self.hand = ""
+        """What somebody has done to the case, as of the latest state."""
         self._tick = 0
         """The latest."""
 
@@ -136,6 +139,10 @@ class CaseConverter:
         """What the case came to, static."""
         return [(naming.SUMMARY, _document(ended_text(self._start, end, lost)))]
 
+    def touched(self) -> list[Logged]:
+        """What stands above the case after a hand has done something to it, static."""
+        return [(naming.SUMMARY, _document(running_text(self._start, self.hand)))]
+
     def _changes(self, sample: StateSample) -> list[Rows]:
         """Events, and a coloured bar of the planner's state where it changes."""
         controls = sample.controls
@@ -152,6 +159,9 @@ class CaseConverter:
                 text = f"AEB triggered at {sample.dtc_m:.1f} m, {sample.speed_mps:.1f} m/s"
                 rows.append(_event(*at, text, "WARN", RED))
             self._aeb = braking
+        if sample.hand != self.hand:
+            self.hand = sample.hand
+            rows.append(_event(*at, f"by hand: {sample.hand or 'nothing'}", "WARN", VIOLET))
         state = "collision" if sample.collisions else "AEB" if braking else "driving"
         if state != self._planner:
             self._planner = state

@@ -79,6 +79,8 @@ class Focus:
         self._converter: CaseConverter | None = None
         self._standing = False
         """The world is logged."""
+        self._hand = ""
+        """What the case's text says that somebody does to it."""
 
     def take(self, sample: Sample) -> None:
         """One message of the case.
@@ -94,6 +96,7 @@ class Focus:
             case "state":
                 state: StateSample = decode(sample.payload, StateSample)
                 self._send(state.token, lambda c: c.states([state]))
+                self._touched()
             case "camera":
                 picture: CameraSample = decode(
                     sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
@@ -139,11 +142,17 @@ class Focus:
             return  # once more, for those who came later
         self.close()
         self.starts += 1
-        self._start, self._converter = start, CaseConverter(start)
+        self._start, self._converter, self._hand = start, CaseConverter(start), ""
         self._stream = self._open_stream(start)
         self._standing = False
         self._put(self._converter.start())
         self.stand()
+
+    def _touched(self) -> None:
+        """The case's text says what somebody does to it."""
+        if self._converter is not None and self._hand != self._converter.hand:
+            self._hand = self._converter.hand
+            self._put(self._converter.touched())
 
     def _end(self, end: CaseEnd) -> None:
         self._send(end.token, lambda c: c.end(end))

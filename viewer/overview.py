@@ -12,7 +12,7 @@ import rerun as rr
 
 from schemas.view import Thumbnail
 from viewer import mosaic, naming
-from viewer.scenery import BLUE, Color, Logged, verdict_color
+from viewer.scenery import BLUE, VIOLET, Color, Logged, verdict_color
 
 TILES_MAX = mosaic.COLUMNS_MAX**2
 """Cases on the wall, at most; ended ones make room first."""
@@ -141,7 +141,7 @@ class Overview:
         wall = [
             mosaic.Tile(
                 tile.picture,
-                tile.thumbnail.case,
+                _label(tile.thumbnail),
                 _color(tile.thumbnail),
                 ended=bool(tile.thumbnail.outcome),
             )
@@ -152,7 +152,7 @@ class Overview:
             array=mosaic.Grid(len(tiles)).boxes_px(),
             array_format=rr.Box2DFormat.XYWH,
             colors=[_color(tile.thumbnail) for tile in tiles],
-            labels=[tile.thumbnail.case for tile in tiles],
+            labels=[_label(tile.thumbnail) for tile in tiles],
             radii=rr.Radius.ui_points(2.0),
             show_labels=False,
         )
@@ -184,12 +184,19 @@ def _ended(thumbnail: Thumbnail, end: End) -> Thumbnail:
 
 
 def _row(t: Thumbnail) -> str:
-    state = t.verdict or t.outcome or ("AEB" if t.aeb else "running")
+    state = t.verdict or t.outcome or t.hand or ("AEB" if t.aeb else "running")
     return (
         f"| {t.case} | {state.replace('_', ' ')} | {t.sim_time_ns / 1e9:.1f} "
         f"| {t.speed_mps:.1f} | {t.dtc_m:.1f} |"
     )
 
 
+def _label(t: Thumbnail) -> str:
+    """Below a tile; what somebody does to the case comes first, so that it is never cut."""
+    return f"[{t.hand}] {t.case}" if t.hand and not t.outcome else t.case
+
+
 def _color(t: Thumbnail) -> Color:
-    return verdict_color(t.verdict) if t.outcome else BLUE
+    if t.outcome:
+        return verdict_color(t.verdict)
+    return VIOLET if t.hand else BLUE

@@ -9,7 +9,7 @@ from typing import Any
 import rerun as rr
 
 from viewer import naming
-from viewer.scenery import BLUE, GREEN, GREY, ORANGE, RED, Color, Logged, verdict_color
+from viewer.scenery import BLUE, GREEN, GREY, ORANGE, RED, VIOLET, Color, Logged, verdict_color
 
 WINDOW_S = 60.0
 """Throughput is counted over this long [s]."""
@@ -29,6 +29,7 @@ _COLORS: dict[str, Color] = {
     "attempt_ended": ORANGE,
     "case_ended": RED,
     "late_attempt": GREY,
+    "intervention": VIOLET,
 }
 
 
@@ -133,6 +134,8 @@ def _sentence(fact: Mapping[str, Any]) -> str:
             return f"{case} attempt ended without a result: {detail}"
         case "case_ended":
             return f"{case} {fact['outcome']}: {fact['reason']}"
+        case "intervention":
+            return f"{case} by hand: {fact['what']}, at tick {fact['tick']}"
         case "paused":
             what = case if fact["case"] else fact["campaign"]
             return f"{what} {'paused' if fact['paused'] else 'goes on'}"

@@ -26,6 +26,7 @@ GREEN: Color = (52, 199, 123)
 RED: Color = (240, 84, 84)
 ORANGE: Color = (245, 166, 35)
 CYAN: Color = (90, 200, 220)
+VIOLET: Color = (178, 120, 255)
 GREY: Color = (120, 126, 138)
 
 VERDICT_COLORS: dict[str, Color] = {

@@ -19,9 +19,11 @@ _LANE_SCALARS = {
 }
 
 
-def running_text(start: CaseStart) -> str:
-    """While the case runs, and for ever if its recorder is killed."""
-    return f"**RUNNING**\n\n{_what(start)}\n"
+def running_text(start: CaseStart, hand: str = "") -> str:
+    """While the case runs, and for ever if its recorder is killed; ``hand``: what somebody has done
+    to it."""
+    state = f"RUNNING, {hand.upper()}" if hand else "RUNNING"
+    return f"**{state}**\n\n{_what(start)}\n"
 
 
 def ended_text(start: CaseStart, end: CaseEnd | None, lost: int) -> str:

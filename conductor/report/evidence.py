@@ -26,6 +26,8 @@ class Evidence:
     audits: int
     """Results that came a second time, with a dead token, and could be compared."""
     disagreements: int
+    steered: list[str]
+    """Attempts without a verdict, because a hand has steered them, one line each."""
 
 
 def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -> Evidence:
@@ -54,7 +56,9 @@ def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -
             "the campaign asks for one device class, its results come from "
             + ", ".join(dossier.outcomes.device_classes)
         )
-    return Evidence(found, "" if found else _missing(dossier), alarms, audits, disagreements)
+    steered = [f"{row.case.id}, {each}" for row in dossier.rows for each in row.end.steered]
+    missing = "" if found else _missing(dossier)
+    return Evidence(found, missing, alarms, audits, disagreements, steered)
 
 
 def versions() -> dict[str, str]:

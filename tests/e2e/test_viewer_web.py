@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import signal
 import socket
 import threading
 import time
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
 from processes import Marked, nothing_left, wait_for
 from test_conductor_restart import serve
+from test_steering import caught
 from unit.viewer.recorded_case import write
 from unit.viewer.view_messages import thumbnail
 
@@ -131,6 +134,11 @@ def green(picture):
     return float(((middle > blue + 40) & (middle > red + 40)).mean())
 
 
+def violet(picture):
+    """Share of a picture's pixels in the colour of hands, times fifty: frames are thin."""
+    return 50 * float((np.abs(picture.astype(int) - (255, 120, 178)).max(axis=2) <= 24).mean())
+
+
 def shows(page, share, path):
     def look():
         picture = picture_of(page, path)
@@ -242,6 +250,106 @@ def test_running_cases_and_who_comes_late(marked, open_page, tmp_path):
         for process in (child, conductor):
             process.send_signal(signal.SIGINT)
             process.wait(20)
+
+
+PANEL = """
+campaign: panel
+seed: 3
+control_hz: 20
+scenario: {ego_start_m: 150, ego_speed_mps: 2, duration_s: 120, standstill_s: 60}
+camera: {width: 160, height: 90, hz: 20}
+autonomy: {parameters: {cruise_speed_mps: 2.0}}
+matrix: {weather: [clear]}
+"""
+
+
+def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
+    (tmp_path / "panel.yaml").write_text(PANEL)
+    conductor = serve(marked, tmp_path / "state")
+    state = ("--state", str(tmp_path / "state"))
+    submitted = marked.run("conductor", "submit", str(tmp_path / "panel.yaml"), *state)
+    assert submitted.returncode == 0, submitted.stderr
+    worker = marked.start("twin", "worker", *state)
+    case = caught(tmp_path / "state")
+    child, said = web(marked, "--connect", find_conductor(tmp_path / "state").endpoint)
+    try:
+        page = open_page(said["url"])
+        hand, tick = page.locator("#hand"), case.look().tick
+        expect(hand).to_contain_text(f"paused: tick {tick},", timeout=PATIENCE_MS)
+        assert "steer=" not in page.url, "the token stays out of addresses that are copied"
+        page.click("#step")
+        expect(hand).to_contain_text(f"tick {tick + 1},", timeout=PATIENCE_MS)
+        page.select_option("#weather", "heavy_fog")
+        page.fill("#hour", "12.5")
+        page.click("#set")
+        expect(hand).to_contain_text("heavy fog, no verdict", timeout=PATIENCE_MS)
+        assert case.look().time_of_day_min == 12.5 * 60
+        page.fill("#hour", "25")
+        page.click("#set")
+        expect(hand).to_contain_text("hour: given 25", timeout=PATIENCE_MS)
+        _driven(page, case)
+        picture_of(page, tmp_path / "panel.png")
+        shows(page, violet, tmp_path / "wall.png")
+        page.click("#pause")
+        expect(hand).to_contain_text("paused", timeout=PATIENCE_MS)
+        assert case.look().paused
+        _foreign(said["url"], case)
+    finally:
+        case.close()
+        for process in (child, worker, conductor):
+            process.send_signal(signal.SIGINT)
+            process.wait(20)
+
+
+def _driven(page, case):
+    """Keys that are held down are pedals."""
+    page.click("#resume")
+    page.click("#take")
+    expect(page.locator("#hand")).to_contain_text("by hand", timeout=PATIENCE_MS)
+    page.keyboard.down("w")
+    page.keyboard.down("ArrowLeft")
+    wait_for(lambda: case.look().throttle > 0.5 and case.state.steering_rad > 0.02, "the pedals")
+    page.keyboard.up("w")
+    page.keyboard.up("ArrowLeft")
+    page.keyboard.down(" ")
+    wait_for(lambda: case.look().brake > 0.5 and case.state.throttle < 0.1, "the brake")
+    page.keyboard.up(" ")
+    page.click("#take")
+    wait_for(lambda: not case.look().taken_over, "the stack at the wheel")
+
+
+def _foreign(url, case):
+    """Who does not know the token, or comes from another site, steers nothing."""
+    home, _, token = url.partition("#steer=")
+    state, port = case.look(), urlsplit(home).port
+    body = {"campaign": "panel", "case": state.case, "token": state.token}
+    ours = {
+        "Content-Type": "application/json",
+        "Origin": home.rstrip("/"),
+        "X-Steer-Token": token,
+    }
+
+    def post(change, action="resume"):
+        line = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        headers = {name: value for name, value in (ours | change).items() if value is not None}
+        line.request("POST", "/steer", json.dumps(body | {"action": {"action": action}}), headers)
+        answer = line.getresponse()
+        line.close()
+        return answer.status
+
+    for change in (
+        {"X-Steer-Token": "guessed"},
+        {"X-Steer-Token": None},
+        {"Origin": "http://evil.example"},
+        {"Origin": None},
+        {"Content-Type": "text/plain"},
+        {"Host": "evil.example"},
+    ):
+        assert post(change) == 403, change
+    assert case.look().paused
+    assert post({}, "jump") == 409
+    assert post({}) == 200
+    assert not case.look().paused
 
 
 def test_mistakes_are_one_line(marked, campaign, tmp_path):

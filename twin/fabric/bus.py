@@ -43,11 +43,16 @@ class Bus(Protocol):
         """Call ``handler`` with each message on ``key`` (may hold ``*`` and ``**``), until the
         answer is called or the session ends."""
 
-    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
-        """Answer requests on ``key``; ``handler(payload, respond)``."""
+    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> Cancel:
+        """Answer requests on ``key``; ``handler(payload, respond)``; until the answer is called or
+        the session ends."""
 
     def request(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
         """Ask; None means unknown (no answer, several answers, or an error): ask again."""
+
+    def gather(self, key: str, payload: bytes, timeout_s: float) -> list[bytes]:
+        """Ask everybody who serves a key that ``key`` (may hold ``*`` and ``**``) means; the
+        answers, at most one per key that is served."""
 
     def announce(self, key: str) -> None:
         """Declare a liveliness token, seen by watchers until this session ends."""

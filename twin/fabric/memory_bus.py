@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import random
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -186,9 +187,11 @@ class MemoryBus:
         self._subscribers.append(entry)
         return lambda: self._subscribers.remove(entry)
 
-    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
+    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> Cancel:
         """See :class:`twin.fabric.bus.Bus`."""
-        self._services.append((key, handler))
+        entry = (key, handler)
+        self._services.append(entry)
+        return lambda: self._services.remove(entry)
 
     def request(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
         """See :class:`twin.fabric.bus.Bus`; needs the hub's pump to run."""
@@ -203,6 +206,24 @@ class MemoryBus:
         arrived.wait(timeout_s)
         return answers[0] if answers else None
 
+    def gather(self, key: str, payload: bytes, timeout_s: float) -> list[bytes]:
+        """See :class:`twin.fabric.bus.Bus`; needs the hub's pump to run."""
+        asked = sum(
+            intersects(key, pattern) for bus in self._hub.sessions() for pattern, _ in bus._services
+        )
+        arrived = threading.Semaphore(0)
+        answers: list[bytes] = []
+
+        def answer(data: bytes) -> None:
+            answers.append(data)
+            arrived.release()
+
+        self.ask(key, payload, answer)
+        until_s = time.monotonic() + timeout_s
+        for _ in range(asked):
+            arrived.acquire(timeout=max(0.0, until_s - time.monotonic()))
+        return answers[:]
+
     def ask(self, key: str, payload: bytes, answer: Callable[[bytes], None]) -> None:
         """Request without waiting: ``answer`` is called if and when a reply arrives."""
         if self.closed:
@@ -213,7 +234,7 @@ class MemoryBus:
 
         for bus in self._hub.sessions():
             for pattern, handler in list(bus._services):
-                if matches(pattern, key):
+                if intersects(pattern, key):
                     self._hub.post(lambda b=bus, h=handler: b.closed or h(payload, respond))  # type: ignore[misc]
 
     def announce(self, key: str) -> None:

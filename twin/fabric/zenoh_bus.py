@@ -275,31 +275,46 @@ class _ZenohBus:
 
         return cancel
 
-    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> None:
+    def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> Cancel:
         def receive(query: zenoh.Query) -> None:
             payload = query.payload.to_bytes() if query.payload is not None else b""
 
             def respond(answer: bytes) -> None:
                 try:
-                    query.reply(query.key_expr, answer)
+                    query.reply(key, answer)
                     query.drop()  # type: ignore[no-untyped-call]
                 except zenoh.ZError:
                     pass  # the asker is gone; it will ask again
 
             handler(payload, respond)
 
-        self._declared.append(
-            self._session.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
+        queryable = self._session.declare_queryable(
+            key, zenoh.handlers.Callback(receive, indirect=False)
         )
+        self._declared.append(queryable)
+
+        def cancel() -> None:
+            self._declared.remove(queryable)
+            if not self._closed:
+                queryable.undeclare()  # type: ignore[no-untyped-call]
+
+        return cancel
 
     def request(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
-        try:
-            replies = list(self._session.get(key, payload=payload, timeout=timeout_s))
-        except zenoh.ZError:
-            return None
+        replies = self._get(key, payload, timeout_s)
         if len(replies) != 1 or replies[0].ok is None:
             return None
         return replies[0].ok.payload.to_bytes()
+
+    def gather(self, key: str, payload: bytes, timeout_s: float) -> list[bytes]:
+        replies = self._get(key, payload, timeout_s)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+    def _get(self, key: str, payload: bytes, timeout_s: float) -> list[zenoh.Reply]:
+        try:
+            return list(self._session.get(key, payload=payload, timeout=timeout_s))
+        except zenoh.ZError:
+            return []
 
     def announce(self, key: str) -> None:
         self._declared.append(self._session.liveliness().declare_token(key))

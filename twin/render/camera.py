@@ -85,6 +85,8 @@ class RayCamera:
         """``sky_table`` was written on the host since the last picture."""
         self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
         self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
+        self._kept: dict[int, wp.array] = {}
+        """Poses in the last pictures of slots that are held."""
         self._new = np.ones(slots, np.bool_)
         self._beams = wp.zeros((slots, BEAMS_MAX), dtype=Beams, device=device)
         self._chunk = min(slots, max(1, visibility.CHUNK_PIXELS // (camera.width * camera.height)))
@@ -175,8 +177,16 @@ class RayCamera:
         """A case begins in a slot: the picture before the first is not of this case."""
         self._new[slot] = True
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Pictures are made without a slot for a while; its last one stays the one before."""
+        if held:
+            self._kept[slot] = wp.clone(self._poses[slot : slot + 1])
+        else:
+            wp.copy(self._poses, self._kept.pop(slot), slot, 0, 1)
+
     def clear(self, slot: int) -> None:
         """Blank the image and outputs of a slot."""
+        self._kept.pop(slot, None)
         for mirror in (self._image, *self._truth.values()):
             mirror.host[slot] = 0
             if not self._device.is_cpu:

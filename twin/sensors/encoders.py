@@ -55,6 +55,9 @@ class WheelEncoders:
         """Make a slot inactive."""
         self._ticks_per_rev.host[slot] = 0.0
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """A reading follows from the truth alone, and nobody reads that of a slot left out."""
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """An encoder has no errors but its steps."""
 

@@ -131,6 +131,10 @@ def _cameras(case: Case) -> Iterator[tuple[Camera, str]]:
         yield camera, f".{camera.name}" if index else ""
 
 
+_ALOFT = ("cloud_offset", "fallen_m", "time_s")
+"""What :func:`advance_light` moves on."""
+
+
 @dataclass(slots=True)
 class _Eye:
     """One camera with its boxes."""
@@ -197,6 +201,8 @@ class ExteroceptiveSuite:
             out = buffers.get(site.message)
             sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
             self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
+        self._aloft: dict[tuple[int, int], list[np.ndarray]] = {}
+        """By slot that is held and eye."""
         self.needs_truth = bool(self._scanners)
         """:meth:`read` needs the vehicles' truth."""
         rates = [*(eye.every for eye in self._eyes), *(s.every for s in self._scanners)]
@@ -241,11 +247,34 @@ class ExteroceptiveSuite:
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""
-        for eye in self._eyes:
+        for index, eye in enumerate(self._eyes):
             eye.camera.lights.host[slot]["active"] = 0
             eye.camera.clear(slot)
+            self._aloft.pop((slot, index), None)
         for scanner in self._scanners:
             scanner.sensor.clear(slot)
+
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out of pictures and sweeps, or take it in again as it was."""
+        for index, eye in enumerate(self._eyes):
+            row = eye.camera.lights.host[slot]
+            row["active"] = int(not held)
+            eye.camera.hold(slot, held=held)
+            # Clouds and drops move with every tick of the others; weather set meanwhile stays.
+            if held:
+                self._aloft[slot, index] = [row[name].copy() for name in _ALOFT]
+                continue
+            for name, value in zip(_ALOFT, self._aloft.pop((slot, index)), strict=True):
+                row[name] = value
+        for scanner in self._scanners:
+            scanner.sensor.air.host[slot]["active"] = int(not held)
+
+    def moved(self, slot: int) -> None:
+        """The ego was put elsewhere: nothing leads from the last picture and sweep to the next."""
+        for eye in self._eyes:
+            eye.camera.reset(slot)
+        for scanner in self._scanners:
+            scanner.sensor.air.host[slot]["fresh"] = 1
 
     def read(
         self,

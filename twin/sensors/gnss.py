@@ -130,6 +130,10 @@ class SatelliteReceiver:
         """Make a slot inactive."""
         self._errors.host[slot]["active"] = 0
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out, or take it in again; its biases stay where they are."""
+        self._errors.host[slot]["active"] = int(not held)
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Errors from the next fix on."""
         row = self._errors.host[slot]

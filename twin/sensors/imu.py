@@ -112,6 +112,10 @@ class InertialUnit:
         """Make a slot inactive."""
         self._errors.host[slot]["active"] = 0
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out, or take it in again; its biases stay where they are."""
+        self._errors.host[slot]["active"] = int(not held)
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Errors from the next sample on."""
         self._errors.host[slot]["noise_factor"] = errors.imu_noise

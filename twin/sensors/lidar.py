@@ -228,7 +228,7 @@ class LidarSensor:
             outputs=[self._before],
             device=device,
         )
-        self.air.host["fresh"] = 0
+        self.air.host["fresh"] *= self.air.host["active"] == 0
         return self.points
 
     def _cast(self) -> None:

@@ -28,6 +28,9 @@ class Sensor(Protocol):
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out of the readings, or take it in again as it was."""
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Change the errors of a slot from the next reading on."""
 
@@ -61,6 +64,11 @@ class SensorSuite:
         """Make a slot inactive."""
         for sensor in self._sensors.values():
             sensor.clear(slot)
+
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out of the readings, or take it in again as it was."""
+        for sensor in self._sensors.values():
+            sensor.hold(slot, held=held)
 
     def mistake(self, errors: SensorErrors | None) -> str:
         """What is wrong with changed errors, or an empty string."""

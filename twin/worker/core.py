@@ -5,11 +5,13 @@ The shell (:mod:`twin.worker.shell`) feeds events with the time and carries out 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
 from schemas.identity import rig_key
+from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
     Beat,
     Bye,
@@ -21,6 +23,7 @@ from schemas.messages import (
     Reply,
     Request,
     Result,
+    Touch,
     noop_result,
 )
 from twin.worker.spool import pack, unpack
@@ -117,6 +120,10 @@ class Held:
     progress: int = -1
     moved_ns: int = 0
     """When progress was last seen [ns]."""
+    touch: Touch | None = None
+    """What a hand last did to it."""
+    told: bool = True
+    """The conductor knows."""
 
 
 @dataclass(slots=True)
@@ -197,6 +204,10 @@ class Core:
         if reply.error:
             return effects + self._refused(reply, now_ns)
         if isinstance(request, Beat):
+            for text, touch in request.touched.items():
+                held = self.held.get(int(text))
+                if held is not None and held.touch == touch:
+                    held.told = True
             effects += self._forget(reply.lost, now_ns)
             return effects + (self._asked_to_drain(now_ns) if reply.drain else [])
         assert isinstance(request, Next)
@@ -209,11 +220,13 @@ class Core:
         self.rig.ready = True
         return [AssignLease(held.lease) for held in self.held.values()]
 
-    def on_progress(self, tokens: list[int], ticks: list[int], now_ns: int) -> list[Effect]:
-        """Progress counters from the simulator."""
+    def on_progress(
+        self, tokens: list[int], ticks: list[int], now_ns: int, waiting: Sequence[int] = ()
+    ) -> list[Effect]:
+        """Progress counters from the simulator; the ``waiting`` stand still at somebody's wish."""
         for token, tick in zip(tokens, ticks, strict=True):
             held = self.held.get(token)
-            if held is not None and tick != held.progress:
+            if held is not None and (tick != held.progress or token in waiting):
                 held.progress = tick
                 held.moved_ns = now_ns
         return []
@@ -226,6 +239,28 @@ class Core:
         self.broken = 0
         self.ask_at_ns = now_ns
         return [] if self.reachable else self._spool([result])
+
+    def on_touched(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
+        """A hand has done something to a case; the conductor hears of it at once."""
+        held = self.held.get(token)
+        if held is not None:
+            held.touch, held.told = touch, False
+            self.beat_at_ns = now_ns
+        return []
+
+    def on_steered(self, result: Result, changes: int, now_ns: int) -> list[Effect]:
+        """A case ended that a hand has steered: it goes back uncharged, to be run without."""
+        held = self.held.pop(result.token, None)
+        if held is None:
+            return []  # abandoned meanwhile
+        detail = (
+            f"steered by hand, {changes} changes, ended with '{result.verdict or result.outcome}'; "
+            f"{JOURNAL_FILE} and kpi {result.kpi_sha256[:12]} are in its folder"
+        )
+        self.ended.append(self._end_of(result.token, held, "intervened", detail))
+        self.broken = 0
+        self.ask_at_ns = now_ns
+        return []
 
     def on_spool(self, contents: list[bytes]) -> list[Effect]:
         """What earlier incarnations left behind: delivered with the next request."""
@@ -245,6 +280,8 @@ class Core:
         several = len(self.held) > 1
         for token, held in self.held.items():
             why: Release = "suspect" if several else reason
+            if held.touch is not None and held.touch.changes:
+                why = "intervened"  # a hand may have been the reason
             self.ended.append(self._end_of(token, held, why, detail))
         self.held.clear()
         self.rig = None
@@ -361,7 +398,8 @@ class Core:
             return None
         self.beat_at_ns = now_ns + self.ttl_ns // 4
         progress = {str(token): held.progress for token, held in self.held.items()}
-        return Beat(v=SCHEMA_VERSION, worker=self.hello.worker, held=progress)
+        touched = {str(t): h.touch for t, h in self.held.items() if h.touch and not h.told}
+        return Beat(v=SCHEMA_VERSION, worker=self.hello.worker, held=progress, touched=touched)
 
     def _remaining_s(self, now_ns: int) -> float | None:
         if self.walltime_end_ns is None:

@@ -8,7 +8,8 @@ from typing import BinaryIO
 
 from msgspec import Struct
 
-from schemas.messages import Lease, Result
+from schemas.interventions import Intervention
+from schemas.messages import Lease, Result, Touch
 from schemas.wire import decode, encode
 
 _LENGTH = struct.Struct("<I")
@@ -24,6 +25,8 @@ class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
     """Run this lease in a free slot."""
 
     lease: Lease
+    replay: list[Intervention] = []
+    """What the journal of a steered attempt says was done to it."""
 
 
 class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
@@ -56,12 +59,28 @@ class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
 
     tokens: list[int]
     ticks: list[int]
+    waiting: list[int] = []
+    """Tokens among them that stand still because somebody asked for it."""
+
+
+class Touched(Struct, frozen=True, tag_field="kind", tag="touched"):
+    """A hand has done something to a case."""
+
+    token: int
+    note: Touch
 
 
 class Done(Struct, frozen=True, tag_field="kind", tag="done"):
     """A case ended; its attempt folder is complete."""
 
     result: Result
+
+
+class Steered(Struct, frozen=True, tag_field="kind", tag="steered"):
+    """A case ended that a hand had steered; its attempt folder is complete, and is no result."""
+
+    result: Result
+    changes: int
 
 
 class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
@@ -72,7 +91,7 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
 
 
 Downward = Build | Assign | Abandon | Close
-Upward = Listening | Built | Progress | Done | Broken
+Upward = Listening | Built | Progress | Touched | Done | Steered | Broken
 
 
 def pack(message: Struct) -> bytes:

@@ -15,6 +15,7 @@ from schemas.messages import Lease, PerceptionCost, Result
 
 if TYPE_CHECKING:
     from twin.engine import Finished
+    from twin.worker.steering_journal import SteeringJournal
 
 WAITING_MAX = 4096
 """Most results that wait for the disk; beyond it the simulator waits, too."""
@@ -30,12 +31,16 @@ class Ended:
     """When its slot took it, monotonic [s]."""
     perception: PerceptionCost | None
     rig_wall_s: float
+    changes: int = 0
+    """That a hand has made; if any, it is no result of the case."""
+    journal: SteeringJournal | None = None
+    """Of these."""
 
 
 class ResultWriter:
     """Writes attempts in the order in which they ended, and tells of each when it is complete."""
 
-    def __init__(self, tell: Callable[[Result], None]) -> None:
+    def __init__(self, tell: Callable[[Ended, Result], None]) -> None:
         self._tell = tell
         self._waiting: queue.Queue[Ended] = queue.Queue(WAITING_MAX)
         self._error: Exception | None = None
@@ -61,7 +66,7 @@ class ResultWriter:
             if self._error is not None:
                 continue  # the process is about to end; nobody waits for these
             try:
-                self._tell(_written(ended))
+                self._tell(ended, _written(ended))
             except Exception as error:
                 self._error = error
 
@@ -72,4 +77,6 @@ def _written(ended: Ended) -> Result:
 
     wall_s = time.monotonic() - ended.started_s
     result = write_attempt(ended.lease, ended.finished, wall_s)
+    if ended.journal is not None:
+        ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
     return structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)

@@ -12,12 +12,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import psutil
 
+from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
@@ -108,9 +110,9 @@ class RigProcess:
         """Children are told where the key lies, never the key."""
         return ("--key", str(self._options.key.path)) if self._options.key else ()
 
-    def assign(self, lease: Lease) -> None:
-        """Hand a lease to the simulator."""
-        self._write(pack(Assign(lease)))
+    def assign(self, lease: Lease, replay: Sequence[Intervention] = ()) -> None:
+        """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
+        self._write(pack(Assign(lease, list(replay))))
 
     def abandon(self, token: int) -> None:
         """Stop working on a token."""

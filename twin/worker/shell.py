@@ -27,7 +27,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.delivery import Delivery
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.spool_folder import SpoolFolder
@@ -260,8 +260,12 @@ class Worker:
             case (_, Built(transport)):
                 _log(f"rig ready, frames by {transport}")
                 return core.on_rig_ready()
-            case (_, Progress(tokens, ticks)):
-                return core.on_progress(tokens, ticks, now)
+            case (_, Progress(tokens, ticks, waiting)):
+                return core.on_progress(tokens, ticks, now, waiting)
+            case (_, Touched(token, note)):
+                return core.on_touched(token, note, now)
+            case (_, Steered(result, changes)):
+                return core.on_steered(result, changes, now)
             case (_, Done(result)):
                 return core.on_done(result, now)
             case (_, Broken(reason, detail)) | (_, RigDied(reason, detail)):

@@ -11,7 +11,7 @@ import queue
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from msgspec import structs
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Case
 from schemas.identity import stream_key
+from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
     Command,
     Commands,
@@ -27,6 +28,7 @@ from schemas.messages import (
     Frame,
     Lease,
     PerceptionCost,
+    Result,
     Tick,
 )
 from twin.fabric.bus import Bus
@@ -37,6 +39,7 @@ from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
+from twin.worker.hand import Hand
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -48,16 +51,19 @@ from twin.worker.pipe import (
     Downward,
     Listening,
     Progress,
+    Steered,
+    Touched,
     Unpacker,
     Upstream,
 )
 from twin.worker.profile import LoopLog
 from twin.worker.results import Ended, ResultWriter
+from twin.worker.steering import Steering
 from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
-    from twin.engine import Engine
+    from twin.engine import Engine, Finished
     from twin.sensors.data import SensorData
     from twin.worker.inline import InlineStack
 
@@ -120,10 +126,13 @@ class Simulator:
         self._rig = rig
         self._device = device
         self._upward = out
-        self._results = ResultWriter(lambda result: self._upward.send(Done(result)))
+        self._results = ResultWriter(self._written)
         self._orders = Orders(0)
         self._slots: list[_Slot | None] = [None] * slots
-        self._waiting: list[Lease] = []
+        self._steering = Steering(rig, self._slots, device, self._touched)
+        bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
+        feed.steered_by(self._steering.ask)
+        self._waiting: list[Assign] = []
         self._seq = 0
         self._reported_s = 0.0
         self._log = LoopLog(rig, device, slots)
@@ -137,13 +146,17 @@ class Simulator:
         self._build(order.lease.case)
         settle()
         while True:
-            idle = not self._busy() and not self._waiting
+            parked = self._steering.parked
+            idle = not (self._busy() or self._waiting or parked)
             self._take_orders(block=idle)
             self._log.watch.lap("idle" if idle else "orders")
             self._refill()
+            self._steering.turn(self._engine)
             self._log.watch.lap("refill")
             if self._busy():
                 self._tick()
+            elif parked:
+                self._steering.nap(self._engine)
 
     def _busy(self) -> bool:
         return any(slot is not None for slot in self._slots)
@@ -185,7 +198,7 @@ class Simulator:
     def _take_orders(self, *, block: bool) -> None:
         while (order := self._orders.next(0.2 if block else 0)) is not None:
             if isinstance(order, Assign):
-                self._waiting.append(order.lease)
+                self._waiting.append(order)
             elif isinstance(order, Abandon):
                 self._abandon(order.token)
             elif isinstance(order, Close):
@@ -197,10 +210,11 @@ class Simulator:
         self._report()
 
     def _abandon(self, token: int) -> None:
-        self._waiting = [lease for lease in self._waiting if lease.token != token]
-        for index, slot in enumerate(self._slots):
-            if slot is not None and slot.lease.token == token:
+        self._waiting = [order for order in self._waiting if order.lease.token != token]
+        for index, slot in self._occupied():
+            if slot.lease.token == token:
                 self._engine.clear(index)
+                self._steering.end(index)
                 self._feed.abandon(index)
                 self._slots[index] = None
 
@@ -211,10 +225,12 @@ class Simulator:
         if running and self._engine.tick[running[0]] % every:
             return
         for index, slot in enumerate(self._slots):
-            if slot is None and self._waiting:
-                lease = self._waiting.pop(0)
+            if slot is None and index not in self._steering.parked and self._waiting:
+                order = self._waiting.pop(0)
+                lease = order.lease
                 self._engine.reset(index, lease.case)
                 self._slots[index] = _Slot(lease, time.monotonic())
+                self._steering.begin(index, lease, order.replay)
                 self._feed.begin(index, lease, self._engine)
 
     def _tick(self) -> None:
@@ -248,7 +264,7 @@ class Simulator:
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
-        commands = self._checked(answer.commands)
+        commands = self._steering.commanded(self._checked(answer.commands))
         watch.lap("messages")
         self._feed.tick(self._engine, sensed, commands)
         watch.lap("view")
@@ -257,10 +273,22 @@ class Simulator:
         for finished in ended:
             slot = self._slots[finished.slot]
             assert slot is not None
-            self._feed.end(finished)
+            changes, journal = self._steering.finish(finished.slot)
+            if changes:
+                finished = steered(finished, changes)
+            shown = replace(finished, outcome="intervened", verdict="") if changes else finished
+            self._feed.end(shown)
             self._slots[finished.slot] = None
             self._results.put(
-                Ended(slot.lease, finished, slot.started_s, slot.perception, slot.rig_wall_s)
+                Ended(
+                    slot.lease,
+                    finished,
+                    slot.started_s,
+                    slot.perception,
+                    slot.rig_wall_s,
+                    changes,
+                    journal,
+                )
             )
         watch.lap("results")
         self._log.end_tick(active, frames, self._engine.control_period_ns)
@@ -359,6 +387,21 @@ class Simulator:
                 )
         return by_slot
 
+    def _occupied(self) -> list[tuple[int, _Slot]]:
+        """Slots with a case, those that stand still as well."""
+        running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
+        return sorted([*running, *self._steering.parked.items()], key=lambda each: each[0])
+
+    def _touched(self, index: int, hand: Hand) -> None:
+        """A hand has done something to the case of a slot."""
+        self._feed.hand(index, hand.label())
+        if hand.note is not None and not hand.replayed:
+            self._upward.send(Touched(hand.lease.token, hand.note))
+
+    def _written(self, ended: Ended, result: Result) -> None:
+        """An attempt folder is complete; on the thread that writes them."""
+        self._upward.send(Steered(result, ended.changes) if ended.changes else Done(result))
+
     def _on_wait(self) -> None:
         """While waiting for the stack: orders are still taken, abandoned slots excepted."""
         self._report()
@@ -366,16 +409,26 @@ class Simulator:
     def _report(self) -> None:
         self._log.write()
         now = time.monotonic()
-        if now - self._reported_s < PROGRESS_PERIOD_S or not self._busy():
+        parked = self._steering.parked
+        if now - self._reported_s < PROGRESS_PERIOD_S or not (self._busy() or parked):
             return
         self._reported_s = now
-        running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
+        for index in parked:
+            self._feed.hand(index, self._steering.label(index))
+        running = self._occupied()
         self._upward.send(
             Progress(
                 tokens=[slot.lease.token for _, slot in running],
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
+                waiting=[slot.lease.token for slot in parked.values()],
             )
         )
+
+
+def steered(finished: Finished, changes: int) -> Finished:
+    """How a case ends that a hand has steered: what came out says nothing about the stack."""
+    line = f"steered by hand ({changes} changes in {JOURNAL_FILE}): no verdict of the case"
+    return replace(finished, passed=False, reasons=[line, *finished.reasons])
 
 
 def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:

@@ -249,6 +249,7 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Messag
         speed_mps=state["speed_mps"],
         dtc_m=state["dtc_m"],
         aeb=bool(seen.command and seen.command.aeb),
+        hand=seen.hand,
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
         passed=bool(finished and finished.passed),

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,21 +20,30 @@ from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Command, Lease
 from schemas.view import POINTS_MAX, FeedEnd, ViewMode
 from schemas.wire import encode
-from twin.fabric.bus import Bus, Respond
+from twin.fabric.bus import Bus, Cancel, Respond
 from twin.fabric.channel import Channel
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import TwinError
 from twin.fabric.key_file import Key
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.view_demand import Demand
-from twin.worker.view_items import Asked, Began, Cloud, Ended, Item, Run, Scenery, Seen, Ticked
+from twin.worker.view_items import (
+    Asked,
+    Began,
+    Cloud,
+    Ended,
+    Item,
+    Run,
+    Scenery,
+    Seen,
+    Ticked,
+)
 from twin.worker.view_port import Feed, Harmless, NoFeed
 
 if TYPE_CHECKING:
     from twin.engine import Engine, Finished
     from twin.sensors.data import SensorData
     from twin.worker.view_encoder import Encoder
-    from twin.world.street import World
 
 QUEUE_BYTES_MAX = 128 << 20
 """Most bytes that wait to be encoded; raw pictures, so about 190 of 640x360 [bytes]."""
@@ -95,7 +105,13 @@ class ViewFeed:
         self._recorder_gone = not mode.records
         self._closed = threading.Event()
         self._spare: deque[np.ndarray] = deque(maxlen=SPARE_MAX)
-        self._world: World | None = None
+        self._engine: Engine | None = None
+        self._sensed: dict[str, SensorData] = {}
+        """With the latest pictures; those of slots that stand still stay in their buffers."""
+        self._ask: Callable[[int, bytes, Respond], None] | None = None
+        self._served: dict[int, Cancel] = {}
+        """Keys on which viewers ask something of a slot's case."""
+        self._shows = mode.shows
         bus.watch(topics.RECORDER_ALIVE.key.format(rig=rig), self._on_recorder)
         if mode.shows:
             bus.serve(topics.FEED_SCENE.key.format(rig=rig), self._on_asked)
@@ -105,19 +121,25 @@ class ViewFeed:
 
     def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
         """See :class:`Feed`."""
-        self._world = engine.world
+        self._engine = engine
         run = self._runs[slot] = Run(lease, recorded=not self._recorder_gone)
         if run.recorded:
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
+        ask = self._ask
+        if self._shows and ask is not None:
+            key = topics.VIEW_CONTROL.key.format(campaign=lease.case.campaign, case=lease.case.id)
+            self._served[slot] = self._bus.serve(key, lambda p, r: ask(slot, p, r))
 
     def tick(
         self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
     ) -> None:
         """See :class:`Feed`."""
+        if "camera" in sensed:
+            self._sensed = sensed
         wall, singles = self._demand.wall(), self._demand.singles()
         now_s = time.monotonic() if wall or singles else 0.0
         for slot, run in enumerate(self._runs):
-            if run is None:
+            if run is None or not engine.active[slot]:
                 continue
             run.last_tick = int(engine.tick[slot])
             # Numbers go on while the recorder is away: one that comes back sees what it missed.
@@ -125,8 +147,7 @@ class ViewFeed:
             recorded = run.recorded and not self._recorder_gone
             due = self._demand.due(run, sensed, now_s, wall=wall, singles=singles)
             if "start" in due:
-                sites = engine.camera_sites, engine.lidar_sites
-                self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
+                self._show(run, engine)
             if recorded or due:
                 seen = self._look(engine, sensed, slot, commands[slot], due, recorded=recorded)
                 ticked = Ticked(run, seq if recorded else -1, seen, due)
@@ -136,7 +157,7 @@ class ViewFeed:
         """See :class:`Feed`."""
         run = self._runs[finished.slot]
         assert run is not None
-        self._runs[finished.slot] = None
+        self._leave(finished.slot)
         columns = finished.table.columns
         last_row = int(columns["tick"].values[-1]) > run.last_tick
         seq = run.number(2 if last_row else 1) if run.recorded else -1
@@ -149,7 +170,7 @@ class ViewFeed:
     def abandon(self, slot: int) -> None:
         """See :class:`Feed`."""
         run = self._runs[slot]
-        self._runs[slot] = None
+        self._leave(slot)
         if run is None:
             return
         live = self._demand.ended(run)
@@ -163,6 +184,39 @@ class ViewFeed:
             self.abandon(slot)
         self._channel.offer(None, 0)
         self._closed.wait(timeout_s)
+
+    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
+        """See :class:`Feed`."""
+        self._ask = ask
+
+    def hand(self, slot: int, label: str) -> None:
+        """See :class:`Feed`."""
+        run = self._runs[slot]
+        if run is None:
+            return
+        run.hand = label
+        engine = self._engine
+        if engine is None or engine.active[slot]:
+            return  # its next tick says so
+        # Nobody steps it: what was last seen once more, for those who came meanwhile as well.
+        wall, singles = self._demand.wall(), self._demand.singles()
+        sensed = self._sensed
+        due = self._demand.due(run, sensed, time.monotonic(), wall=wall, singles=singles)
+        if "start" in due:
+            self._show(run, engine)
+        if due:
+            seen = self._look(engine, sensed, slot, None, due, recorded=False)
+            self._channel.offer(Ticked(run, -1, seen, due), _TICK_BYTES + seen.nbytes)
+
+    def _show(self, run: Run, engine: Engine) -> None:
+        sites = engine.camera_sites, engine.lidar_sites
+        self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
+
+    def _leave(self, slot: int) -> None:
+        self._runs[slot] = None
+        cancel = self._served.pop(slot, None)
+        if cancel is not None:
+            cancel()
 
     def _look(
         self,
@@ -192,6 +246,7 @@ class ViewFeed:
             boxes=boxes,
             pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
+            hand=run.hand if (run := self._runs[slot]) else "",
             movers=_movers(engine, slot) if "state" in due else None,
         )
 
@@ -204,8 +259,8 @@ class ViewFeed:
 
     def _on_asked(self, _request: bytes, respond: Respond) -> None:
         """A viewer wants the standing world; before the first case there is none to tell."""
-        if self._world is not None:
-            self._channel.offer(Asked(self._world, respond), 0)
+        if self._engine is not None:
+            self._channel.offer(Asked(self._engine.world, respond), 0)
 
     def _run(self) -> None:
         if not self._recorder_gone and not self._recorder.wait(RECORDER_WAIT_S):

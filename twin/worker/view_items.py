@@ -36,6 +36,8 @@ class Seen:
     """Of further cameras, by message; like ``image``."""
     clouds: dict[str, Cloud] = field(default_factory=dict)
     """Of lidars, by message."""
+    hand: str = ""
+    """See :attr:`Run.hand`."""
     movers: np.ndarray | None = None
     """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
 
@@ -67,6 +69,8 @@ class Run:
     last_tick: int = -1
     shown_s: dict[str, float] = field(default_factory=dict)
     """When a stream for viewers was last due, by its name [s]."""
+    hand: str = ""
+    """What somebody has done to it by hand: ``by hand``, ``paused``, ``steered``."""
 
     qualities: dict[str, Quality] = field(default_factory=dict)
     """Of its cameras' pictures, by message; the feed's thread alone looks at them."""

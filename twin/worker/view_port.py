@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from schemas.messages import Command, Lease
+from twin.fabric.bus import Respond
 
 if TYPE_CHECKING:
     from twin.engine import Engine, Finished
@@ -26,6 +27,13 @@ class Feed(Protocol):
         self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
     ) -> None:
         """All active slots are at a tick, sensed and commanded, not yet stepped."""
+
+    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
+        """Who takes requests of viewers, ``ask(slot, payload, respond)`` from any thread."""
+
+    def hand(self, slot: int, label: str) -> None:
+        """What views say of a slot that somebody has touched: ``paused``, ``by hand`` ...; again
+        and again of one that stands still."""
 
     def end(self, finished: Finished) -> None:
         """The case of a slot has ended."""
@@ -48,6 +56,12 @@ class NoFeed:
     def tick(
         self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
     ) -> None:
+        """See :class:`Feed`."""
+
+    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
+        """See :class:`Feed`."""
+
+    def hand(self, slot: int, label: str) -> None:
         """See :class:`Feed`."""
 
     def end(self, finished: Finished) -> None:
@@ -76,6 +90,14 @@ class Harmless:
     ) -> None:
         """See :class:`Feed`."""
         self._try(lambda: self._feed.tick(engine, sensed, commands))
+
+    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
+        """See :class:`Feed`."""
+        self._try(lambda: self._feed.steered_by(ask))
+
+    def hand(self, slot: int, label: str) -> None:
+        """See :class:`Feed`."""
+        self._try(lambda: self._feed.hand(slot, label))
 
     def end(self, finished: Finished) -> None:
         """See :class:`Feed`."""

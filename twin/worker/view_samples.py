@@ -122,6 +122,7 @@ def state_of(seen: Seen, token: int, seq: int) -> StateSample:
         controls=_controls(seen.command),
         boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
         movers=[] if seen.movers is None else seen.movers.tolist(),
+        hand=seen.hand,
     )
 
 

@@ -6,10 +6,17 @@ import math
 
 from schemas.campaign import Case
 from schemas.environment import Change, Environment
+from schemas.interventions import SetEnvironment
 from schemas.names import minutes
 from twin.world.almanac import Place, heavens
 from twin.world.sun import Daylight, daylight_under
-from twin.world.weather import WeatherParameters, blended, overridden, weather_of
+from twin.world.weather import (
+    WeatherParameters,
+    blended,
+    overridden,
+    parameters,
+    weather_of,
+)
 
 _DAY_MIN = 1440.0
 
@@ -36,6 +43,31 @@ class CaseEnvironment:
         self._minute = float(case.time_of_day_min)
         self._last: tuple[float, WeatherParameters] | None = None
         self._light: Daylight | None = None
+        self._hand_weather: WeatherParameters | None = None
+        self._hand_minute: float | None = None
+        self.shown = case.weather
+        """Name of the weather now; empty: intensities that somebody set by hand."""
+
+    def override(self, change: SetEnvironment) -> None:
+        """Weather and clock by hand, from now on and whatever the timeline says.
+
+        Raises:
+            ValueError: no such weather; one line.
+        """
+        own = self._environment
+        if change.weather:
+            self._hand_weather = self._weather(change.weather)
+            self.shown = change.weather
+        elif change.conditions is not None:
+            found = parameters(change.conditions, own.family)
+            self._hand_weather = overridden(found, own.friction, own.water_mm)
+            self.shown = ""
+        if change.time_of_day_min is not None:
+            self._hand_minute = change.time_of_day_min
+
+    def clock_min(self, time_ns: int) -> float:
+        """Local time at a sim time [minutes after midnight]."""
+        return self._clock(time_ns / 1e9) % _DAY_MIN
 
     @property
     def changes(self) -> bool:
@@ -63,6 +95,8 @@ class CaseEnvironment:
         return overridden(found, environment.friction, environment.water_mm)
 
     def _weather_at(self, time_s: float) -> WeatherParameters:
+        if self._hand_weather is not None:
+            return self._hand_weather
         weather = self._first
         for change in self._environment.timeline:
             if change.weather is None or change.at_s > time_s:
@@ -73,6 +107,8 @@ class CaseEnvironment:
         return weather
 
     def _clock(self, time_s: float) -> float:
+        if self._hand_minute is not None:
+            return self._hand_minute
         minute = self._minute
         for change in self._environment.timeline:
             if change.time_of_day is None or change.at_s > time_s:

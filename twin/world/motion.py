@@ -47,6 +47,10 @@ class Motion(Protocol):
     count: int
     """Number of objects M."""
 
+    @property
+    def standing(self) -> np.ndarray:
+        """int32 [M]: kind of each object as it stands."""
+
     def at(self, time_s: np.ndarray) -> Placement:
         """Where everything is at the sim times ``time_s`` [S]."""
 
@@ -55,6 +59,7 @@ class Still:
     """Nothing moves."""
 
     count = 0
+    standing = np.zeros(0, np.int32)
 
     def at(self, time_s: np.ndarray) -> Placement:
         """See :class:`Motion`."""

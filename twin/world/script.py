@@ -61,6 +61,11 @@ class Script:
         self._way = np.array([a.way_m or 1.0 for a in actors], float)
         self._vehicle = np.array([a.vehicle for a in actors], bool)
 
+    @property
+    def standing(self) -> np.ndarray:
+        """See :class:`Motion`."""
+        return self._kind
+
     def at(self, time_s: np.ndarray) -> Placement:
         """See :class:`Motion`; every slot's values depend on its own time alone."""
         since = np.asarray(time_s, float)[:, None] - self._start

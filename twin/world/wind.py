@@ -54,6 +54,14 @@ class Winds:
             array[slot] = 0.0
         self._mean[slot] = self._sigma[slot] = 0.0
 
+    def gust(self, slot: int) -> np.ndarray:
+        """A copy of what a slot remembers from tick to tick; see :meth:`restore`."""
+        return self._gust[slot].copy()
+
+    def restore(self, slot: int, gust: np.ndarray) -> None:
+        """Go on from what :meth:`gust` gave, as if nothing had been advanced since."""
+        self._gust[slot] = gust
+
     def advance(self, tick: np.ndarray) -> np.ndarray:
         """Wind during the control period that begins at each slot's case ``tick`` [S]: ``now``.
 

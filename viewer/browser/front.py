@@ -25,6 +25,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from twin.fabric.errors import TwinError, UsageError
 from viewer.browser.assets import Asset
+from viewer.browser.desk import Desk, refusal
 from viewer.catalogue import read_catalogue, read_row
 from viewer.folder import find_recording
 
@@ -41,6 +42,9 @@ that no page of another site can ask in its own name."""
 
 READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 """The one call of the hub that is passed on: browsers look, and write nothing."""
+
+STEERS = "/steer"
+"""Where the control panel posts."""
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
@@ -60,6 +64,7 @@ _PAGES = {
     "case.html": "text/html; charset=utf-8",
     "index.js": "text/javascript; charset=utf-8",
     "case.js": "text/javascript; charset=utf-8",
+    "panel.js": "text/javascript; charset=utf-8",
     "style.css": "text/css; charset=utf-8",
 }
 
@@ -75,6 +80,8 @@ class Site:
     """Where they open."""
     hub: tuple[str, int] | None = None
     """Or: host and port of a live hub."""
+    desk: Desk | None = None
+    """With it: the way to running cases, for those who know its token."""
 
     def about(self, case: str) -> bytes:
         """What the pages need to know, as JSON; ``case`` empty: of all cases.
@@ -144,12 +151,15 @@ class Handler(BaseHTTPRequestHandler):
             return
         path, case = asked.path, parse_qs(asked.query).get("case", [""])[0]
         site = self.server.site
+        desk = site.desk
         if path == "/":
             self._file(self.server.files["case.html" if site.folder is None else "index.html"])
         elif path == "/view":
             self._file(self.server.files["case.html"])
         elif path == "/about.json":
             self._made(lambda: (site.about(case), "application/json"))
+        elif path == "/running.json" and site.desk is not None:
+            self._made(lambda: (desk.cases(), "application/json"))
         elif path.startswith("/recording/") and path.endswith(".rrd"):
             name = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
             self._made(lambda: (_recording(site, name), "application/octet-stream"))
@@ -159,12 +169,13 @@ class Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
-        """The live stream, passed on from the hub as it comes."""
+        """The live stream, passed on from the hub as it comes; and what the panel asks."""
         if not self._welcome():
             return
-        hub = self.server.site.hub
+        hub, desk = self.server.site.hub, self.server.site.desk
         length = self.headers.get("Content-Length", "")
-        if hub is None or self.path != READS:
+        steers = desk is not None and self.path == STEERS
+        if hub is None or not (self.path == READS or steers):
             self.close_connection = True
             self.send_error(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal()):
@@ -173,6 +184,11 @@ class Handler(BaseHTTPRequestHandler):
         elif len(length) > LENGTH_DIGITS_MAX or int(length) > BODY_BYTES_MAX:
             self.close_connection = True
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        elif steers and not self._trusted(desk):
+            self.close_connection = True
+            self.send_error(HTTPStatus.FORBIDDEN, "open the address that viewer web printed")
+        elif steers:
+            self._steer(desk, self.rfile.read(int(length)))
         else:
             self._pass_on(hub, self.rfile.read(int(length)))
 
@@ -196,6 +212,26 @@ class Handler(BaseHTTPRequestHandler):
         self.close_connection = True
         self.send_error(HTTPStatus.FORBIDDEN, "ask for localhost")
         return False
+
+    def _trusted(self, desk: Desk) -> bool:
+        """Asked by our own page, which knows the token; no other site can send such a request."""
+        kind = self.headers.get("Content-Type", "").partition(";")[0]
+        token = self.headers.get("X-Steer-Token", "")
+        ours = self.headers.get("Origin") is not None  # which one, `_welcome` has looked at
+        return ours and kind == "application/json" and desk.knows(token)
+
+    def _steer(self, desk: Desk, body: bytes) -> None:
+        status = HTTPStatus.OK
+        try:
+            data = desk.do(body)
+        except TwinError as error:
+            status, data = HTTPStatus.CONFLICT, refusal(error)
+        self.send_response(status)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Length", str(len(data)))
+        self.end_headers()
+        self.wfile.write(data)
 
     def _file(self, file: Asset) -> None:
         """A file that browsers may keep as long as its tag stays."""

@@ -17,8 +17,10 @@ from twin.fabric.errors import TwinError
 from twin.fabric.process import end, spawn
 from viewer import native
 from viewer.browser.assets import web_viewer
+from viewer.browser.desk import Desk
 from viewer.browser.front import Front, Site
 from viewer.folder import Moment
+from viewer.live import LiveOptions
 
 LAPTOP_PORT = 9300
 """Port of the laptop's end of a tunnel in the lines we print."""
@@ -41,6 +43,8 @@ class WebOptions:
     moment: Moment | None = None
     live: tuple[str, ...] = ()
     """Or: options of `viewer live`."""
+    where: LiveOptions | None = None
+    """With them: the same conductor, for the control panel."""
     json: bool = False
 
 
@@ -64,7 +68,12 @@ def run_web(options: WebOptions) -> int:
     with _live(options.live) as child:
         address = _hub_address(child, stop)
         if address is not None:
-            _serve(Site(assets, hub=address), options, stop, child)
+            desk = Desk(options.where) if options.where is not None else None
+            try:
+                _serve(Site(assets, hub=address, desk=desk), options, stop, child)
+            finally:
+                if desk is not None:
+                    desk.close()
         return child.poll() or 0
 
 
@@ -121,6 +130,9 @@ def _tell(front: Front, options: WebOptions) -> None:
     if options.case and options.moment is not None:
         seconds = options.moment.sim_time_ns / 1e9
         path = f"view?case={quote(options.case)}#when=sim_time@+{seconds:g}s"
+    if front.site.desk is not None:
+        # Behind the '#': browsers keep it to themselves, and pages take it from there.
+        path = f"#steer={front.site.desk.token}"
     port = front.server_address[1]
     tunnel = f"ssh -N -L {LAPTOP_PORT}:127.0.0.1:{port} {native.here()}"
     far = f"http://localhost:{LAPTOP_PORT}/{path}"

@@ -68,6 +68,19 @@ def test_json_holds_the_tables(tmp_path: Path) -> None:
     assert sum(total["counts"].values()) == total["total"] == 8
 
 
+def test_attempts_that_a_hand_has_steered_are_counted(tmp_path: Path) -> None:
+    def change(case, end):
+        steered = ["attempt 1: 3 changes <b>"] if case.id == "yolov3-0500-clear" else []
+        return replace(end, steered=steered)
+
+    make_campaign(tmp_path, campaign_data(), change)
+    page = write_report(tmp_path).read_text()
+    assert "Steered by hand</dt><dd>1 attempt, without a verdict" in page
+    assert "attempt 1: 3 changes &lt;b&gt;" in page
+    make_campaign(tmp_path / "untouched")
+    assert "Steered by hand" not in write_report(tmp_path / "untouched").read_text()
+
+
 def test_hostile_text_stays_text(tmp_path: Path) -> None:
     def change(case, end):
         return replace(end, outcome="failed", verdict=HOSTILE, reasons=[HOSTILE], worker=HOSTILE)

@@ -61,6 +61,7 @@ class Sim:
     """Stands for the engine: two slots, a tick at a time."""
 
     def __init__(self):
+        self.active = np.array([True, False])
         self.tick = np.zeros(2, np.int32)
         self.sim_time_ns = np.zeros(2, np.int64)
         self.state = np.zeros((2, len(COLUMN)))
@@ -246,6 +247,38 @@ def test_thumbnails_only_for_those_who_look(hub):
     assert len(got) == 2, "one at first, one with the verdict: the others came too soon"
     assert [m.outcome for m in got] == ["", "verdict"]
     assert [m.sim_time_ns for m in got] == [50_000_000, 200_000_000]
+
+
+def test_a_case_that_stands_still_says_so_to_those_who_look(hub, clock):
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    asked = []
+    feed.steered_by(lambda slot, payload, respond: (asked.append(slot), respond(payload)))
+    sim = Sim()
+    feed.begin(0, lease(), sim)
+    key = topics.VIEW_CONTROL.key.format(campaign="*", case="*")
+    viewer = hub.open()
+    assert viewer.gather(key, b"pause", 20) == [b"pause"]
+    assert asked == [0]
+    sim.step(feed)
+    listener = Listener(hub, ["view/*/*/thumbnail", "view/*/*/live/*"])  # it comes too late
+    sim.active[0] = False
+    for _ in range(3):
+        feed.hand(0, "paused")
+        clock.now_s += 0.3
+    sim.step(feed)  # of the others: nothing of this one
+    feed.hand(1, "paused")  # no case there
+    sim.active[0] = True
+    clock.now_s += 1.0
+    sim.step(feed)
+    feed.end(sim.finished())
+    assert viewer.gather(key, b"pause", 20) == [], "nobody to ask any more"
+    feed.close(10)
+    got = listener.wait()
+    states = [m for m in got if isinstance(m, StateSample)]
+    assert [(m.tick, m.hand) for m in states] == [(1, "paused")] * 3 + [(2, "paused"), (3, "")]
+    small = [(m.hand, m.outcome) for m in got if isinstance(m, Thumbnail)]
+    assert small == [("paused", "")] * 3 + [("paused", "verdict")]
+    assert len([m for m in got if isinstance(m, CaseStart)]) == 2
 
 
 def test_nobody_looks(hub):

@@ -6,7 +6,7 @@ import pytest
 from schemas import SCHEMA_VERSION
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import rig_key
-from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result
+from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
 from twin.worker.core import (
     GOODBYE_TRIES,
     IDLE_NS,
@@ -476,3 +476,46 @@ def test_a_worker_that_was_forgotten_leaves_and_keeps_its_results():
         SpoolWrite(1, pack(result(1))),
         Leave("worker w has left"),
     ]
+
+
+def test_a_case_that_stands_still_at_somebodys_wish_is_not_late():
+    core = working(slots=1, tokens=(1,))
+    core.on_progress([1], [4], 7)
+    core.on_progress([1], [4], 4 * SECOND_NS, waiting=[1])
+    core.on_time(7 + 5 * SECOND_NS)
+    assert core.held
+    core.on_time(9 * SECOND_NS)
+    assert not core.held
+
+
+def test_a_touch_is_told_at_once_until_it_is_heard():
+    core = working(slots=1, tokens=(1,))
+    touch = Touch(40, "pause", 0)
+    core.on_touched(1, touch, 1)
+    core.on_touched(9, touch, 1)  # abandoned meanwhile
+    (ask,) = core.on_time(1)
+    assert ask.request.touched == {"1": touch}
+    core.on_reply(ask.request, None, 1)
+    (ask,) = core.on_time(4 * SECOND_NS)
+    assert ask.request.touched == {"1": touch}
+    later = Touch(41, "resume", 0)
+    core.on_touched(1, later, 4 * SECOND_NS)
+    core.on_reply(ask.request, reply(), 4 * SECOND_NS)
+    (ask,) = core.on_time(4 * SECOND_NS)
+    assert ask.request.touched == {"1": later}, "the first was heard, not the second"
+    core.on_reply(ask.request, reply(), 4 * SECOND_NS)
+    core.on_progress([1], [9], 7 * SECOND_NS)
+    (ask,) = core.on_time(8 * SECOND_NS)
+    assert ask.request.touched == {}
+
+
+def test_a_steered_case_goes_back_uncharged_also_when_it_takes_its_rig_along():
+    core = working(slots=2, tokens=(1, 2))
+    core.on_steered(result(1), 3, 0)
+    core.on_steered(result(1), 3, 0)
+    assert [(e.token, e.reason) for e in core.ended] == [(1, "intervened")]
+    assert "3 changes, ended with 'pass'" in core.ended[0].detail
+    assert core.results == []
+    core.on_touched(2, Touch(5, "pose", 1), 0)
+    core.on_rig_died("crash", "signal 11", 0)
+    assert core.ended[-1].reason == "intervened"

@@ -32,7 +32,7 @@ def ended(folder: Path, token: int) -> Ended:
 
 def test_they_come_in_order_and_their_files_are_there(tmp_path):
     told: queue.Queue = queue.Queue()
-    writer = ResultWriter(told.put)
+    writer = ResultWriter(lambda _, result: told.put(result))
     for token in range(5):
         writer.put(ended(tmp_path, token))
     results = [told.get(timeout=30) for _ in range(5)]
@@ -45,7 +45,7 @@ def test_they_come_in_order_and_their_files_are_there(tmp_path):
 def test_a_folder_that_cannot_be_written_ends_the_loop(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    writer = ResultWriter(lambda _: pytest.fail("it was not written"))
+    writer = ResultWriter(lambda *_: pytest.fail("it was not written"))
     writer.put(ended(blocked, 0))
     with pytest.raises(TwinError, match="Not a directory"):
         until_refused(writer)

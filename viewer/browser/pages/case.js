@@ -93,6 +93,7 @@ async function showLive() {
   // The list of what there is: the wall and the single cases.
   handle.override_panel_state("blueprint", "expanded");
   say("Live");
+  startPanel();
 }
 
 async function start() {

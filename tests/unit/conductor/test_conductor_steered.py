@@ -1,0 +1,71 @@
+"""What the conductor makes of hands on running cases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from conductor_bench import S, ended, result, started
+
+from conductor.facts import AttemptEnded, Intervention, Snapshot
+from conductor.fold import fold
+from conductor.folders import Folders
+from conductor.outcomes import outcomes_of
+from conductor.snapshot import take
+from schemas import SCHEMA_VERSION
+from schemas.messages import Beat, Touch
+
+PAUSE = Touch(40, "pause", 0)
+FOG = Touch(41, "environment weather=heavy_fog", 1)
+
+
+def test_a_touch_is_a_fact_once_and_the_case_is_run_again_uncharged(tmp_path: Path) -> None:
+    bench = started(cases=1)
+    (lease,) = bench.lease()
+
+    def beat(touch: Touch, token: int = lease.token) -> None:
+        touched = {str(token): touch}
+        bench.ask(Beat(v=SCHEMA_VERSION, worker="w1", held={str(lease.token): 41}, touched=touched))
+
+    beat(PAUSE)
+    assert bench.explain("repeat_0")[1] == (
+        "steered by hand: pause at tick 40; it keeps its verdict"
+    )
+    beat(FOG)
+    beat(FOG)  # a reply was lost
+    beat(FOG, token=lease.token + 1)  # not its own
+    beat(Touch(41, "x" * 5000, 2))
+    beat(Touch(41, "x" * 5000, 2))
+    assert [fact.what[:5] for fact in bench.facts(Intervention)] == ["pause", "envir", "xxxxx"]
+    assert len(bench.explain("repeat_0")[1]) < 400
+    detail = "steered by hand, 2 changes"
+    (again,) = bench.lease(ended=[ended(lease, "intervened", detail)])
+    assert (again.case, again.attempt, again.alone) == (lease.case, 2, False)
+    assert not bench.facts(AttemptEnded)[0].charged
+    assert "no verdict of attempt 1: steered by hand, 2 changes" in bench.explain("repeat_0")
+    # A restart knows it, also from a snapshot.
+    images: Snapshot = take(bench.state)
+    assert fold([images], bench.config).campaigns == bench.state.campaigns
+    bench.next(results=[result(again, attempt_dir="cases/repeat_0/attempt-2")], k=0)
+    campaign = bench.state.campaigns["alpha"]
+    row = outcomes_of(campaign).cases["repeat_0"]
+    assert (row.attempts, row.charges, row.steered) == (2, [], [f"attempt 1: {detail}"])
+    # What was done by hand is evidence; what a killed rig left is not.
+    campaign.out = str(tmp_path)
+    for number in (1, 2, 3):
+        (tmp_path / f"cases/repeat_0/attempt-{number}").mkdir(parents=True)
+    campaign.cases["repeat_0"].issued += (99,)
+    Folders(tmp_path).sweep(campaign)
+    left = sorted(path.name for path in tmp_path.glob("cases/repeat_0/*"))
+    assert left == ["attempt-1", "attempt-2"]
+
+
+def test_a_case_that_somebody_looks_at_gets_no_second_lease() -> None:
+    bench = started(cases=1, workers=2)
+    (lease,) = bench.lease("w1")
+    held = {str(lease.token): 40}
+    bench.ask(Beat(v=SCHEMA_VERSION, worker="w1", held=held, touched={str(lease.token): PAUSE}))
+    bench.now_ns += bench.config.ttl_ns // 2 + 1
+    assert not bench.lease("w2")
+    bench.now_ns += S
+    bench.ask(Beat(v=SCHEMA_VERSION, worker="w1", held=held))
+    assert lease.token in bench.state.leases, "a pause ends no lease"

@@ -1,0 +1,209 @@
+"""Steering an engine: requests from other threads, applied between two ticks."""
+
+import threading
+import time
+
+import pytest
+from unit.twin.test_engine import ask, case
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.interventions import (
+    ControlReply,
+    ControlRequest,
+    GiveBack,
+    Look,
+    Pause,
+    SetEnvironment,
+    SetPace,
+    SpawnObject,
+    Step,
+    Takeover,
+)
+from schemas.messages import Explain, Lease, Reply, StatusRequest
+from schemas.wire import decode, encode
+from twin.engine import Engine
+from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.memory_bus import Hub
+from twin.fabric.steering import Attempt, find, find_in_rig
+from twin.worker.steering import REQUEST_BYTES_MAX, WAITING_MAX, Steering
+from twin.worker.steering_journal import read_journal
+
+
+class Rig:
+    """An engine of two slots with its steering; a turn is what the simulator's loop does."""
+
+    def __init__(self, folder):
+        self.engine = Engine(case("a"), 2)
+        self.slots = [None, None]
+        self.touched = []
+        self.steering = Steering("rig", self.slots, "cpu", self.tell)
+        for slot, name in enumerate("ab"):
+            self.engine.reset(slot, case(name))
+            self.slots[slot] = name
+            self.steering.begin(slot, Lease(7 + slot, 1, str(folder), case(name)), [])
+
+    def tell(self, slot, hand):
+        self.touched.append((slot, hand.note.what, hand.label()))
+
+    def turn(self, throttle=0.1):
+        """At most one tick; what was commanded."""
+        self.steering.turn(self.engine)
+        if not self.engine.active.any():
+            self.steering.nap(self.engine)
+            return [None, None]
+        self.engine.sense()
+        active = self.engine.active
+        commands = [ask(self.engine, s, throttle) if active[s] else None for s in range(2)]
+        commands = self.steering.commanded(commands)
+        self.engine.step(commands)
+        return commands
+
+    def do(self, action, slot=0, id_="", **more):
+        """Ask, as a viewer does, and take a turn; the answer."""
+        answers = []
+        request = ControlRequest(v=SCHEMA_VERSION, id=id_, action=action, **more)
+        self.steering.ask(slot, encode(request), answers.append)
+        if not answers:
+            self.turn()
+        return decode(answers[0], ControlReply)
+
+    def changes(self, slot):
+        return self.do(Look(), slot).state.changes
+
+    @property
+    def ticks(self):
+        return self.engine.tick.tolist()
+
+
+@pytest.fixture
+def rig(tmp_path):
+    return Rig(tmp_path)
+
+
+def test_a_slot_stands_while_the_other_goes_on_and_comes_back_in_phase(rig):
+    rig.turn()
+    assert rig.do(Pause()).tick == 1
+    assert rig.slots == [None, "b"]
+    assert rig.steering.parked == {0: "a"}
+    for _ in range(3):
+        rig.turn()
+    assert rig.ticks == [1, 5]
+    # Cameras are due every second tick: a step at tick 1 waits for an odd tick of the other.
+    assert rig.do(Step(2)).tick == 1
+    for _ in range(5):
+        rig.turn()
+    assert rig.ticks == [3, 11]
+    assert rig.touched == [(0, "pause", "paused"), (0, "step ticks=2", "paused")]
+    rig.do(Pause(), slot=1)
+    before = rig.ticks
+    for _ in range(3):
+        rig.turn()
+    assert rig.ticks == before, "nothing runs"
+    assert rig.changes(0) == 0
+
+
+def test_a_takeover_is_journalled_as_it_changes(rig, tmp_path):
+    assert rig.do(Takeover(0.3, 0.0, 0.1)).tick == 0
+    rig.do(SetPace(1000.0))
+    assert rig.do(Takeover(0.3, 0.0, 0.1)).state.changes == 1, "the same pedals"
+    commands = rig.turn()
+    assert (commands[0].throttle, commands[0].steering_rad, commands[1].throttle) == (0.3, 0.1, 0.1)
+    rig.do(Takeover(0.0, 0.5, 0.0))
+    assert rig.do(GiveBack()).state.changes == 3
+    assert rig.do(GiveBack()).state.changes == 3, "nothing to give back"
+    assert rig.turn()[0].throttle == 0.1
+    head, entries, end = read_journal(tmp_path / "cases" / "a" / "attempt-1")
+    assert (head.case, head.slots, end) == (case("a"), 2, None)
+    assert [type(entry.action) for entry in entries] == [Takeover, Takeover, GiveBack]
+    assert [told for _, told, _ in rig.touched] == ["takeover", "pace factor=1000", "release"]
+
+
+def test_a_request_that_comes_twice_is_done_once(rig):
+    first = rig.do(Takeover(0.3), id_="x")
+    again = rig.do(Takeover(0.9), id_="x")
+    assert again == first
+    assert rig.changes(0) == 1
+
+
+def test_what_is_refused_changes_nothing(rig, tmp_path):
+    assert "that attempt has ended, attempt 1 runs now" in rig.do(Pause(), token=6).error
+    assert "weather 'fog': allowed" in rig.do(SetEnvironment("fog")).error
+    assert "kind: given 'horse'" in rig.do(SpawnObject("horse", 0.0, 0.0)).error
+    answers = []
+    rig.steering.ask(0, b"x" * (REQUEST_BYTES_MAX + 1), answers.append)
+    rig.steering.ask(0, b"garbage", answers.append)
+    old = encode(ControlRequest(v=SCHEMA_VERSION + 1, id="", action=Look()))
+    rig.steering.ask(0, old, answers.append)
+    errors = [decode(answer, ControlReply).error for answer in answers]
+    for error, words in zip(errors, ("at most 4096", "not MessagePack", "version"), strict=True):
+        assert words in error
+    assert (rig.changes(0), rig.touched) == (0, [])
+    assert not list(tmp_path.glob("cases/*/*/*")), "no journal of nothing"
+    blocked = tmp_path / "cases" / "b"
+    blocked.parent.mkdir(parents=True, exist_ok=True)
+    blocked.write_text("a file where a folder should be")
+    assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog"), slot=1).error
+    assert rig.engine.weather(1) == "clear"
+
+
+def test_a_flood_is_refused(rig):
+    answers = []
+    request = encode(ControlRequest(v=SCHEMA_VERSION, id="", action=Look()))
+    for _ in range(WAITING_MAX + 1):
+        rig.steering.ask(0, request, answers.append)
+    assert "requests wait already" in decode(answers[0], ControlReply).error
+    rig.turn()
+    assert len(answers) == WAITING_MAX + 1
+
+
+def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
+    hub = Hub()
+    pump, stop = hub.run(), threading.Event()
+    simulator, viewer = hub.open(), hub.open()
+    key = topics.CONTROL.key.format(rig="rig")
+    simulator.serve(key, lambda p, r: rig.steering.ask(None, p, r))
+    view = topics.VIEW_CONTROL.key.format(campaign="test", case="b")
+    cancel = simulator.serve(view, lambda p, r: rig.steering.ask(1, p, r))
+
+    def loop():
+        while not stop.is_set():
+            rig.steering.turn(rig.engine)
+            time.sleep(0)
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        assert find_in_rig(viewer, "rig", case="a").state.case == "a"
+        assert find_in_rig(viewer, "rig", slot=1).do(Pause()).tick == 0
+        with pytest.raises(UsageError, match="case 'c' does not run in this rig; running: a, b"):
+            find_in_rig(viewer, "rig", case="c")
+        found = find(viewer, "b")
+        assert (found.state.paused, found.state.token) == (True, 8)
+        with pytest.raises(UsageError, match="that attempt has ended"):
+            Attempt(viewer, "test", "b", 5).do(Pause())
+        cancel()
+        with pytest.raises(UnreachableError, match="no conductor answers there"):
+            find(viewer, "b")
+        lines = {"b": "leased to w since 4 s", "c": "waits: the case is paused"}
+        simulator.serve(topics.RPC.key, lambda p, r: r(encode(_conductor(p, lines))))
+        with pytest.raises(UsageError, match="cannot be steered: its rig is just starting, or sho"):
+            find(viewer, "b")
+        with pytest.raises(UsageError, match="does not run: waits: the case is paused"):
+            find(viewer, "c")
+        with pytest.raises(UsageError, match="no case 'd' in test"):
+            find(viewer, "d")
+    finally:
+        stop.set()
+        thread.join()
+        hub.stop()
+        pump.join()
+
+
+def _conductor(payload, lines):
+    """What a conductor says of the campaign ``test``."""
+    request = decode(payload, Explain | StatusRequest)
+    if isinstance(request, StatusRequest):
+        return Reply(v=SCHEMA_VERSION, epoch=1, status={"campaigns": {"test": {}}})
+    if request.case not in lines:
+        return Reply(v=SCHEMA_VERSION, epoch=1, error="no case")
+    return Reply(v=SCHEMA_VERSION, epoch=1, status={"explain": [lines[request.case]]})

@@ -1,0 +1,88 @@
+"""Run a steered attempt again from its journal, without the hand: the bytes must be the same."""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from msgspec import structs
+
+from schemas.interventions import JournalEnd, JournalHead
+from schemas.messages import Lease, Result
+from schemas.view_mode import ViewMode
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
+from twin.fabric.software import device_class, software_digest
+from twin.worker.pipe import Broken, Built, Done, Listening
+from twin.worker.rig import RigDied, RigProcess
+from twin.worker.shell import WorkerOptions
+from twin.worker.steering_journal import read_journal
+
+
+def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> int:
+    """Run the attempt of a journal again and compare; the exit code.
+
+    Args:
+        attempt: attempt folder, or its journal.
+        device: where to simulate.
+        slots: of the rig; None: as it was.
+        out: folder for the new attempt's files; None: they are not kept.
+
+    Raises:
+        UsageError: no journal there, or a damaged one.
+        InfrastructureError: the rig died.
+    """
+    head, entries, end = read_journal(attempt)
+    for name, was, now in (
+        ("software", head.software[:12], software_digest()[:12]),
+        ("device class", head.device_class, device_class(device)),
+    ):
+        if was != now:
+            print(f"twin: {name} is {now}, the attempt had {was}", file=sys.stderr)
+    case = structs.replace(head.case, placement="worker")
+    folder = Path(out or tempfile.mkdtemp(prefix="twin-reenact-")).absolute()
+    try:
+        lease = Lease(token=1, attempt=head.attempt, out=str(folder), case=case)
+        options = WorkerOptions(
+            connect="", slots=slots or head.slots, device=device, view=ViewMode.none
+        )
+        inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        rig = RigProcess(options, lease, inbox)
+        try:
+            result = _run(rig, inbox, lease, entries)
+        finally:
+            rig.stop()
+    finally:
+        if out is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    return _compare(head, len(entries), end, result)
+
+
+def _run(rig: RigProcess, inbox: queue.SimpleQueue[Any], lease: Lease, entries: Any) -> Result:
+    while True:
+        _, message = inbox.get()
+        match message:
+            case Listening(endpoint):
+                rig.start_stack(endpoint)
+            case Built():
+                rig.assign(lease, entries)
+            case Done(result):
+                return result
+            case Broken(reason, detail) | RigDied(reason, detail):
+                raise InfrastructureError(f"the rig died ({reason}): {detail}")
+
+
+def _compare(head: JournalHead, changes: int, end: JournalEnd | None, result: Result) -> int:
+    name = f"{head.case.id}, attempt {head.attempt}, {changes} changes"
+    print(f"{name}: {result.verdict or result.outcome}, kpi {result.kpi_sha256}")
+    if end is None:
+        print("the attempt was cut off before its end: nothing to compare with")
+        return EXIT_PASS
+    if end.kpi_sha256 == result.kpi_sha256:
+        print("the same values, to the last bit")
+        return EXIT_PASS
+    print(f"other values: the attempt had {end.verdict or end.outcome}, kpi {end.kpi_sha256}")
+    return EXIT_FAILED

@@ -1,0 +1,104 @@
+"""The journal of an attempt that a hand has steered: a line of JSON per action, written at once."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from schemas import SCHEMA_VERSION
+from schemas.interventions import (
+    JOURNAL_FILE,
+    Action,
+    Intervention,
+    JournalEnd,
+    JournalHead,
+    JournalLine,
+)
+from schemas.messages import Lease, Result
+from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.software import device_class, software_digest
+
+
+class SteeringJournal:
+    """Appends to the file beside the attempt's KPIs; begun with the first action."""
+
+    def __init__(self, lease: Lease, slots: int, device: str) -> None:
+        """
+        Raises:
+            TwinError: the folder cannot be written.
+        """
+        folder = Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
+        self._path = folder / JOURNAL_FILE
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._descriptor = os.open(
+                self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666
+            )
+        except OSError as error:
+            raise storage_error(error, str(folder)) from None
+        self._write(
+            JournalHead(
+                v=SCHEMA_VERSION,
+                attempt=lease.attempt,
+                software=software_digest(),
+                device_class=device_class(device),
+                slots=slots,
+                case=lease.case,
+            )
+        )
+
+    def add(self, tick: int, sim_time_ns: int, action: Action) -> None:
+        """One action, before it is applied."""
+        self._write(Intervention(tick, sim_time_ns, action))
+
+    def end(self, result: Result, ticks: int) -> None:
+        """The attempt came to its end."""
+        self._write(JournalEnd(result.outcome, result.verdict, result.kpi_sha256, ticks))
+        self.close()
+
+    def close(self) -> None:
+        """Nothing more is written."""
+        os.close(self._descriptor)
+
+    def discard(self) -> None:
+        """Nothing was done after all."""
+        self.close()
+        self._path.unlink(missing_ok=True)
+
+    def _write(self, line: JournalLine) -> None:
+        try:
+            os.write(self._descriptor, msgspec.json.encode(line) + b"\n")
+        except OSError as error:
+            raise storage_error(error, str(self._path)) from None
+
+
+def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEnd | None]:
+    """A journal; without an end if its attempt was cut off.
+
+    Raises:
+        UsageError: there is none, or it is damaged; one line.
+    """
+    path = path / JOURNAL_FILE if path.is_dir() else path
+    decode = msgspec.json.Decoder(JournalLine).decode
+    try:
+        texts = path.read_bytes().splitlines()
+        lines = [decode(text) for text in texts]
+    except FileNotFoundError:
+        raise UsageError(
+            f"{path}: no such journal; give the folder of an attempt that was steered by hand"
+        ) from None
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}") from None
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"{path}: damaged: {error}") from None
+    if not lines or not isinstance(lines[0], JournalHead):
+        raise UsageError(f"{path}: damaged: it does not begin with its attempt")
+    if lines[0].v != SCHEMA_VERSION:
+        raise UsageError(
+            f"{path}: schema version {lines[0].v} given, this side speaks {SCHEMA_VERSION}; "
+            "install the version that wrote it"
+        )
+    end = lines[-1] if isinstance(lines[-1], JournalEnd) else None
+    return lines[0], [line for line in lines if isinstance(line, Intervention)], end

@@ -1,0 +1,108 @@
+"""The control panel's way to running cases: requests of a page -> actions on a simulator."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import threading
+
+import msgspec
+from msgspec import Struct
+
+from schemas.interventions import Action
+from schemas.settings import Value, actions_of
+from twin.fabric.bus import Bus
+from twin.fabric.errors import TwinError, UsageError
+from twin.fabric.steering import Attempt, running
+from twin.fabric.zenoh_bus import open_bus
+from viewer.live import LiveOptions
+
+CONNECT_S = 2.0
+"""How long the conductor may take to open a session [s]."""
+
+
+class Asked(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page asks: settings, or one action, on one attempt."""
+
+    campaign: str
+    case: str
+    token: int
+    """Of the attempt, as the list of running ones says."""
+    settings: dict[str, str | float | bool] = {}
+    """As for ``viewer set``."""
+    action: Action | None = None
+
+
+class Desk:
+    """One session for all pages, opened when first needed and again after it broke."""
+
+    def __init__(self, where: LiveOptions) -> None:
+        self.token = secrets.token_urlsafe(16)
+        """What a page must know: it stands in the address that we print, and nowhere else."""
+        self._where = where
+        self._bus: Bus | None = None
+        self._lock = threading.Lock()
+
+    def knows(self, token: str) -> bool:
+        """Whether a page may steer."""
+        return hmac.compare_digest(token.encode(), self.token.encode())
+
+    def cases(self) -> bytes:
+        """The attempts that run, as JSON.
+
+        Raises:
+            TwinError: no conductor there, or another version.
+        """
+        found = running(self._session())
+        if not found:
+            self._drop()  # nobody there, or the conductor has moved: look for it next time
+        return msgspec.json.encode(found)
+
+    def do(self, body: bytes) -> bytes:
+        """Carry out what a page asks; the answer says at which tick, and how the case stands.
+
+        Raises:
+            TwinError: it cannot be done; one line, and nothing has changed.
+        """
+        try:
+            asked = msgspec.json.decode(body, type=Asked)
+            settings: dict[str, Value] = dict(asked.settings)
+            actions = actions_of(settings) if settings else []
+        except (msgspec.MsgspecError, ValueError) as error:
+            raise UsageError(str(error)) from None
+        if asked.action is not None:
+            actions.append(asked.action)
+        steered = Attempt(self._session(), asked.campaign, asked.case, asked.token)
+        tick, state = -1, None
+        for action in actions:
+            reply = steered.do(action)
+            tick, state = reply.tick, reply.state
+        return msgspec.json.encode({"tick": tick, "state": state})
+
+    def close(self) -> None:
+        """End the session."""
+        self._drop()
+
+    def _session(self) -> Bus:
+        with self._lock:
+            if self._bus is None:
+                target = self._where.target()
+                self._bus = open_bus(
+                    "client",
+                    connect=[target.endpoint],
+                    namespace=target.namespace,
+                    key=target.key,
+                    connect_timeout_s=CONNECT_S,
+                )
+            return self._bus
+
+    def _drop(self) -> None:
+        with self._lock:
+            bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+
+def refusal(error: TwinError) -> bytes:
+    """As JSON, for the page."""
+    return msgspec.json.encode({"error": str(error)})
