@@ -133,7 +133,7 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
     mistakes = _missing_files(cases) or _missing_mounts(cases)
     mistakes += _missing_models(campaign, cases)
     module = campaign.autonomy.stack.split(":")[0]
-    if not _importable(module):
+    if not campaign.autonomy.command and not _importable(module):
         mistakes.append(
             Mistake(
                 "autonomy.stack",

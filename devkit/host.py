@@ -13,8 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from devkit.bridges import ScriptBridge
+from devkit.foreign import Script, drive_variables, run_command
+from devkit.foreign import watch_lifeline as watch_script_lifeline
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
+from schemas.foreign import Foreign
 from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
@@ -48,10 +52,14 @@ class HostOptions:
     parameters: dict[str, Any]
     key: Key | None = None
     """The fabric's key, for a simulator that listens with TLS."""
+    foreign: Foreign | None = None
+    """A command to start: the stack itself, or what ``stack`` is the bridge to."""
 
 
 def run_host(options: HostOptions) -> int:
     """Serve one rig until the process is ended or the simulator goes away."""
+    if options.foreign is not None:
+        return _run_foreign(options, options.foreign)
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
     if supervised:
@@ -59,6 +67,30 @@ def run_host(options: HostOptions) -> int:
         leave_signals_to_the_parent()
     else:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    return _run_stack(options, None)
+
+
+def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
+    """A stack, or the script behind a bridge, in a process of its own."""
+    variables = drive_variables(
+        connect=options.connect,
+        namespace=options.namespace,
+        rig=options.rig,
+        slots=options.slots,
+        parameters=options.parameters,
+        key=str(options.key.path) if options.key else "",
+    )
+    if not options.stack:
+        return run_command(foreign.command, variables)
+    script = Script(foreign.command, variables)
+    watch_script_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
+    try:
+        return _run_stack(options, script)
+    finally:
+        script.end()
+
+
+def _run_stack(options: HostOptions, script: Script | None) -> int:
     bus = open_bus(
         "peer",
         connect=[options.connect],
@@ -72,6 +104,8 @@ def run_host(options: HostOptions) -> int:
             stack = load_stack(options.stack, options.slots, options.parameters)
         except StackError as error:
             raise InfrastructureError(str(error)) from None
+        if isinstance(stack, ScriptBridge):
+            stack.attach(script)
         try:
             serve(link, stack)
         finally:

@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.environment import Environment, environment_mistakes
+from schemas.foreign import BRIDGES, Bridge, Foreign, Word
 from schemas.lens import EFFECTS, Effect
 from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
@@ -118,6 +119,15 @@ class Autonomy(_Spec, frozen=True):
 
     stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
     """Entry point ``module:Class``."""
+    command: list[Word] = []
+    """Command line of a stack in a process of its own, instead of ``stack``; it finds the rig in
+    its environment."""
+    bridge: Bridge = "none"
+    """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
+    Simulator; ``parameters`` are those of the bridge."""
+    slots: Annotated[int, Meta(ge=0, le=4096)] = 0
+    """Most cases that the stack drives at once; 0: one for a command, for a class as many as the
+    worker has slots."""
     placement: Literal["worker", "node"] = "worker"
     """``worker``: beside the simulator, frames in shared memory; ``node``: frames over TCP."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
@@ -217,6 +227,11 @@ class Case(_Spec, frozen=True, kw_only=True):
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     stack: str
+    """Entry point; empty for a command that speaks the drive plane itself."""
+    foreign: Foreign | None = None
+    """The stack's own process; None: a class alone."""
+    slots: int = 0
+    """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "node"]
     latency_ms: int
     parameters: dict[str, bool | int | float | str]
@@ -241,6 +256,10 @@ class Case(_Spec, frozen=True, kw_only=True):
     def seeing(self) -> list[Camera]:
         """The cameras that see, the main one first."""
         return [self.camera, *self.cameras] if self.render else []
+
+    def rig_slots(self, offered: int) -> int:
+        """Slots of its rig on a worker that offers so many."""
+        return min(self.slots, offered) if self.slots else offered
 
     def simulator_files(self) -> dict[str, str]:
         """Digests of the files that the simulator reads: scene and vehicle."""
@@ -335,7 +354,9 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
-    if not campaign.render and campaign.autonomy.stack == Autonomy().stack:
+    mistakes += _driver_mistakes(campaign)
+    own = not campaign.autonomy.command
+    if own and not campaign.render and campaign.autonomy.stack == Autonomy().stack:
         driver = f"off: stack {campaign.autonomy.stack} drives by a camera; name another"
         mistakes.append(Mistake("render", driver))
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
@@ -456,7 +477,7 @@ def _case(
             lidars=campaign.lidars,
             sensors=sensors,
             environment=environment,
-            stack=campaign.autonomy.stack,
+            **_driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
             latency_ms=campaign.autonomy.latency_ms,
             parameters=campaign.autonomy.parameters,
@@ -479,6 +500,41 @@ def _case(
         ),
         [],
     )
+
+
+def _driver(autonomy: Autonomy) -> dict[str, Any]:
+    """What a case says about the process that drives it."""
+    if not autonomy.command:
+        return {"stack": autonomy.stack, "slots": autonomy.slots}
+    return {
+        "stack": BRIDGES.get(autonomy.bridge, ""),
+        "foreign": Foreign(command=autonomy.command, bridge=autonomy.bridge),
+        "slots": autonomy.slots or 1,
+    }
+
+
+def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
+    """A stack is a class or a command, and a bridge has what its messages hold."""
+    autonomy = campaign.autonomy
+    mistakes = []
+    if autonomy.command and autonomy.stack != Autonomy().stack:
+        mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
+    if autonomy.bridge == "none":
+        return mistakes
+    if not autonomy.command:
+        mistakes.append(Mistake("autonomy.bridge", "needs the command that starts the script"))
+    if autonomy.slots > 1:
+        mistakes.append(Mistake("autonomy.slots", f"given {autonomy.slots}, a bridge drives 1"))
+    off = [name for name in ("encoders", "imu", "pose") if not getattr(campaign.sensors, name).on]
+    if off:
+        wanted = ", ".join(f"{name}: {{}}" for name in off)
+        mistakes.append(Mistake("sensors", f"the bridge sends them; add {wanted}"))
+    names = {campaign.camera.name, *(camera.name for camera in campaign.cameras)}
+    if not campaign.render or not {"front_left", "front_right"} <= names:
+        mistakes.append(
+            Mistake("cameras", "the bridge sends pictures of front_left and front_right; add them")
+        )
+    return mistakes
 
 
 def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake]:

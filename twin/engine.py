@@ -350,7 +350,7 @@ class Engine:
         vehicles.switch_step[slot] = self._steps
         while run.pending and run.pending[0][0] < first_step + self._steps:
             step, current = run.pending.popleft()
-            asked = (current.throttle, current.brake, current.steering_rad)
+            asked = (current.throttle, current.brake, current.steering_rad, current.handbrake)
             vehicles.commands[slot, 0, 1, : len(asked)] = asked
             vehicles.switch_step[slot] = step - first_step
             run.lights = current.lights

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
@@ -91,6 +91,7 @@ class SimulatorEnd:
             frames=self._frames.path if self._frames else "",
             frames_bytes=self._frames.size if self._frames else 0,
             nonce=self._frames.nonce if self._frames else "",
+            minor=DRIVE_MINOR,
         )
         while True:
             self._bus.publish(key, encode(offer))
@@ -98,7 +99,10 @@ class SimulatorEnd:
             on_wait()
             if sample is None or not sample.key.endswith("/control/stack"):
                 continue
-            answer: Ready = decode(sample.payload, Ready)
+            try:
+                answer: Ready = decode(sample.payload, Ready)
+            except WireError as error:
+                raise InfrastructureError(f"stack: {error}") from None
             if answer.seen:
                 self.shared = answer.shared
                 self._bus.publish(key, encode(msgspec.structs.replace(offer, seen=True)))
@@ -126,7 +130,10 @@ class SimulatorEnd:
                 continue
             if not sample.key.endswith("/command"):
                 continue  # a late ready
-            commands: Commands = decode(sample.payload, Commands)
+            try:
+                commands: Commands = decode(sample.payload, Commands)
+            except WireError as error:
+                raise InfrastructureError(f"stack: {error}") from None
             if commands.error:
                 raise InfrastructureError(f"stack: {commands.error}")
             if commands.seq == seq:
@@ -291,5 +298,6 @@ class StackEnd:
             slots=self._slots,
             shared=self._map is not None,
             seen=seen,
+            minor=DRIVE_MINOR,
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import msgspec
 import psutil
 
 from schemas.messages import Lease, Release
@@ -33,6 +34,9 @@ STOPPED_GRACE_S = 0.5
 
 FILE_GRACE_S = 1.0
 """After that: longest wait for it to finish its files without the rest [s]."""
+
+FOREIGN_GRACE_S = 5.0
+"""Longest wait for the end of everything that a foreign stack started [s]."""
 
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
@@ -67,6 +71,7 @@ class RigProcess:
         self._options = options
         self._lease = lease
         self._inbox = inbox
+        self._slots = lease.case.rig_slots(options.slots)
         self._id = secrets.token_hex(8)
         self._stopped = False
         self._lock = threading.Lock()
@@ -86,7 +91,7 @@ class RigProcess:
             [
                 *(sys.executable, "-m", "twin", "sim"),
                 *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
-                *("--slots", str(options.slots), "--device", options.device),
+                *("--slots", str(self._slots), "--device", options.device),
                 *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
             ],
@@ -132,14 +137,21 @@ class RigProcess:
             self._stopped = True
         self._finish_recordings()
         for child in (self._simulator, self._stack, self._recorder):
-            if child is not None:
+            if child is None:
+                continue
+            if child is not self._stack or self._lease.case.foreign is None:
                 child.kill()  # nothing of value is in there: results are on disk
-                end(child)
+            # What keeps watch over a foreign stack has to end all that the stack started.
+            end(child, FOREIGN_GRACE_S)
         if self._announced is not None:
             self._announced.unlink(missing_ok=True)
         self._log.close()
         self._stack_log.close()
         self._recorder_log.close()
+
+    def stack_words(self) -> str:
+        """The last lines of a foreign stack's log; a class says its reason by itself."""
+        return "" if self._lease.case.foreign is None else last_lines(self._stack_log)
 
     def _write(self, data: bytes) -> None:
         assert self._simulator.stdin is not None
@@ -167,9 +179,12 @@ class RigProcess:
         """The simulator listens: start the stack, or announce the rig to a remote one."""
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
-            *("--slots", str(self._options.slots), "--stack", self._lease.case.stack),
+            *("--slots", str(self._slots), "--stack", self._lease.case.stack),
             *("--parameters", json.dumps(self._lease.case.parameters), *self._key),
         ]
+        if self._lease.case.foreign is not None:
+            foreign = msgspec.json.encode(self._lease.case.foreign).decode()
+            arguments += ["--foreign", foreign]
         if self._lease.case.placement == "node":
             self._announce(arguments)
             return
