@@ -12,6 +12,7 @@ from typing import Annotated
 import msgspec
 import typer
 
+from devkit.check_command import check
 from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
 from devkit.training_commands import evaluate, train
 from schemas.foreign import Foreign
@@ -27,6 +28,7 @@ app.command("detect")(detect)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("parity")(parity)
+app.command("check")(check)
 
 
 @app.command()

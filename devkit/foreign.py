@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import psutil
@@ -62,6 +62,17 @@ class Script:
     """A command of somebody else, and everything it starts."""
 
     def __init__(self, command: Sequence[str], variables: Mapping[str, str]) -> None:
+        """Say what it is.
+
+        Args:
+            command: words of the command line.
+            variables: added to this process's environment.
+        """
+        self._command = list(command)
+        self._variables = dict(variables)
+        self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
+
+    def start(self) -> None:
         """Start it, in a session of its own.
 
         Raises:
@@ -69,7 +80,7 @@ class Script:
         """
         libc = ctypes.CDLL(None, use_errno=True)
         libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-        environment = {**os.environ, **variables}
+        environment = {**os.environ, **self._variables}
         environment.pop(PARENT_VARIABLE, None)
 
         def bind() -> None:
@@ -78,7 +89,7 @@ class Script:
 
         try:
             self._child = subprocess.Popen(
-                list(command),
+                self._command,
                 stdin=subprocess.DEVNULL,
                 # What it prints goes where our own messages go: into the rig's log.
                 stdout=sys.stderr.fileno(),
@@ -89,15 +100,10 @@ class Script:
             )
         except OSError as error:
             raise InfrastructureError(
-                f"stack command {command[0]!r}: {error.strerror or error}; give a command that "
-                "the worker finds on its PATH, or an absolute path"
+                f"stack command {self._command[0]!r}: {error.strerror or error}; give a command "
+                "that the worker finds on its PATH, or an absolute path"
             ) from None
         _OWN.add(self._child.pid)
-        self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
-
-    def poll(self) -> int | None:
-        """Its exit code, or None while it runs."""
-        return self._child.poll()
 
     def check(self) -> None:
         """Do nothing while it runs as it should.
@@ -126,18 +132,29 @@ class Script:
                 self.check()
 
     def end(self) -> None:
-        """End it and everything that it started."""
-        end_descendants()
+        """End it and what it started; what left its session ends with this process."""
+        _end(self._family)
+        self._child.wait()
+
+    def _family(self) -> list[psutil.Process]:
+        own = self._child.pid
+        return [p for p in _descendants() if p.pid == own or _session(p) == own]
+
+    def restart(self) -> None:
+        """End it and start it again, as if for the first time."""
+        self.end()
+        self.start()
 
 
 def run_command(command: Sequence[str], variables: Mapping[str, str]) -> int:
     """Run a foreign stack to its end, or to the end of our lifeline; its exit code."""
     script = Script(command, variables)
+    script.start()
     watch_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
     try:
         code = script.wait()
     finally:
-        script.end()
+        end_descendants()
     if code < 0:  # as if it had been our own end, so that the worker tells the signal
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         with contextlib.suppress(OSError, ValueError):
@@ -164,9 +181,14 @@ def watch_lifeline(*, supervised: bool) -> None:
 
 
 def end_descendants() -> None:
-    """Kill every process below this one: first stop them, so that none starts another."""
+    """Kill every process below this one."""
+    _end(_descendants)
+
+
+def _end(look: Callable[[], list[psutil.Process]]) -> None:
+    """Kill what is found until nothing is: first stop them, so that none starts another."""
     for _ in range(ROUNDS_MAX):
-        found = _descendants()
+        found = look()
         if not found:
             return
         for process in found:
@@ -185,6 +207,12 @@ def _descendants() -> list[psutil.Process]:
             else:
                 _reap(process.pid)
     return found
+
+
+def _session(process: psutil.Process) -> int:
+    with contextlib.suppress(ProcessLookupError):
+        return os.getsid(process.pid)
+    return 0
 
 
 def _reap(pid: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from devkit.bridges import ScriptBridge
-from devkit.foreign import Script, drive_variables, run_command
+from devkit.foreign import Script, drive_variables, end_descendants, run_command
 from devkit.foreign import watch_lifeline as watch_script_lifeline
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
@@ -87,7 +87,7 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
     try:
         return _run_stack(options, script)
     finally:
-        script.end()
+        end_descendants()
 
 
 def _run_stack(options: HostOptions, script: Script | None) -> int:
@@ -104,9 +104,9 @@ def _run_stack(options: HostOptions, script: Script | None) -> int:
             stack = load_stack(options.stack, options.slots, options.parameters)
         except StackError as error:
             raise InfrastructureError(str(error)) from None
-        if isinstance(stack, ScriptBridge):
-            stack.attach(script)
         try:
+            if isinstance(stack, ScriptBridge):
+                stack.attach(script)
             serve(link, stack)
         finally:
             stack.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import TYPE_CHECKING
 
 from devkit.stack import Stack
@@ -13,5 +14,10 @@ if TYPE_CHECKING:
 class ScriptBridge(Stack):
     """A stack that hands every instant to a script, which runs beside it."""
 
+    @abstractmethod
     def attach(self, script: Script | None) -> None:
-        """The host has started ``script``; None: somebody else has."""
+        """Start ``script``; None: somebody else has started one. Called once, before all else.
+
+        Raises:
+            TwinError: it cannot be started, or not now.
+        """

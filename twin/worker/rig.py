@@ -22,6 +22,7 @@ import psutil
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
+from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
@@ -251,7 +252,11 @@ class RigProcess:
             tail = last_lines(log)
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
-        self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))
+        foreign = self._lease.case.foreign
+        # A bridge says so if another rig of this host is at its port: nobody's fault.
+        waits = name == "stack" and foreign and foreign.bridge != "none"
+        reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
+        self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
 
 
 def _resident_bytes(pid: int) -> int:
