@@ -61,13 +61,17 @@ def drive_variables(
 class Script:
     """A command of somebody else, and everything it starts."""
 
-    def __init__(self, command: Sequence[str], variables: Mapping[str, str]) -> None:
+    def __init__(
+        self, command: Sequence[str], variables: Mapping[str, str], folder: str | None = None
+    ) -> None:
         """Say what it is.
 
         Args:
             command: words of the command line.
             variables: added to this process's environment.
+            folder: working folder; None: ours.
         """
+        self._folder = folder
         self._command = list(command)
         self._variables = dict(variables)
         self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
@@ -82,6 +86,8 @@ class Script:
         libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
         environment = {**os.environ, **self._variables}
         environment.pop(PARENT_VARIABLE, None)
+        if self._folder is not None:  # files of a repository are read-only, also for root
+            environment["PYTHONDONTWRITEBYTECODE"] = "1"
 
         def bind() -> None:
             libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -95,6 +101,7 @@ class Script:
                 stdout=sys.stderr.fileno(),
                 stderr=sys.stderr.fileno(),
                 env=environment,
+                cwd=self._folder,
                 start_new_session=True,
                 preexec_fn=bind,  # no thread of ours runs yet that could hold a lock
             )
@@ -146,9 +153,8 @@ class Script:
         self.start()
 
 
-def run_command(command: Sequence[str], variables: Mapping[str, str]) -> int:
+def run_command(script: Script) -> int:
     """Run a foreign stack to its end, or to the end of our lifeline; its exit code."""
-    script = Script(command, variables)
     script.start()
     watch_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
     try:

@@ -16,6 +16,7 @@ import numpy as np
 from devkit.bridges import ScriptBridge
 from devkit.foreign import Script, drive_variables, end_descendants, run_command
 from devkit.foreign import watch_lifeline as watch_script_lifeline
+from devkit.foreign_place import placed
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
 from schemas.foreign import Foreign
@@ -80,9 +81,10 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         parameters=options.parameters,
         key=str(options.key.path) if options.key else "",
     )
+    command, folder = placed(foreign)
+    script = Script(command, variables, folder)
     if not options.stack:
-        return run_command(foreign.command, variables)
-    script = Script(foreign.command, variables)
+        return run_command(script)
     watch_script_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
     try:
         return _run_stack(options, script)

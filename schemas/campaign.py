@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.environment import Environment, environment_mistakes
-from schemas.foreign import BRIDGES, Bridge, Foreign, Word
+from schemas.foreign import BRIDGES, Bridge, Foreign, Image, Repository, Word
 from schemas.lens import EFFECTS, Effect
 from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
@@ -125,6 +125,10 @@ class Autonomy(_Spec, frozen=True):
     bridge: Bridge = "none"
     """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
     Simulator; ``parameters`` are those of the bridge."""
+    repository: Repository | None = None
+    """Git repository that holds the command."""
+    image: Image | None = None
+    """Container in which the command runs."""
     slots: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Most cases that the stack drives at once; 0: one for a command, for a class as many as the
     worker has slots."""
@@ -508,7 +512,12 @@ def _driver(autonomy: Autonomy) -> dict[str, Any]:
         return {"stack": autonomy.stack, "slots": autonomy.slots}
     return {
         "stack": BRIDGES.get(autonomy.bridge, ""),
-        "foreign": Foreign(command=autonomy.command, bridge=autonomy.bridge),
+        "foreign": Foreign(
+            command=autonomy.command,
+            bridge=autonomy.bridge,
+            repository=autonomy.repository,
+            image=autonomy.image,
+        ),
         "slots": autonomy.slots or 1,
     }
 
@@ -519,6 +528,9 @@ def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
     mistakes = []
     if autonomy.command and autonomy.stack != Autonomy().stack:
         mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
+    for name in ("repository", "image"):
+        if getattr(autonomy, name) is not None and not autonomy.command:
+            mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))
     if autonomy.bridge == "none":
         return mistakes
     if not autonomy.command:
