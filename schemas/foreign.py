@@ -37,6 +37,7 @@ class Image(Struct, frozen=True, forbid_unknown_fields=True):
     path: Word
     """Absolute path of a SIF or of an image folder; with podman a name."""
     runtime: Runtime = "auto"
+    """What runs it; ``auto``: the first of them that is installed."""
     binds: list[Word] = []
     """Absolute folders that are seen inside under the same path."""
     gpus: bool = False

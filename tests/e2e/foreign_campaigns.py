@@ -50,8 +50,19 @@ FAULTS = {
 """What a stack may do at tick 3; the case's number in this order says which."""
 
 
-def faulty(folder: Path) -> Path:
-    """The client, with one of :data:`FAULTS` in every case."""
+HOSTILE = {
+    "none": "pass",
+    "flood": "for _ in range(10**6): say('command', answer)",
+    "giant": "session.put(f'drive/{RIG}/command', bytes(2 * 10**8), congestion_control=BLOCK)",
+    "forks": "[subprocess.Popen(['sleep', '600']) for _ in range(300)]; threading.Event().wait()",
+    "orphans": "subprocess.run(['sh', '-c', 'setsid sleep 600 &']); sys.exit(9)",
+    "none again": "pass",
+}
+"""What a hostile one may do."""
+
+
+def faulty(folder: Path, faults: dict[str, str]) -> Path:
+    """The client, with one of ``faults`` in every case."""
     source = CLIENT.read_text()
     lines = [
         "            case = now and next(iter(names.values()))",
@@ -68,7 +79,7 @@ def faulty(folder: Path) -> Path:
     assert answered in source
     source = source.replace(answered, "\n".join(lines) + "\n" + answered)
     path = folder / "faulty.py"
-    path.write_text(f"import sys, threading\nFAULTS = {FAULTS!r}\n{source}")
+    path.write_text(f"import subprocess, sys, threading\nFAULTS = {faults!r}\n{source}")
     return path
 
 

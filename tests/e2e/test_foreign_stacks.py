@@ -2,8 +2,11 @@
 
 import json
 
-from foreign_campaigns import CLASS, CLIENT, FAULTS, campaign, faulty, python
+import pyarrow.parquet as parquet
+from foreign_campaigns import CLASS, CLIENT, FAULTS, HOSTILE, campaign, faulty, python
 from processes import outcomes
+
+from twin.fabric.kpi_file import kpi_sha256
 
 
 def run(marked, path, *options):
@@ -40,7 +43,7 @@ def test_sixty_lines_of_python_give_the_values_of_the_class(marked, tmp_path, mo
 
 
 def test_every_failure_has_its_reason_and_the_last_words(marked, tmp_path):
-    autonomy = {"command": python(faulty(tmp_path))}
+    autonomy = {"command": python(faulty(tmp_path, FAULTS))}
     path = campaign(
         *(tmp_path, "faults", autonomy),
         matrix={"repeat": list(range(len(FAULTS)))},
@@ -67,3 +70,35 @@ def test_every_failure_has_its_reason_and_the_last_words(marked, tmp_path):
     assert "stack: not MessagePack" in reasons["garbage"]
     assert "stack: no command for case repeat_7" in reasons["silent"]
     assert "schema version 0 given, this side speaks 1" in reasons["major"]
+
+
+def test_a_hostile_stack_ends_its_rig_and_nothing_else(marked, tmp_path):
+    """Other cases have the values of a peaceful stack; the fixture looks for what is left."""
+    matrix = {"matrix": {"repeat": list(range(len(HOSTILE)))}}
+    autonomy = {"command": python(faulty(tmp_path, HOSTILE))}
+    path = campaign(tmp_path, "hostile", autonomy, **matrix, attempts_max=1, deadline_s=30)
+    done = marked.run(
+        *("conductor", "run", str(path), "--workers", "2", "--output", "json"),
+        *("--out", str(tmp_path / "hostile")),
+    )
+    assert done.returncode == 3, done.stderr
+    cases = outcomes(tmp_path / "hostile")
+    reasons = {fault: " ".join(cases[f"repeat_{i}"]["reasons"]) for i, fault in enumerate(HOSTILE)}
+    assert "stack: more than 1000 messages wait" in reasons["flood"]
+    assert "stack: message of 200000000 bytes, at most 16777216" in reasons["giant"]
+    assert "runs more than 256 processes" in reasons["forks"]
+    assert "stack exit code 9" in reasons["orphans"]
+    assert "worker" not in done.stderr.replace("worker 1: rig ended", "").replace(
+        "worker 2: rig ended", ""
+    )
+    path = campaign(tmp_path, "peaceful", {"command": python(CLIENT)}, **matrix)
+    done, peaceful = run(marked, path)
+    assert done.returncode == 0, done.stderr
+    for index in (0, len(HOSTILE) - 1):
+        assert values(tmp_path / "hostile", index) == values(peaceful, index)
+
+
+def values(folder, index):
+    """Digest of all KPI values of a case."""
+    (kpi,) = folder.glob(f"cases/repeat_{index}/attempt-*/kpi.parquet")
+    return kpi_sha256(parquet.read_table(kpi))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
-from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode, encode
+from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
@@ -30,6 +30,9 @@ READY_PERIOD_S = 0.05
 
 RESEND_S = 1.0
 """A seq without commands is published again after this long [s]."""
+
+WAITING_MAX = 1000
+"""Most messages of the stack that wait for the simulator."""
 
 FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
@@ -77,8 +80,21 @@ class SimulatorEnd:
         self.resent = 0
         """Seqs published again."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._inbox.put)
-        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._inbox.put)
+        self._fault = ""
+        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
+
+    def _take(self, sample: Sample) -> None:
+        """Keep a message of the stack; one that is hostile must not fill our memory."""
+        if len(sample.payload) > MESSAGE_BYTES_MAX:
+            size = len(sample.payload)
+            self._fault = (
+                f"stack: message of {size} bytes, at most {MESSAGE_BYTES_MAX} are accepted"
+            )
+        elif self._inbox.qsize() >= WAITING_MAX:
+            self._fault = f"stack: more than {WAITING_MAX} messages wait; one answers a tick"
+        else:
+            self._inbox.put(sample)
 
     def handshake(self, on_wait: Callable[[], None]) -> None:
         """Repeat ``ready`` until the stack answers; ``on_wait`` may raise to give up."""
@@ -121,6 +137,8 @@ class SimulatorEnd:
         sent = time.monotonic()
         while True:
             sample = self._receive(min(0.1, self._resend_s))
+            if self._fault:
+                raise InfrastructureError(self._fault)
             if sample is None:
                 on_wait()
                 if time.monotonic() - sent >= self._resend_s:
