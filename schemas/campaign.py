@@ -136,6 +136,13 @@ class Autonomy(_Spec, frozen=True):
     """``worker``: beside the simulator, frames in shared memory; ``node``: frames over TCP."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Delay between a frame and the effect of its command, in sim time [ms]."""
+    latency_jitter_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
+    """Longest further delay, drawn evenly for every command from the case's own stream [ms]."""
+    rate_hz: Annotated[int, Meta(ge=0, le=500)] = 0
+    """Commands per second that take effect, a divisor of `control_hz`; the last one stays in force
+    between them; 0: all [Hz]."""
+    drop: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Share of the commands that get lost, drawn from the case's own stream [-]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
     perception: dict[Name, Perception] = msgspec.field(
@@ -238,6 +245,9 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "node"]
     latency_ms: int
+    latency_jitter_ms: int = 0
+    rate_hz: int = 0
+    drop: float = 0.0
     parameters: dict[str, bool | int | float | str]
     model: str
     """Name of the perception variant."""
@@ -282,11 +292,17 @@ _SECTIONS: dict[str, type[Struct]] = {
     "scenario": Scenario,
     "camera": Camera,
     "environment": Environment,
+    "autonomy": Autonomy,
     **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
 }
+_DELAYS = ("latency_ms", "latency_jitter_ms", "rate_hz", "drop")
+"""What a matrix may vary of the section ``autonomy``."""
+
 _NO_AXES = (
     *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
+    # Which stack it is decides which cases may share a rig.
+    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in _DELAYS),
 )
 
 
@@ -462,9 +478,11 @@ def _case(
     mistakes += found
     environment, found = _section(campaign.environment, "environment", point, where, memo)
     mistakes += found
+    autonomy, found = _section(campaign.autonomy, "autonomy", point, where, memo)
+    mistakes += found
     if mistakes:
         return None, mistakes
-    mistakes = _rates(campaign, camera, sensors)
+    mistakes = _rates(campaign, camera, sensors, autonomy)
     if mistakes:
         return None, mistakes
     return (
@@ -483,7 +501,10 @@ def _case(
             environment=environment,
             **_driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
-            latency_ms=campaign.autonomy.latency_ms,
+            latency_ms=autonomy.latency_ms,
+            latency_jitter_ms=autonomy.latency_jitter_ms,
+            rate_hz=autonomy.rate_hz,
+            drop=autonomy.drop,
             parameters=campaign.autonomy.parameters,
             model=str(model),
             perception=variants[str(model)],
@@ -549,7 +570,9 @@ def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
     return mistakes
 
 
-def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake]:
+def _rates(
+    campaign: Campaign, camera: Camera, sensors: Sensors, autonomy: Autonomy
+) -> list[Mistake]:
     """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
     mistakes = []
     control_hz = campaign.control_hz
@@ -561,6 +584,9 @@ def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake
     rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
     rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
     rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
+    if autonomy.rate_hz and control_hz % autonomy.rate_hz:
+        allowed = f"given {autonomy.rate_hz}, allowed: a divisor of control_hz {control_hz}"
+        mistakes.append(Mistake("autonomy.rate_hz", allowed))
     mistakes += [
         Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")
         for name, hz in rates.items()

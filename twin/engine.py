@@ -16,6 +16,7 @@ from schemas.assets import asset_digest
 from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
+from twin.command_delay import Delays
 from twin.fabric.frames import Channel
 from twin.kpi import verdict as judging
 from twin.kpi.lane_progress import LaneProgress
@@ -66,10 +67,15 @@ class _Run:
     recorder: Recorder = field(default_factory=Recorder)
     pending: deque[tuple[int, Command]] = field(default_factory=deque)
     """Commands with the physics step from which they are in force."""
+    delays: Delays = field(init=False)
+    """Between command and effect."""
     lights: Lights = _NO_LIGHTS
     """Lamps in force."""
     lane: LaneProgress | None = None
     """Of a case of lane keeping."""
+
+    def __post_init__(self) -> None:
+        self.delays = Delays(self.case)
 
 
 class Engine:
@@ -336,14 +342,12 @@ class Engine:
             self.clear(slot)
 
     def _schedule(self, slot: int, run: _Run, command: Command) -> None:
-        """Work out which commands are in force in the coming period, and from which step.
+        """Work out which command is in force in the coming period, and from which step.
 
-        Commands come once per period and all wait equally long, so at most one takes over inside a
-        period.
+        Of several that arrive within one period the newest counts.
         """
         first_step = int(self.sim_time_ns[slot]) // PHYSICS_STEP_NS
-        delay = -(-run.case.latency_ms * 1_000_000 // PHYSICS_STEP_NS)
-        run.pending.append((first_step + delay, command))
+        run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
         vehicles = self._vehicles
         vehicles.first_step[slot] = first_step
         vehicles.commands[slot, 0, 0] = vehicles.commands[slot, 0, 1]
