@@ -4,7 +4,7 @@ import json
 
 import pyarrow.parquet as parquet
 from foreign_campaigns import CLASS, CLIENT, FAULTS, HOSTILE, campaign, faulty, python
-from processes import outcomes
+from processes import outcomes, wait_for
 
 from twin.fabric.kpi_file import kpi_sha256
 
@@ -102,3 +102,26 @@ def values(folder, index):
     """Digest of all KPI values of a case."""
     (kpi,) = folder.glob(f"cases/repeat_{index}/attempt-*/kpi.parquet")
     return kpi_sha256(parquet.read_table(kpi))
+
+
+def test_a_killed_worker_leaves_nothing_of_a_foreign_stack(marked, tmp_path):
+    """Also not what the stack started in sessions of its own; the fixture looks for it."""
+    script = tmp_path / "stack.sh"
+    script.write_text("setsid sleep 601 &\nexec sleep 602\n")
+    path = campaign(tmp_path, "killed", {"command": ["sh", str(script)]})
+    conductor = marked.start(
+        "conductor", "serve", "--state", str(tmp_path / "state"), "--listen", "tcp/127.0.0.1:0"
+    )
+    line = conductor.stdout.readline() + conductor.stdout.readline() + conductor.stdout.readline()
+    endpoint = next(word for word in line.split() if word.startswith("tcp/127.0.0.1:"))
+    done = marked.run("conductor", "submit", str(path), "--connect", endpoint)
+    assert done.returncode == 0, done.stderr
+    worker = marked.start("twin", "worker", "--connect", endpoint)
+    for words in (("sleep", "601"), ("sleep", "602")):
+        marked.one(*words)
+    worker.kill()
+    worker.wait()
+    for word in ("601", "602"):
+        wait_for(lambda word=word: not marked.processes("sleep", word), f"the end of sleep {word}")
+    conductor.terminate()
+    conductor.wait()
