@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-bench demo test faults offline check lock clean
+.PHONY: help install install-test install-train install-bench demo test faults offline check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -12,6 +12,7 @@ help:
 	@echo "make faults   a hundred storms of killed and frozen processes"
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
+	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make check    format, lint, types and layers, in under a minute"
 
 install: $(VENV)/.installed
@@ -30,6 +31,12 @@ $(VENV)/.installed-test: $(VENV)/.installed
 
 install-bench: install
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
+
+install-train: $(VENV)/.installed-train
+
+$(VENV)/.installed-train: $(VENV)/.installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train]'
+	@touch $@
 
 # Exit code 1 says that a case did not pass; that is what the demo is meant to find.
 demo: install
@@ -59,6 +66,31 @@ lock:
 	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,bench]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
+
+# The detectors in devkit/models; about ten minutes on one GPU, goes on where it was stopped.
+DEVICE ?= cuda:0
+MODELS = yolov2-w25 yolov2-tiny-w25 yolov3-w25 yolov3-tiny-w25
+models: $(MODELS:%=build/models/%)
+	for model in $(MODELS); do \
+	  cp build/models/$$model/$$model.onnx devkit/models/ && \
+	  cp build/models/$$model/MODEL.md devkit/models/$$model.md || exit; \
+	done
+
+.PHONY: build/models/data $(MODELS:%=build/models/%)
+$(MODELS:%=build/models/%): build/models/%: build/models/data
+	$(BIN)/devkit train build/models/data --model $* --out $@ --size $(SIZE) --epochs $(EPOCHS) --half \
+	  --validate-every 20 --threads 4 --device $(DEVICE)
+build/models/%: SIZE = 320x192
+build/models/%: EPOCHS = 70
+build/models/yolov2-tiny-w25: SIZE = 640x384
+build/models/yolov2-tiny-w25: EPOCHS = 42
+build/models/yolov3-w25: EPOCHS = 34
+build/models/yolov3-tiny-w25: EPOCHS = 50
+
+build/models/data: install-train
+	$(BIN)/twin dataset $@ --count 20000 --size 640x360 --streets 12,4,2 --split-shares 0.75,0.2,0.05 \
+	  --rule long_side_px_min=24 --rule short_side_px_min=8 --rule visible_px_min=150 \
+	  --device $(DEVICE) $(DATASET)
 
 clean:
 	rm -rf $(VENV) $(VENV)-lock build dist

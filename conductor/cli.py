@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from conductor.operate import Connect, Namespace, State, add_commands
+from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
 from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
 from twin.fabric.endpoint import LOOPBACK
@@ -304,7 +305,20 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
 @app.command()
 def report(
-    folder: Folder,
+    folder: Annotated[
+        Path | None, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")
+    ] = None,
+    import_autodrive: Annotated[
+        Path | None,
+        typer.Option(
+            help="Or: a folder with config.json and batch_N/aeb_metrics_sim_inst_M.csv of the "
+            "AutoDRIVE study; they become a campaign folder first."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Campaign folder of an import; default runs/imported-DIR."),
+    ] = None,
     markdown: Annotated[
         Path | None,
         typer.Option(
@@ -312,22 +326,42 @@ def report(
             "written into it by hand stays."
         ),
     ] = None,
+    serial: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the same campaign, run with --workers 1 --slots 1: the speed-up is "
+            "measured against it."
+        ),
+    ] = None,
+    anew: Annotated[
+        bool, typer.Option("--anew", help="Read every KPI file again, also unchanged ones.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Write summary.parquet and report.html of a campaign folder.
+    """Write report.html, summary.parquet, summary.csv and plots of a campaign folder, also while
+    the campaign runs.
 
     Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
     """
-    from conductor.report import report_json, write_report, write_result_page
+    from conductor.report import make_report, tables_of, write_result_page
+    from conductor.report_commands import report_folder
 
-    page = write_report(folder)
-    tables = report_json(folder)
-    pages = [page] if markdown is None else [page, write_result_page(folder, markdown)]
-    print(json.dumps(tables) if output is Output.json else "\n".join(map(str, pages)))
-    for alarm in tables["alarms"]:
-        print(f"conductor: {alarm}", file=sys.stderr)
-    if tables["alarms"]:
+    folder = report_folder(folder, import_autodrive, out)
+    made = make_report(folder, anew=anew, serial=serial)
+    pages = [made.page, *({path.parent for path in made.plots})]
+    if markdown is not None:
+        pages.append(write_result_page(folder, markdown))
+    as_json = output is Output.json
+    print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
+    alarms = made.content.evidence.alarms
+    for line in [made.plots_missing, *alarms]:
+        if line:
+            print(f"conductor: {line}", file=sys.stderr)
+    if alarms:
         raise typer.Exit(EXIT_INFRASTRUCTURE)
+
+
+add_report_commands(app)
 
 
 @app.command("bench")
@@ -355,6 +389,24 @@ def bench_command(
 
     as_json = output is Output.json
     raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
+
+
+@app.command("bench-report")
+def bench_report_command(
+    cases: Annotated[int, typer.Option(min=1, help="Cases, rounded up to 256.")] = 10_000,
+    folder: Annotated[Path, typer.Option(help="Where the files are written, 0.5 GB.")] = Path(
+        "runs"
+    ),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 beyond 60 s or 1 GB.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure reports over a large campaign of real files: the first, and those after it."""
+    from conductor.bench.report import bench_report
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
 
 
 @app.command()

@@ -8,8 +8,9 @@ from collections import Counter
 from pathlib import Path, PurePosixPath
 
 import msgspec
+import pyarrow as pa
 
-from conductor.outcomes import CaseOutcome, read_outcomes
+from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 from twin.fabric.kpi_file import canonical, read_kpi
 
@@ -25,6 +26,33 @@ class Fingerprint(msgspec.Struct, frozen=True):
     """Cases ran on more than one device class; such fingerprints need not be equal."""
     outcomes: dict[str, int]
     """``verdict/pass`` and so on -> cases."""
+
+
+class Fingerprinter:
+    """Takes the cases of a campaign one by one, in id order."""
+
+    def __init__(self) -> None:
+        self._sha = hashlib.sha256()
+        self._counts: Counter[str] = Counter()
+
+    def add(self, name: str, case: CaseOutcome, rows: bytes) -> None:
+        """A case that has ended; ``rows`` is the canonical byte stream of its KPI columns, empty
+        where it has no result."""
+        label = label_of(case)
+        self._counts[label] += 1
+        for part in (name, label):
+            data = part.encode()
+            self._sha.update(struct.pack("<Q", len(data)) + data)
+        self._sha.update(rows)
+
+    def result(self, outcomes: Outcomes) -> Fingerprint:
+        """Of all cases that were added."""
+        return Fingerprint(
+            sha256=self._sha.hexdigest(),
+            cases=len(outcomes.cases),
+            mixed=len(outcomes.device_classes) > 1,
+            outcomes=dict(sorted(self._counts.items())),
+        )
 
 
 def fingerprint(folder: Path) -> Fingerprint:
@@ -45,35 +73,45 @@ def fingerprint(folder: Path) -> Fingerprint:
             f"{folder}: {left} of {len(outcomes.cases)} cases have not ended; "
             "run the campaign again to finish it"
         )
-    sha = hashlib.sha256()
-    counts: Counter[str] = Counter()
+    found = Fingerprinter()
     for name, case in sorted(outcomes.cases.items()):
-        label = f"{case.outcome}/{case.verdict}" if case.verdict else case.outcome
-        counts[label] += 1
-        for part in (name, label):
-            data = part.encode()
-            sha.update(struct.pack("<Q", len(data)) + data)
-        if case.kpi_sha256:
-            _add_kpi(sha, folder, name, case)
-    return Fingerprint(
-        sha256=sha.hexdigest(),
-        cases=len(outcomes.cases),
-        mixed=len(outcomes.device_classes) > 1,
-        outcomes=dict(sorted(counts.items())),
-    )
+        found.add(name, case, committed_rows(folder, name, case)[1] if case.kpi_sha256 else b"")
+    return found.result(outcomes)
 
 
-def _add_kpi(sha: hashlib._Hash, folder: Path, name: str, case: CaseOutcome) -> None:
+def label_of(case: CaseOutcome) -> str:
+    """Outcome with verdict, e.g. ``verdict/pass``."""
+    return f"{case.outcome}/{case.verdict}" if case.verdict else case.outcome
+
+
+def kpi_path(folder: Path, name: str, case: CaseOutcome) -> Path:
+    """The KPI file of the committed attempt.
+
+    Raises:
+        InfrastructureError: the outcomes name a folder outside the campaign's.
+    """
     attempt = PurePosixPath(case.attempt_dir)
     if attempt.is_absolute() or ".." in attempt.parts:
         raise InfrastructureError(f"case {name}: attempt folder '{attempt}' is outside {folder}")
-    path = folder / attempt / KPI_FILE
-    own = hashlib.sha256()
-    for part in canonical(read_kpi(path)):
-        own.update(part)
-        sha.update(part)
-    if own.hexdigest() != case.kpi_sha256:
+    return folder / attempt / KPI_FILE
+
+
+def committed_rows(folder: Path, name: str, case: CaseOutcome) -> tuple[pa.Table, bytes]:
+    """KPI rows of a committed attempt, as a table and as their canonical byte stream.
+
+    Raises:
+        InfrastructureError: the file is missing, damaged, or not the one that was committed.
+    """
+    path = kpi_path(folder, name, case)
+    try:
+        table = read_kpi(path)
+    except InfrastructureError as error:
+        raise InfrastructureError(f"case {name}: {error}") from None
+    rows = b"".join(canonical(table))
+    found = hashlib.sha256(rows).hexdigest()
+    if found != case.kpi_sha256:
         raise InfrastructureError(
             f"case {name}: {path} is not the file that was committed (its values give "
-            f"{own.hexdigest()[:12]}, committed {case.kpi_sha256[:12]}); restore it or run again"
+            f"{found[:12]}, committed {case.kpi_sha256[:12]}); restore it or run again"
         )
+    return table, rows

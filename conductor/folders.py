@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import time
 from pathlib import Path
 
 import msgspec
@@ -26,6 +27,10 @@ from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
 
 CAMPAIGN_FILE = "campaign.yaml"
+REFRESH_S = 5.0
+"""Outcomes of a campaign that runs are written anew at most this often [s]."""
+REFRESH_SHARE = 0.02
+"""And so seldom that writing takes no more of the time than this, however many cases there are."""
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +46,10 @@ class Folders:
         self._reported: set[Path] = set()
         self._yaml: dict[str, str] = {}
         """Campaign -> its file without the head; thousands of values take a while to write."""
+        self._changed: set[str] = set()
+        """Campaigns with news since their outcomes were written."""
+        self._refresh_ns = 0
+        """Not before this time [ns]."""
 
     def check(self, state: State, request: Submit) -> str:
         """What is wrong with the folder of a submission, in one line, or nothing."""
@@ -79,7 +88,9 @@ class Folders:
             raise storage_error(error, str(path)) from None
         for campaign in state.campaigns.values():
             self.open_campaign(campaign)
-            if not campaign.left:
+            if campaign.left:
+                self.changed(campaign.campaign.campaign)
+            else:
                 self.record(campaign)
         self.flush()
 
@@ -93,6 +104,23 @@ class Folders:
     def record(self, campaign: CampaignState) -> None:
         """Write the outcomes as they stand."""
         self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)
+        self._changed.discard(campaign.campaign.campaign)
+
+    def changed(self, campaign: str) -> None:
+        """A case of ``campaign`` was leased or has ended: its outcomes are due soon."""
+        self._changed.add(campaign)
+
+    def refresh(self, state: State) -> None:
+        """Bring the outcomes of running campaigns up to date, if it is time: for reports."""
+        began_ns = time.monotonic_ns()
+        if not self._changed or began_ns < self._refresh_ns:
+            return
+        for name in list(self._changed):
+            self.record(state.campaigns[name])
+        self.flush()
+        ended_ns = time.monotonic_ns()
+        pause_ns = max(REFRESH_S * 1e9, (ended_ns - began_ns) / REFRESH_SHARE)
+        self._refresh_ns = ended_ns + int(pause_ns)
 
     def sweep(self, campaign: CampaignState) -> None:
         """Remove attempt folders of committed cases that no fact names: killed rigs left them.

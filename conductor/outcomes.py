@@ -1,7 +1,7 @@
 """``outcomes.json``: the outcome of every case of a campaign, for reports and fingerprints.
 
-The journal is locked by its conductor; this file is written when a campaign is complete and when
-the conductor shuts down, and can be read by anyone.
+The journal is locked by its conductor; this file is written every few seconds while a campaign
+runs, when it is complete and when the conductor shuts down, and can be read by anyone.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def read_outcomes(folder: Path) -> Outcomes:
     except FileNotFoundError:
         if (folder / CONDUCTOR_FILE).exists():
             raise UsageError(
-                f"{folder}: the campaign is still running; wait until every case has ended"
+                f"{folder}: its conductor has not written {FILE_NAME} yet; try again in a moment"
             ) from None
         raise UsageError(
             f"{folder}: no {FILE_NAME}; give the folder of a campaign that a conductor has run"

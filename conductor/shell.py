@@ -35,6 +35,7 @@ from conductor.journal import FolderLockedError, Journal, TakenOverError
 from conductor.state import Config
 from conductor.status import status
 from conductor.timed_store import TimedStore
+from conductor.timeline import append_events
 from schemas import topics
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
@@ -255,15 +256,20 @@ class Conductor:
         for fact in facts:
             match fact:
                 case Submitted():
-                    self._folders.open_campaign(campaigns[fact.campaign["campaign"]])
+                    name = fact.campaign["campaign"]
+                    self._folders.open_campaign(campaigns[name])
+                    self._folders.changed(name)
                 case Pinned():
                     self._folders.open_campaign(campaigns[fact.campaign])
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
         ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
         for name in ended:
+            self._folders.changed(name)
             if not campaigns[name].left:
                 self._folders.record(campaigns[name])
         self._folders.flush()
+        self._folders.refresh(self._engine.state)
+        append_events(facts, campaigns, time.time())
 
     def _answer(self, group: list[Item], turn: Turn) -> None:
         for (_, respond), reply in zip(group, turn.replies, strict=False):

@@ -26,7 +26,7 @@ from schemas.perception import NetworkPerception as NetworkPerception
 from schemas.perception import Perception, file_fields
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
-from schemas.view_mode import View
+from schemas.view_mode import Keep, Recording, View
 
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
@@ -195,6 +195,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     requires: Requirements = Requirements()
     view: View = "live"
     """What is shown of its cases, and recorded; no result depends on it."""
+    recording: Recording = Recording()
     render: bool = True
     """Off: no camera sees anything, so there are no boxes either; for stacks that drive by lidars
     or the car's own sensors."""
@@ -263,6 +264,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Those of :attr:`Campaign.files` that the case uses."""
     view: View = "live"
     """What its simulator shows."""
+    keep: Keep = "all"
+    """Of its recording."""
     render: bool = True
     """Its cameras see."""
 
@@ -521,6 +524,7 @@ def _case(
                 if name in campaign.files
             },
             view=campaign.view,
+            keep=campaign.recording.keep,
             render=campaign.render,
         ),
         [],

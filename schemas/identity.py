@@ -22,7 +22,7 @@ def digest(parts: Iterable[bytes]) -> str:
 
 def case_digest(case: Case) -> str:
     """Digest of everything that decides a case's result (batch label and viewers do not)."""
-    return digest([_canonical(msgspec.structs.replace(case, batch=0, view="live"))])
+    return digest([_canonical(msgspec.structs.replace(case, batch=0, view="live", keep="all"))])
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
@@ -42,7 +42,7 @@ def rig_key(case: Case) -> str:
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
         *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
-        *(case.foreign, case.slots),
+        *(case.foreign, case.slots, case.keep),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -75,6 +75,7 @@ def _rig_key(case: Case) -> str:
         "placement": case.placement,
         "files": case.simulator_files(),
         "view": case.view,
+        "keep": case.keep,
         "render": case.render,
         "foreign": msgspec.to_builtins(case.foreign),
         "slots": case.slots,

@@ -11,6 +11,7 @@ from __future__ import annotations
 from msgspec import Struct
 
 from schemas.messages import CameraSite, Detection, LidarSite, Lights
+from schemas.view_mode import Keep
 from schemas.view_mode import ViewMode as ViewMode
 
 UNNUMBERED = -1
@@ -100,6 +101,8 @@ class CaseStart(Struct, frozen=True):
     """Whose feed it comes from; live only."""
     scene_sha256: str = ""
     """Of the :class:`SceneMesh` that the rig's feed hands out; live only."""
+    keep: Keep = "all"
+    """Whether a recorder keeps its file, which is decided at the end."""
 
 
 class StateSample(Struct, frozen=True):

@@ -5,8 +5,20 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Literal
 
+from msgspec import Struct
+
 View = Literal["none", "live", "record", "record+live"]
 """As files say it."""
+
+Keep = Literal["all", "failed", "none"]
+
+
+class Recording(Struct, frozen=True, forbid_unknown_fields=True):
+    """What is kept of the recordings, where ``view`` says that there are some."""
+
+    keep: Keep = "all"
+    """``failed``: the recording of an attempt is removed at its end if its verdict is ``pass``.
+    ``none``: nothing is recorded."""
 
 
 class ViewMode(StrEnum):
@@ -24,6 +36,11 @@ class ViewMode(StrEnum):
     def records(self) -> bool:
         """A recorder runs beside each simulator."""
         return self in (ViewMode.record, ViewMode.record_live)
+
+    @property
+    def unrecorded(self) -> ViewMode:
+        """The same for viewers, without a recorder."""
+        return ViewMode.live if self.shows else ViewMode.none
 
     @property
     def shows(self) -> bool:

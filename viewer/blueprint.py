@@ -67,8 +67,11 @@ def case_blueprint(
     )
 
 
-def overview_blueprint() -> rrb.Blueprint:
-    """The wall on the left; cases as text, throughput, workers and events on the right."""
+def overview_blueprint(*, bare: bool = False) -> rrb.Blueprint:
+    """The wall on the left; cases as text, throughput, workers and events on the right.
+
+    ``bare``: for a picture, without what one clicks on.
+    """
     right = rrb.Vertical(
         rrb.TextDocumentView(origin=naming.CASES, name="Running and latest"),
         _wall_plot("Cases per minute", [naming.THROUGHPUT]),
@@ -89,7 +92,10 @@ def overview_blueprint() -> rrb.Blueprint:
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=naming.WALL, play_state="following"),
+        *([rrb.TopPanel(state="hidden")] if bare else []),
+        rrb.TimePanel(
+            state="hidden" if bare else "collapsed", timeline=naming.WALL, play_state="following"
+        ),
         auto_layout=False,
         auto_views=False,
     )

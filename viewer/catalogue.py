@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from twin.fabric.errors import UsageError
 from viewer.folder import (
     Found,
     Moment,
+    NotKeptError,
     case_names,
     committed_attempts,
     find_moment,
@@ -65,6 +66,8 @@ class Catalogue:
     rows: list[Row]
     missing: list[str]
     """Cases without a readable recording."""
+    passed: list[str] = field(default_factory=list)
+    """Cases that passed, and whose recording was therefore not kept."""
 
     @property
     def incomplete(self) -> list[str]:
@@ -73,13 +76,19 @@ class Catalogue:
 
     def as_json(self) -> dict[str, Any]:
         """For ``--output json``."""
-        return {"cases": [row.as_json() for row in self.rows], "missing": self.missing}
+        return {
+            "cases": [row.as_json() for row in self.rows],
+            "missing": self.missing,
+            "not_kept": self.passed,
+        }
 
     def remarks(self) -> list[str]:
         """One line for each thing that is not as one would wish."""
         lines = []
         if self.missing:
             lines.append(f"{_number(self.missing)} without a recording: {_some(self.missing)}")
+        if self.passed:
+            lines.append(f"{_number(self.passed)} passed and not kept: {_some(self.passed)}")
         if self.incomplete:
             lines.append(f"{_number(self.incomplete)} recorded with gaps: {_some(self.incomplete)}")
         others = [row.found.case for row in self.rows if row.found.other]
@@ -96,18 +105,26 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
     """
     rows: list[Row] = []
     missing: list[str] = []
+    passed: list[str] = []
     names, committed = case_names(folder), committed_attempts(folder)
     for case in names:
         try:
             found = recording_of(folder, case, names, committed.get(case, ""))
             cover = read_cover(found.path)
+        except NotKeptError:
+            passed.append(case)
         except UsageError:
             missing.append(case)
         else:
             rows.append(_row(found, _moment(found, at), cover))
+    if not rows and passed:
+        raise NotKeptError(
+            f"{folder}: all recorded cases passed, and none was kept; the campaign says "
+            "recording.keep: failed"
+        )
     if not rows:
         raise UsageError(f"{folder}: no case was recorded; run the campaign with --view record")
-    return Catalogue(folder, rows, missing)
+    return Catalogue(folder, rows, missing, passed)
 
 
 def read_row(folder: Path, case: str, at: str) -> Row:

@@ -53,18 +53,36 @@ At = Annotated[
 @app.command()
 def shot(
     folder: Folder,
-    case: Case,
+    case: Annotated[
+        str, typer.Argument(help="Case id; none: the wall of the cases that run now.")
+    ] = "",
     out: Annotated[Path, typer.Option(help="PNG file to write.")] = Path("shot.png"),
     at: At = "aeb",
     size: Annotated[str, typer.Option(help="Width x height of the picture [px].")] = "1280x720",
+    key: KeyOption = None,
+    wait: Annotated[
+        float, typer.Option(min=0, help="Of the wall: how long running cases are waited for [s].")
+    ] = 60.0,
+    watch: Annotated[
+        float,
+        typer.Option(min=0, help="Of the wall: look on first, until verdicts and plots come [s]."),
+    ] = 0.0,
 ) -> None:
-    """Render one moment of a recorded case as a picture; needs no display."""
+    """Render one moment of a recorded case, or the wall of running ones; needs no display."""
     from viewer.folder import find_moment, find_recording
     from viewer.outputs import check_out
     from viewer.shot import parse_size, shoot
 
     pixels = parse_size(size)
     check_out(out, ".png")
+    if not case:
+        from viewer.live import LiveOptions
+        from viewer.wall_shot import shoot_wall
+
+        options = LiveOptions(run=folder, key=key, wait_s=wait)
+        wall = shoot_wall(options, out, pixels, wait, watch)
+        print(f"{out}: {wall.cases} cases, {wall.running} running")
+        return
     found = find_recording(folder, case)
     moment = find_moment(found, at)
     shoot(found.path, moment, out, pixels)
@@ -93,6 +111,33 @@ def frame(
     for line in found.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
+
+
+@app.command()
+def strip(
+    folder: Folder,
+    case: Case,
+    out: Annotated[Path, typer.Option(help="JPEG file to write.")] = Path("strip.jpg"),
+    at: At = "aeb",
+    around_s: Annotated[
+        float, typer.Option(min=0.0, max=600.0, help="How long before and after [s].")
+    ] = 1.0,
+    frames: Annotated[int, typer.Option(min=1, max=15, help="Pictures.")] = 5,
+) -> None:
+    """Write the camera's pictures around a moment side by side, with boxes; needs no graphics
+    driver."""
+    from viewer.folder import find_moment, find_recording
+    from viewer.frames import read_case
+    from viewer.outputs import check_out
+    from viewer.strip import write_strip
+
+    check_out(out, ".jpg")
+    found = find_recording(folder, case)
+    moment = find_moment(found, at)
+    taken = write_strip(read_case(found.path), moment, around_s, frames, out)
+    for line in found.remarks():
+        tell(line)
+    print(f"{out}: {case}, {moment.label}, {len(taken)} pictures")
 
 
 @app.command()
@@ -304,7 +349,7 @@ def bench_command(
         str, typer.Option(help="Campaign that is run with and without viewers.")
     ] = "aeb-demo",
     rounds: Annotated[
-        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen viewer.")
+        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
     ] = 3,
     workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,

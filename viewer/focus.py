@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import rerun as rr
 
 from schemas.view import CameraSample, CaseEnd, CaseStart, PointsSample, SceneMesh, StateSample
@@ -14,6 +13,7 @@ from viewer import naming
 from viewer.blueprint import case_blueprint
 from viewer.convert import CaseConverter
 from viewer.hub import leave
+from viewer.rows import Rows, rows_at, send
 from viewer.scenery import Logged, outline, points, unpacked
 
 SCENES_MAX = 4
@@ -93,24 +93,17 @@ class Focus:
                 self._begin(decode(sample.payload, CaseStart))
             case "state":
                 state: StateSample = decode(sample.payload, StateSample)
-                self._log(state.token, state.sim_time_ns, state.tick, lambda c: c.state(state))
+                self._send(state.token, lambda c: c.states([state]))
             case "camera":
                 picture: CameraSample = decode(
                     sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
                 )
-                self._log(
-                    picture.token,
-                    picture.sim_time_ns,
-                    picture.tick,
-                    lambda c: c.camera(sample.payload, stream),
-                )
+                self._send(picture.token, lambda c: c.pictures([(picture, sample.payload)], stream))
             case "lidar":
                 cloud: PointsSample = decode(sample.attachment, PointsSample, ATTACHMENT_BYTES_MAX)
-                self._log(
-                    cloud.token,
-                    cloud.sim_time_ns,
-                    cloud.tick,
-                    lambda _: [(naming.sensor(stream), points(sample.payload))],
+                columns = points(sample.payload)
+                self._send(
+                    cloud.token, lambda _: [rows_at(naming.sensor(stream), [cloud], columns)]
                 )
             case "end":
                 end: CaseEnd = decode(sample.payload, CaseEnd)
@@ -125,7 +118,7 @@ class Focus:
         self._standing = True
         mesh = self._scenes.mesh(self._start.scene_sha256)
         shown = outline(self._start.stage) if mesh is None else [(naming.SCENE, mesh)]
-        self._put(shown, static=True)
+        self._put(shown)
 
     def close(self) -> None:
         """End the recording; it stays in the hub. Does not wait for stuck viewers."""
@@ -149,38 +142,32 @@ class Focus:
         self._start, self._converter = start, CaseConverter(start)
         self._stream = self._open_stream(start)
         self._standing = False
-        self._put(self._converter.start(), static=True)
+        self._put(self._converter.start())
         self.stand()
 
     def _end(self, end: CaseEnd) -> None:
-        self._log(end.token, end.sim_time_ns, None, lambda c: c.end(end))
+        self._send(end.token, lambda c: c.end(end))
         if self._converter is None or self._start is None or self._start.token != end.token:
             return
-        self._put(self._converter.summary(end, 0), static=True)
+        self._put(self._converter.summary(end, 0))
 
-    def _log(
-        self,
-        token: int,
-        sim_time_ns: int,
-        tick: int | None,
-        convert: Callable[[CaseConverter], list[Logged]],
-    ) -> None:
-        """Log what ``convert`` makes of a message, unless it is of an attempt not shown."""
+    def _send(self, token: int, convert: Callable[[CaseConverter], list[Rows]]) -> None:
+        """Send what ``convert`` makes of a message, unless it is of an attempt not shown."""
         if self._stream is None or self._start is None or self._converter is None:
             return
         if token != self._start.token:
             return
-        self._stream.set_time(naming.SIM_TIME, duration=np.timedelta64(sim_time_ns, "ns"))
-        if tick is not None:
-            self._stream.set_time(naming.TICK, sequence=tick)
-        self._put(convert(self._converter), static=False)
+        self.logged += 1
+        for rows in convert(self._converter):
+            send(self._stream, rows)
 
-    def _put(self, logged: list[Logged], *, static: bool) -> None:
+    def _put(self, logged: list[Logged]) -> None:
+        """Log what holds at all times."""
         if self._stream is None:
             return
         self.logged += 1
         for path, archetype in logged:
-            self._stream.log(path, archetype, static=static)
+            self._stream.log(path, archetype, static=True)
 
 
 def open_stream(hub_url: str, start: CaseStart) -> rr.RecordingStream:

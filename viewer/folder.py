@@ -55,6 +55,10 @@ class Moment:
     label: str
 
 
+class NotKeptError(UsageError):
+    """There was a recording, and nobody wanted it."""
+
+
 def find_recording(folder: Path, case: str) -> Found:
     """The recording of the committed attempt, or of the latest one.
 
@@ -85,9 +89,13 @@ def recording_of(folder: Path, case: str, names: list[str], committed: str) -> F
     for attempt in attempts:
         path = attempt / naming.RECORDING_FILE
         if path.is_file() and path.stat().st_size:
-            note = attempt / naming.RECORDING_NOTE
-            kpi = attempt / naming.KPI_FILE
-            return Found(case, path, kpi, _is_complete(note), committed)
+            complete = _note(attempt).get("complete") is True
+            return Found(case, path, attempt / naming.KPI_FILE, complete, committed)
+    if any(_note(attempt).get("kept") is False for attempt in attempts):
+        raise NotKeptError(
+            f"{folder}: case '{case}' passed, and its recording was not kept; the campaign says "
+            "recording.keep: failed"
+        )
     raise UsageError(
         f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
     )
@@ -180,8 +188,10 @@ def committed_attempts(folder: Path) -> dict[str, str]:
     return found
 
 
-def _is_complete(note: Path) -> bool:
+def _note(attempt: Path) -> dict[str, Any]:
+    """What the recorder has left to say; empty: nothing that could be read."""
     try:
-        return json.loads(note.read_text(encoding="utf-8"))["complete"] is True
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+        found = json.loads((attempt / naming.RECORDING_NOTE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

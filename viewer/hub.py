@@ -1,18 +1,22 @@
 """The hub: one process-wide server on loopback that native viewers connect to.
 
 A viewer that is frozen stops the hub's output, not its input: the newest of each stream waits in a
-slot, and what is logged is gated by a flush that must come back.
+slot, and what is logged waits for a flush that must come back. If there are other viewers, the gate
+cuts it off.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from urllib.parse import urlsplit
 
 import rerun as rr
 
 from twin.fabric.errors import UsageError
 from viewer import naming, native
 from viewer.blueprint import overview_blueprint
+from viewer.gate import Gate
 from viewer.overview import Overview
 from viewer.pulse import Pulse
 from viewer.scenery import Logged
@@ -23,6 +27,10 @@ as much beside its 200 MB (measured with eight cases in full)."""
 
 PROBE_S = 0.05
 """How long a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms [s]."""
+
+
+PATIENCE_S = 5.0
+"""So long after a viewer has stopped to read, others are relieved of it [s]."""
 
 
 def flows(stream: rr.RecordingStream) -> bool:
@@ -49,19 +57,39 @@ def leave(stream: rr.RecordingStream) -> None:
 class Hub:
     """The overview's recording, and the address that single cases are sent to."""
 
-    def __init__(self, stream: rr.RecordingStream, url: str) -> None:
+    def __init__(
+        self, stream: rr.RecordingStream, url: str, sink_url: str = "", gate: Gate | None = None
+    ) -> None:
         self.url = url
+        """Where viewers come: at the gate, if there is one."""
+        self.sink_url = sink_url or url
+        """Where recordings go that are to be shown."""
         self.logged = 0
         self.skipped = 0
         """Pictures left out because a viewer was stuck."""
         self._stream = stream
+        self._gate = gate
+        self._stuck_s: float | None = None
+        """Since when viewers do not keep up."""
         self._styled = False
+
+    @property
+    def port(self) -> int:
+        """Of :attr:`url`."""
+        return urlsplit(self.url).port or 0
 
     def open(self) -> bool:
         """Whether viewers keep up."""
         if flows(self._stream):
+            self._stuck_s = None
             return True
         self.skipped += 1
+        now_s = time.monotonic()
+        if self._stuck_s is None:
+            self._stuck_s = now_s
+        elif self._gate is not None and now_s - self._stuck_s >= PATIENCE_S:
+            self._stuck_s = now_s
+            self._gate.relieve()
         return False
 
     def show(self, overview: Overview, now_s: float) -> None:
@@ -79,6 +107,8 @@ class Hub:
 
     def close(self) -> None:
         """End the recording; does not wait for stuck viewers."""
+        if self._gate is not None:
+            self._gate.close()
         leave(self._stream)
 
     def _put(self, logged: list[Logged], now_s: float) -> None:
@@ -88,8 +118,13 @@ class Hub:
             self._stream.log(path, archetype)
 
 
-def open_hub(port: int) -> Hub:
-    """Listen on loopback ``port``.
+def open_hub(port: int, *, bare: bool = False, say: Callable[[str], None] = lambda _: None) -> Hub:
+    """Listen on loopback ``port``; 0: a free one.
+
+    Args:
+        port: where viewers come.
+        bare: see :func:`viewer.blueprint.overview_blueprint`.
+        say: takes a line for people.
 
     Raises:
         UsageError: the port is in use.
@@ -99,10 +134,14 @@ def open_hub(port: int) -> Hub:
     )
     stream.set_log_tick_enabled(False)
     stream.set_log_time_enabled(False)
-    # The sink reports a port in use to its log only.
-    if not native.is_free(port):
-        raise UsageError(f"--port {port}: already in use; choose another, or 0 for a free one")
-    sink = rr.GrpcServerSink("127.0.0.1", port, server_memory_limit=HUB_MEMORY)
-    stream.set_sinks(sink, default_blueprint=overview_blueprint())
+    inner = native.free_port()
+    try:
+        gate = Gate(port, inner, say)
+    except OSError:
+        raise UsageError(
+            f"--port {port}: already in use; choose another, or 0 for a free one"
+        ) from None
+    sink = rr.GrpcServerSink("127.0.0.1", inner, server_memory_limit=HUB_MEMORY)
+    stream.set_sinks(sink, default_blueprint=overview_blueprint(bare=bare))
     stream.send_recording_name("All cases")
-    return Hub(stream, sink.uri)
+    return Hub(stream, sink.uri.replace(f":{inner}/", f":{gate.port}/"), sink.uri, gate)

@@ -118,13 +118,12 @@ def run_live(options: LiveOptions) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    port = options.port or native.free_port()
-    live = Live(options, open_hub(port), tunnel)
+    live = Live(options, open_hub(options.port, say=say), tunnel)
     with ExitStack() as stack:
         stack.callback(live.close)
         if tunnel is not None:
             stack.callback(tunnel.close)  # first: the link may be waiting for it
-        _tell(live.hub, port, options)
+        _tell(live.hub, options)
         shown = None
         if options.show and native.has_display():
             shown = stack.enter_context(window(["--connect", live.hub.url]))
@@ -150,6 +149,8 @@ class Live:
         self.slots = Slots()
         self.connected = False
         """The conductor has answered, once at least."""
+        self.leased = 0
+        """Cases that workers have, as the conductor says."""
         self.strangers = 0
         """Messages of another version, or damaged."""
         self._pulse = Pulse()
@@ -241,6 +242,7 @@ class Live:
             match heard:
                 case Status(found):
                     self.connected = True
+                    self.leased = sum(row["leased"] for row in found["campaigns"].values())
                     self._pulse.status(found, now_s)
                     self._renewed(self._renewal.status(found))
                 case Event(fact):
@@ -281,7 +283,9 @@ class Live:
         if focuses is None:
             return
         if campaign not in focuses:
-            focuses[campaign] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
+            focuses[campaign] = Focus(
+                lambda start: open_stream(self.hub.sink_url, start), self._scenes
+            )
         try:
             focuses[campaign].take(sample)
         except (WireError, ValueError) as error:
@@ -302,9 +306,10 @@ def _closed(shown: Window) -> bool:
     return shown.process.poll() is not None
 
 
-def _tell(hub: Hub, port: int, options: LiveOptions) -> None:
+def _tell(hub: Hub, options: LiveOptions) -> None:
+    laptop = native.tunnel_commands(hub.port)
     if options.json:
-        print(json.dumps({"hub": hub.url, "laptop": native.tunnel_commands(port)}), flush=True)
+        print(json.dumps({"hub": hub.url, "laptop": laptop}), flush=True)
         return
     print(f"cases of {options.where} on {hub.url}; Ctrl-C ends")
     if options.show and not native.has_display():
@@ -312,7 +317,7 @@ def _tell(hub: Hub, port: int, options: LiveOptions) -> None:
     if has_terminal():
         print(HINT)
     print("on a laptop behind ssh, with the same rerun-sdk:")
-    for line in native.tunnel_commands(port):
+    for line in laptop:
         print(f"  {line}", flush=True)
 
 

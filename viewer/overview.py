@@ -63,6 +63,11 @@ class Overview:
     """Largest token seen, and whether that attempt has ended."""
     _ends: dict[Key, End] = field(default_factory=dict)
 
+    @property
+    def running(self) -> int:
+        """Cases on the wall that have not ended."""
+        return sum(not tile.thumbnail.outcome for tile in self.tiles.values())
+
     def take(self, thumbnail: Thumbnail, jpeg: bytes) -> bool:
         """A thumbnail arrived; False: it is of an attempt that is over, and changes nothing."""
         key = (thumbnail.campaign, thumbnail.case)

@@ -10,7 +10,9 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
+from typing import Literal
 
 from schemas import topics
 from schemas.topics import Topic
@@ -29,6 +31,12 @@ QUEUE_BYTES_MAX = 256 << 20
 CONNECT_TIMEOUT_S = 20.0
 """How long the simulator may take to answer [s]."""
 
+TURN_S = 1.0
+"""How often it is looked whether messages have waited for too long [s]."""
+
+END: Literal["end"] = "end"
+"""Nothing comes any more."""
+
 RECORDED: tuple[Topic, ...] = tuple(
     topic for topic in topics.TOPICS if topic.recorded and topic.key.startswith("view/")
 )
@@ -42,8 +50,11 @@ class Recorder:
         self.complete = 0
         self.incomplete = 0
 
-    def take(self, sample: Sample) -> None:
-        """One message of the view plane; one that is damaged or unknown is left out."""
+    def take(self, sample: Sample, now_s: float = 0.0) -> None:
+        """One message of the view plane; one that is damaged or unknown is left out.
+
+        ``now_s``: a clock that does not jump [s].
+        """
         stream = sample.key.rsplit("/", 1)[1]
         try:
             match stream:
@@ -52,18 +63,23 @@ class Recorder:
                 case "state":
                     state: StateSample = decode(sample.payload, StateSample)
                     if (recording := self._open.get(state.token)) is not None:
-                        recording.state(state)
+                        recording.state(state, now_s)
                 case "camera":
                     picture: CameraSample = decode(
                         sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
                     )
                     if (recording := self._open.get(picture.token)) is not None:
-                        recording.camera(picture, sample.payload)
+                        recording.camera(picture, sample.payload, now_s)
                 case "end":
                     end: CaseEnd = decode(sample.payload, CaseEnd)
                     self._close(end.token, end)
         except WireError as error:
             _say(f"{sample.key}: {error}")
+
+    def write(self, now_s: float) -> None:
+        """Write what has waited for too long; call it again and again."""
+        for recording in self._open.values():
+            recording.write(now_s)
 
     def close(self) -> None:
         """Close what is open; its end never came."""
@@ -98,10 +114,10 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     """Record what the feed of ``rig`` at ``connect`` shows, until it ends or nobody wants it."""
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
-    channel: Channel[Sample | None] = Channel(QUEUE_BYTES_MAX)
+    channel: Channel[Sample | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
 
     def finish(*_: object) -> None:
-        channel.offer(None, 0)
+        channel.offer(END, 0)
 
     if supervised:
         leave_signals_to_the_parent()
@@ -119,8 +135,14 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     try:
         _subscribe(bus, rig, channel, finish)
         recorder = Recorder()
-        while (sample := channel.take()) is not None:
-            recorder.take(sample)
+        looked_s = 0.0
+        while (sample := channel.take(TURN_S)) is not END:
+            now_s = time.monotonic()
+            if isinstance(sample, Sample):
+                recorder.take(sample, now_s)
+            if now_s - looked_s >= TURN_S:
+                looked_s = now_s
+                recorder.write(now_s)
         recorder.close()
     finally:
         bus.close()
@@ -131,7 +153,7 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
 
 
 def _subscribe(
-    bus: Bus, rig: str, channel: Channel[Sample | None], finish: Callable[[], None]
+    bus: Bus, rig: str, channel: Channel[Sample | Literal["end"]], finish: Callable[[], None]
 ) -> None:
     def receive(sample: Sample) -> None:
         channel.offer(sample, len(sample.payload) + len(sample.attachment) + 256)

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import rerun as rr
 
 from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, clock
 from viewer import naming
 from viewer.blueprint import case_blueprint
 from viewer.convert import CaseConverter
+from viewer.rows import Rows, send
 from viewer.scenery import Logged
 from viewer.sequence import Sequence
 
 FLUSH_PERIOD_S = 5.0
-"""Rows are written in batches of this age; what a killed recorder loses [s]."""
-FLUSH_BYTES = 4 << 20
+"""Messages are written in batches of this age; what a killed recorder loses [s]."""
+FLUSH_BYTES = 2 << 20
 """Or of this size [bytes]."""
+STATE_BYTES = 1024
+"""What a state counts for [bytes]."""
 
 
 class Recording:
-    """Writes ``recording.rrd`` as messages come; readable at any time, also after a kill.
+    """Writes ``recording.rrd`` in batches; readable at any time, also after a kill.
 
-    ``recording.json`` is written last and says whether anything is missing. No file changes its
-    name, so nothing temporary can stay behind.
+    ``recording.json`` is written last: whether anything is missing, and the file's digest, or that
+    it was not kept. No file changes its name, so nothing temporary can stay behind.
     """
 
     def __init__(self, start: CaseStart) -> None:
@@ -40,12 +44,14 @@ class Recording:
         self._sequence = Sequence()
         self._sequence.take(start.seq)
         self._converter = CaseConverter(start)
+        self._states: list[StateSample] = []
+        self._pictures: list[tuple[CameraSample, bytes]] = []
+        self._bytes = 0
+        self._since_s: float | None = None
+        """When the oldest message that is not written yet came."""
         self._stream = rr.RecordingStream(
             naming.CASE_APP,
             recording_id=naming.recording_id(start.campaign, start.case, start.attempt),
-            batcher_config=rr.ChunkBatcherConfig(
-                flush_tick=FLUSH_PERIOD_S, flush_num_bytes=FLUSH_BYTES
-            ),
         )
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
@@ -68,25 +74,32 @@ class Recording:
             ),
         )
         self._log(self._converter.start(), static=True)
+        # Before all else, so that the file of a killed recorder says what it is.
+        self._stream.flush()
 
-    def state(self, sample: StateSample) -> None:
-        """A KPI row."""
+    def state(self, sample: StateSample, now_s: float = 0.0) -> None:
+        """A KPI row that came at ``now_s``, on a clock that does not jump [s]."""
         if self._sequence.take(sample.seq):
-            self._at(sample.sim_time_ns, sample.tick)
-            self._log(self._converter.state(sample))
+            self._states.append(sample)
+            self._came(STATE_BYTES, now_s)
 
-    def camera(self, sample: CameraSample, jpeg: bytes) -> None:
-        """A picture."""
+    def camera(self, sample: CameraSample, jpeg: bytes, now_s: float = 0.0) -> None:
+        """A picture, like :meth:`state`."""
         if self._sequence.take(sample.seq):
-            self._at(sample.sim_time_ns, sample.tick)
-            self._log(self._converter.camera(jpeg))
+            self._pictures.append((sample, jpeg))
+            self._came(len(jpeg), now_s)
+
+    def write(self, now_s: float) -> None:
+        """Write what has waited for too long; call it again and again."""
+        if self._since_s is not None and now_s - self._since_s >= FLUSH_PERIOD_S:
+            self._write()
 
     def close(self, end: CaseEnd | None) -> bool:
         """Finish the file; ``end`` None: the attempt's end never came. Whether it is complete."""
+        self._write()
         if end is not None:
             self._sequence.take(end.seq)
-            self._at(end.sim_time_ns, None)
-            self._log(self._converter.end(end))
+            self._send(self._converter.end(end))
         lost = self._sequence.lost
         complete = end is not None and lost == 0
         self._log(self._converter.summary(end, lost), static=True)
@@ -102,23 +115,49 @@ class Recording:
         )
         self._stream.flush()
         self._stream.disconnect()
-        self._note(complete)
+        self._note(complete, kept=not (self.start.keep == "failed" and _passed(end)))
         return complete
 
-    def _note(self, complete: bool) -> None:
-        note = {
+    def _note(self, complete: bool, *, kept: bool) -> None:
+        path = self._folder / naming.RECORDING_FILE
+        note: dict[str, Any] = {
             "complete": complete,
             "samples": self._sequence.received,
             "lost": self._sequence.lost,
+            "kept": kept,
         }
-        path = self._folder / naming.RECORDING_NOTE
-        path.write_text(json.dumps(note) + "\n", encoding="utf-8")
+        if kept:
+            with path.open("rb") as file:
+                note["sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
+            note["bytes"] = path.stat().st_size
+        (self._folder / naming.RECORDING_NOTE).write_text(json.dumps(note) + "\n", "utf-8")
+        if not kept:
+            # Last: a recorder that is killed here has left a file too many.
+            path.unlink()
 
-    def _at(self, sim_time_ns: int, tick: int | None) -> None:
-        self._stream.set_time(naming.SIM_TIME, duration=np.timedelta64(sim_time_ns, "ns"))
-        if tick is not None:
-            self._stream.set_time(naming.TICK, sequence=tick)
+    def _came(self, nbytes: int, now_s: float) -> None:
+        self._bytes += nbytes
+        if self._since_s is None:
+            self._since_s = now_s
+        if self._bytes >= FLUSH_BYTES:
+            self._write()
+
+    def _write(self) -> None:
+        """Everything that has come so far."""
+        self._send(self._converter.pictures(self._pictures))
+        self._send(self._converter.states(self._states))
+        self._states, self._pictures = [], []
+        self._bytes, self._since_s = 0, None
+
+    def _send(self, found: list[Rows]) -> None:
+        for rows in found:
+            send(self._stream, rows)
 
     def _log(self, logged: list[Logged], *, static: bool = False) -> None:
         for path, archetype in logged:
             self._stream.log(path, archetype, static=static)
+
+
+def _passed(end: CaseEnd | None) -> bool:
+    """Without fail: a car that brakes for nothing has ``passed`` too, and is worth a look."""
+    return end is not None and (end.outcome, end.verdict) == ("verdict", "pass")

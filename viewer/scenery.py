@@ -14,6 +14,7 @@ import rerun as rr
 from schemas.messages import CameraSite, LidarSite
 from schemas.view import POINT_CM, CaseStart, SceneMesh, Stage
 from viewer import naming
+from viewer.classes import class_id
 
 Logged = tuple[str, Any]
 """Entity path and archetype."""
@@ -110,13 +111,16 @@ def outline(stage: Stage) -> list[Logged]:
                 ],
                 colors=[RED],
                 fill_mode="solid",
+                class_ids=[class_id("car")],
+                show_labels=False,
             ),
         ),
     ]
     if cars:
-        logged.append((naming.PARKED, _hulls(cars, height, (70, 76, 88))))
+        logged.append((naming.PARKED, _hulls(cars, height, (70, 76, 88), "car")))
     if walls:
-        logged.append((naming.BUILDINGS, _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57))))
+        plan = _hulls(walls, BUILDING_HEIGHT_M, (44, 48, 57), "building")
+        logged.append((naming.BUILDINGS, plan))
     return logged
 
 
@@ -139,35 +143,38 @@ def eyes(start: CaseStart) -> list[Logged]:
         focal_px = site.width / 2 / math.tan(math.radians(site.hfov_deg) / 2)
         logged.append((path, _mounted(site)))
         logged.append((path, _pinhole(focal_px, site.width, site.height)))
-    logged += [(naming.sensor(site.message), _mounted(site)) for site in start.lidars]
+    for site in start.lidars:
+        path = naming.sensor(site.message)
+        logged.append((path, _mounted(site)))
+        logged.append((path, rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.5))))
     return logged
 
 
-def points(payload: bytes) -> rr.Points3D:
+def points(payload: bytes) -> list[rr.ComponentColumn]:
     """A lidar's points as :class:`schemas.view.PointsSample` says, coloured by reflectivity.
 
     Raises:
         ValueError: not of that form.
     """
     rows = np.frombuffer(payload, "<i2").reshape(-1, 4)
-    return rr.Points3D(
-        rows[:, :3] * np.float32(POINT_CM),
+    columns = rr.Points3D.columns(
+        positions=rows[:, :3] * np.float32(POINT_CM),
         colors=_INTENSITY[np.clip(rows[:, 3], 0, 255)],
-        radii=rr.Radius.ui_points(1.5),
     )
+    return list(columns.partition([len(rows)]))
 
 
-def movers(rows: Sequence[Sequence[float]]) -> rr.Boxes3D:
-    """Hulls of the objects that move by script."""
-    return rr.Boxes3D(
-        centers=[[x, y, z + height / 2] for x, y, z, _, _, _, height in rows],
-        half_sizes=[[length, width, height / 2] for *_, length, width, height in rows],
+def movers(rows: Sequence[Sequence[Sequence[float]]]) -> list[rr.ComponentColumn]:
+    """Hulls of the objects that move by script, at several times."""
+    flat = [hull for hulls in rows for hull in hulls]
+    columns = rr.Boxes3D.columns(
+        centers=[[x, y, z + height / 2] for x, y, z, _, _, _, height in flat],
+        half_sizes=[[length, width, height / 2] for *_, length, width, height in flat],
         rotation_axis_angles=[
-            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=row[3])) for row in rows
+            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=hull[3])) for hull in flat
         ],
-        colors=[ORANGE],
-        fill_mode="solid",
     )
+    return list(columns.partition([len(hulls) for hulls in rows]))
 
 
 def rotation(rotation_deg: Sequence[float]) -> np.ndarray:
@@ -195,7 +202,7 @@ def _pinhole(focal_px: float, width: int, height: int) -> rr.Pinhole:
     )
 
 
-def _hulls(hulls: list[list[float]], height_m: float, color: Color) -> rr.Boxes3D:
+def _hulls(hulls: list[list[float]], height_m: float, color: Color, name: str) -> rr.Boxes3D:
     return rr.Boxes3D(
         centers=[[x, y, height_m / 2] for x, y, *_ in hulls],
         half_sizes=[[half_x, half_y, height_m / 2] for *_, half_x, half_y in hulls],
@@ -204,4 +211,6 @@ def _hulls(hulls: list[list[float]], height_m: float, color: Color) -> rr.Boxes3
         ],
         colors=[color],
         fill_mode="solid",
+        class_ids=[class_id(name)],
+        show_labels=False,
     )

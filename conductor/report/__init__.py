@@ -5,8 +5,15 @@
 the report as plain data.
 """
 
-from conductor.report.document import report_json, write_report
+from conductor.report.document import make_report, report_json, tables_of, write_report
 from conductor.report.result_page import write_result_page
 from conductor.report.summary import write_summary
 
-__all__ = ["report_json", "write_report", "write_result_page", "write_summary"]
+__all__ = [
+    "make_report",
+    "report_json",
+    "tables_of",
+    "write_report",
+    "write_result_page",
+    "write_summary",
+]

@@ -7,7 +7,6 @@ from typing import Any
 
 from conductor.report.axes import axis_value, axis_values
 from conductor.report.dossier import Dossier, Row
-from conductor.report.palette import status_symbol
 
 # From bad to good: a cell of several cases shows the worst of them.
 _WORST_FIRST = ("collision", "lane_departure", "failed", "unresolved", "cancelled", "not ended")
@@ -32,31 +31,28 @@ def cells_of(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> Cel
     return Cells(xs, ys, [[found.get((x, y), []) for x in xs] for y in ys])
 
 
+def severity(row: Row) -> int:
+    """Smaller is worse."""
+    if row.status in _WORST_FIRST:
+        return _WORST_FIRST.index(row.status)
+    return len(_WORST_FIRST) + (row.status == "pass") + (row.passed is True)
+
+
 def worst(cell: list[Row]) -> Row:
     """The case that a cell shows."""
-
-    def severity(row: Row) -> int:
-        if row.status in _WORST_FIRST:
-            return _WORST_FIRST.index(row.status)
-        return len(_WORST_FIRST) + (row.status == "pass") + (row.passed is True)
-
     return min(cell, key=severity)
 
 
-def cell_text(cell: list[Row]) -> str:
-    """Symbol and the number that matters: see :func:`cell_number`."""
-    if not cell:
-        return ""
-    symbol = status_symbol(worst(cell).status)
-    return f"{symbol} {cell_number(cell)}".rstrip()
-
-
 def cell_number(cell: list[Row]) -> str:
-    """Smallest distance [m], of a collision the impact speed [m/s], of lane keeping the lateral
-    error [m]; of several cases how many passed. Empty: it is not known."""
-    row = worst(cell)
+    """What stands beside the symbol: see :func:`case_number`; of several cases how many passed."""
     if len(cell) > 1:
         return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
+    return case_number(cell[0])
+
+
+def case_number(row: Row) -> str:
+    """Smallest distance [m], of a collision the impact speed [m/s], of lane keeping the lateral
+    error [m]. Empty: it is not known."""
     if row.status == "collision":
         speed = row.scalar("impact_speed_mps")
         return "" if speed is None else f"{speed:.1f}"

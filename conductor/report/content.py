@@ -1,14 +1,22 @@
-"""What the page and the data are made of: the dossier, with its KPI files read and checked."""
+"""What the page and the data are made of: the dossier, with its files read and checked."""
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass
+from pathlib import Path
 
-from conductor.report.curves import Curve, points_for, read_curve
+from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
+from conductor.report.curves import Curve, points_for
 from conductor.report.dossier import Dossier, Row
+from conductor.report.effects import Effect, main_effects
 from conductor.report.evidence import Evidence, gather
+from conductor.report.findings import Finding, findings
+from conductor.report.leases import Leases, read_leases
+from conductor.report.reading import read_cases
 from conductor.report.resources import read_resources
 from conductor.report.resources_use import Resources, no_resources, resources_of
+from conductor.report.speedup import SpeedUp, speed_up
 from twin.fabric.errors import InfrastructureError
 
 CASES_MAX = 2000
@@ -23,27 +31,64 @@ class Content:
     shown: list[Row]
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, Curve]
+    read: int
+    """KPI files that were read; the others are as an earlier report found them."""
     evidence: Evidence
     resources: Resources
+    leases: Leases
+    speed_up: SpeedUp
+    effects: list[Effect]
+    findings: list[Finding]
+    as_of: str
+    """When the outcomes were written, for people."""
+
+    @property
+    def unchanged(self) -> int:
+        """KPI files that an earlier report had read."""
+        return sum(bool(row.end.kpi_sha256) for row in self.dossier.rows) - self.read
 
 
-def read_content(dossier: Dossier) -> Content:
-    """Read and check every KPI file; keep the curves of the cases that are shown."""
+def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = None) -> Content:
+    """Read and check the KPI files; keep the curves of the cases that are shown.
+
+    Args:
+        dossier: the campaign.
+        anew: read every file, also those that an earlier report has read and that are unchanged.
+        serial: folder in which the same campaign was run one case at a time, for the speed-up.
+
+    Raises:
+        UsageError: ``serial`` is no such folder.
+    """
+    leases = read_leases(dossier.folder)
+    pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
     order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
     shown = {dossier.rows[i].case.id for i in order[:CASES_MAX]}
-    points = points_for(len(shown))
-    curves: dict[str, Curve] = {}
-    broken: list[str] = []
-    for row in dossier.rows:
-        try:
-            curve = read_curve(dossier, row, points)
-        except InfrastructureError as error:
-            broken.append(str(error))
-            continue
-        if curve is not None and row.case.id in shown:
-            curves[row.case.id] = curve
-    rows = [row for row in dossier.rows if row.case.id in shown]
-    return Content(dossier, rows, curves, gather(dossier, broken), _resources(dossier))
+    reading = read_cases(dossier, shown, points_for(len(shown)), anew=anew)
+    return Content(
+        dossier=dossier,
+        shown=[row for row in dossier.rows if row.case.id in shown],
+        curves=reading.curves,
+        read=reading.read,
+        evidence=gather(dossier, reading.broken, reading.fingerprint),
+        resources=_resources(dossier),
+        leases=leases,
+        speed_up=pace,
+        effects=main_effects(dossier),
+        findings=_findings(dossier),
+        as_of=_as_of(dossier),
+    )
+
+
+def _findings(dossier: Dossier) -> list[Finding]:
+    """While cases are left, shares of all cases would say too little; the table has them."""
+    found = findings(dossier)
+    return [f for f in found if dossier.outcomes.complete or f.kind != "passed"]
+
+
+def _as_of(dossier: Dossier) -> str:
+    """Of the outcomes' file; it was there a moment ago."""
+    written = (dossier.folder / OUTCOMES_FILE).stat().st_mtime
+    return datetime.datetime.fromtimestamp(written, datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def _resources(dossier: Dossier) -> Resources:

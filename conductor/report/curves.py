@@ -1,18 +1,14 @@
-"""KPI curves of a case, thinned for drawing; every file is checked against what was committed."""
+"""KPI curves of a case, thinned for drawing."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from conductor.fingerprint import KPI_FILE
-from conductor.report.dossier import Dossier, Row
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.kpi_file import kpi_sha256, read_kpi
+from conductor.report.dossier import Dossier
 
 CURVES = ("lateral_error_m", "aeb", "dtc_m", "collisions", "throttle", "brake", "speed_mps")
 """KPI columns that are drawn, from top to bottom."""
@@ -21,12 +17,14 @@ POINTS_MAX = 600
 """Most points per curve of one case."""
 POINTS_MIN = 60
 """Fewest points a case is thinned to, however many cases share the page."""
-POINTS_TOTAL = 200_000
-"""Points of all cases on a page, together; keeps the page near 12 MB."""
+POINTS_TOTAL = 64_000
+"""Points of all cases on a page, together; keeps the page of 256 cases below 10 MB."""
 
 _STEPS = ("aeb", "collisions")
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.float32]
+"""As precise as a screen; half the size."""
+_Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,36 +43,6 @@ def drawn(dossier: Dossier) -> tuple[str, ...]:
     return tuple(name for name in CURVES if name != "lateral_error_m" or dossier.lane_keeping)
 
 
-def read_curve(dossier: Dossier, row: Row, points_max: int = POINTS_MAX) -> Curve | None:
-    """Curve of a case's committed attempt; None where nothing was recorded.
-
-    Raises:
-        InfrastructureError: the KPI file is missing, damaged, or not the one that was committed.
-    """
-    end = row.end
-    if not end.kpi_sha256:
-        if end.outcome == "verdict":
-            raise InfrastructureError(f"case {row.case.id}: a verdict without KPI rows")
-        return None
-    attempt = PurePosixPath(end.attempt_dir)
-    if attempt.is_absolute() or ".." in attempt.parts:
-        raise InfrastructureError(
-            f"case {row.case.id}: attempt folder '{attempt}' is outside the campaign folder"
-        )
-    path = dossier.folder / attempt / KPI_FILE
-    try:
-        table = read_kpi(path)
-    except InfrastructureError as error:
-        raise InfrastructureError(f"case {row.case.id}: {error}") from None
-    found = kpi_sha256(table)
-    if found != end.kpi_sha256:
-        raise InfrastructureError(
-            f"case {row.case.id}: {path} is not the file that was committed (its values give "
-            f"{found[:12]}, committed {end.kpi_sha256[:12]}); restore it or run again"
-        )
-    return thin(table, points_max)
-
-
 def points_for(cases: int) -> int:
     """Points per curve when ``cases`` cases share a page."""
     return max(POINTS_MIN, min(POINTS_MAX, POINTS_TOTAL // max(cases, 1)))
@@ -91,18 +59,23 @@ def thin(table: pa.Table, points_max: int) -> Curve:
     time_s = _floats(table, "sim_time_ns") / 1e9
     rows = len(time_s)
     keep = _kept(values, points_max) if rows > points_max else np.arange(rows)
-    return Curve(time_s[keep], {name: v[keep] for name, v in values.items()}, rows)
+    return Curve(_drawn(time_s[keep]), {n: _drawn(v[keep]) for n, v in values.items()}, rows)
 
 
-def _floats(table: pa.Table, name: str) -> Floats:
+def _drawn(values: _Column) -> Floats:
+    with np.errstate(over="ignore"):  # a failed case may hold numbers beyond float32
+        return values.astype(np.float32)
+
+
+def _floats(table: pa.Table, name: str) -> _Column:
     column = table.column(name)
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
-    values: Floats = column.cast(pa.float64()).to_numpy()
+    values: _Column = column.cast(pa.float64()).to_numpy()
     return values
 
 
-def _kept(values: dict[str, Floats], points_max: int) -> NDArray[np.intp]:
+def _kept(values: dict[str, _Column], points_max: int) -> NDArray[np.intp]:
     rows = len(values["dtc_m"])
     edges = np.zeros(rows, np.bool_)
     for name, column in values.items():
@@ -124,7 +97,7 @@ def _kept(values: dict[str, Floats], points_max: int) -> NDArray[np.intp]:
     return np.union1d(must, _bent(values, free)).astype(np.intp)
 
 
-def _bent(values: dict[str, Floats], count: int) -> NDArray[np.intp]:
+def _bent(values: dict[str, _Column], count: int) -> NDArray[np.intp]:
     """About ``count`` rows: evenly spaced ones, and between each two the one furthest from the
     straight line between them."""
     rows = len(values["dtc_m"])

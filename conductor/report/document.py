@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from conductor.report.content import read_content
+import msgspec
+
+from conductor.report.content import Content, read_content
 from conductor.report.dossier import open_dossier
 from conductor.report.page import render
 from conductor.report.perception_cost import perception_costs
+from conductor.report.plots import write_plots
+from conductor.report.recorded import failures
 from conductor.report.resources import gather_resources
 from conductor.report.resources_use import Resources, Use
+from conductor.report.speedup import SpeedUp
 from conductor.report.summary import write_summary_of
 from conductor.report.tables import case_record, verdict_table
 from twin.fabric.errors import storage_error
@@ -20,29 +25,49 @@ from twin.fabric.files import write_atomic
 PAGE_FILE = "report.html"
 
 
-def write_report(folder: Path) -> Path:
-    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet`` and ``report.html``, into
-    the campaign ``folder``.
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What :func:`make_report` has made."""
+
+    page: Path
+    plots: list[Path]
+    plots_missing: str
+    """Why there are no plots; empty: there are."""
+    content: Content
+
+
+def make_report(folder: Path, *, anew: bool = False, serial: Path | None = None) -> Report:
+    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
+    plots, into the campaign ``folder``.
 
     Damaged KPI files and disagreeing attempts do not stop the report: it says so in an alarm box.
+    A campaign that still runs is reported as it stands.
 
-    Returns:
-        Path of the page.
+    Args:
+        folder: of the campaign.
+        anew: read every KPI file, also those that an earlier report has read.
+        serial: folder in which the same campaign was run one case at a time, for the speed-up.
 
     Raises:
         UsageError: no campaign was run here, or nothing was simulated in it.
         InfrastructureError: campaign or outcomes are damaged, or the disk lets us down.
     """
     dossier = open_dossier(folder)
+    content = read_content(dossier, anew=anew, serial=serial)
     write_summary_of(dossier)
     gather_resources(dossier.folder, complete=dossier.outcomes.complete)
-    page = render(read_content(dossier))
     path = folder / PAGE_FILE
     try:
-        write_atomic(path, page.encode())
+        write_atomic(path, render(content, failures(dossier)).encode())
+        plots, missing = write_plots(content)
     except OSError as error:
-        raise storage_error(error, str(path)) from None
-    return path
+        raise storage_error(error, str(error.filename or path)) from None
+    return Report(path, plots, missing, content)
+
+
+def write_report(folder: Path) -> Path:
+    """As :func:`make_report`; returns the path of the page."""
+    return make_report(folder).page
 
 
 def report_json(folder: Path) -> dict[str, Any]:
@@ -52,7 +77,11 @@ def report_json(folder: Path) -> dict[str, Any]:
         UsageError: no campaign was run here, or nothing was simulated in it.
         InfrastructureError: campaign or outcomes are damaged.
     """
-    content = read_content(open_dossier(folder))
+    return tables_of(read_content(open_dossier(folder)))
+
+
+def tables_of(content: Content) -> dict[str, Any]:
+    """The tables of a report that has been read already."""
     dossier, evidence = content.dossier, content.evidence
     outcomes = dossier.outcomes
     return {
@@ -72,10 +101,27 @@ def report_json(folder: Path) -> dict[str, Any]:
         "alarms": evidence.alarms,
         "audits": evidence.audits,
         "disagreements": evidence.disagreements,
-        "systems": [{**asdict(line), "rate": line.rate} for line in verdict_table(dossier)],
+        "imported": msgspec.to_builtins(dossier.imported),
+        "systems": [
+            {**asdict(line), "rate": line.rate, "interval": line.interval}
+            for line in verdict_table(dossier)
+        ],
+        "findings": [asdict(finding) for finding in content.findings],
+        "effects": [asdict(effect) for effect in content.effects],
         "cases": [case_record(dossier, row) for row in dossier.rows],
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources),
+        "speed": _speed(content.speed_up),
+    }
+
+
+def _speed(found: SpeedUp) -> dict[str, Any]:
+    return {
+        "run": asdict(found.run),
+        "serial": asdict(found.serial) if found.serial else None,
+        "speed_up": found.factor,
+        "efficiency": found.efficiency,
+        "missing": found.missing or None,
     }
 
 
@@ -88,6 +134,7 @@ def _resources(resources: Resources) -> dict[str, Any]:
         "samples": resources.samples,
         "missing": resources.missing or None,
         "batches": [line(use) for use in resources.batches],
+        "workers": [line(use) for use in resources.workers],
         "nodes": [line(use) for use in resources.nodes],
         "total": line(resources.total) if resources.total else None,
     }

@@ -9,6 +9,7 @@ import msgspec
 
 from conductor.folders import CAMPAIGN_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
+from conductor.report.autodrive_layout import Imported, read_imported
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
 from schemas.perception import file_fields
@@ -56,6 +57,8 @@ class Dossier:
     """A conductor serves the folder at this moment."""
     digest_now: str
     """Digest of ``campaign.yaml`` as it is; should be the one that was run."""
+    imported: Imported | None = None
+    """Where the logs came from that it was made of; None: it was run."""
 
     @property
     def left(self) -> int:
@@ -94,13 +97,19 @@ def open_dossier(folder: Path) -> Dossier:
             f"{folder}: {CAMPAIGN_FILE} and the outcomes list different cases, e.g. '{odd[0]}'; "
             f"restore {CAMPAIGN_FILE} as the conductor wrote it"
         )
+    imported = read_imported(folder)
+    labelled = cases
+    if imported is not None:  # only some batches of a configuration may be there
+        labels = imported.batches
+        labelled = [msgspec.structs.replace(c, batch=labels.get(c.id, 0)) for c in cases]
     return Dossier(
         folder=folder,
         campaign=campaign,
         outcomes=outcomes,
-        rows=[Row(case, outcomes.cases[case.id]) for case in cases],
+        rows=[Row(case, outcomes.cases[case.id]) for case in labelled],
         running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),
         digest_now=campaign_digest(campaign, cases),
+        imported=imported,
     )
 
 

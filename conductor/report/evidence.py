@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from conductor.fingerprint import Fingerprint, fingerprint
+from conductor.fingerprint import Fingerprint
 from conductor.report.dossier import Dossier
-from twin.fabric.errors import InfrastructureError, UnfinishedError
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
 
@@ -28,10 +28,10 @@ class Evidence:
     disagreements: int
 
 
-def gather(dossier: Dossier, broken: Iterable[str]) -> Evidence:
-    """Audit the campaign; ``broken`` are the mistakes found while its KPI files were read."""
+def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -> Evidence:
+    """Audit the campaign; ``broken`` are the mistakes found while its KPI files were read, and
+    ``found`` is the fingerprint that came out of them."""
     alarms = list(broken)
-    found, missing = _fingerprint(dossier, alarms)
     audits = disagreements = 0
     for row in dossier.rows:
         for late in row.end.late:
@@ -54,7 +54,7 @@ def gather(dossier: Dossier, broken: Iterable[str]) -> Evidence:
             "the campaign asks for one device class, its results come from "
             + ", ".join(dossier.outcomes.device_classes)
         )
-    return Evidence(found, missing, alarms, audits, disagreements)
+    return Evidence(found, "" if found else _missing(dossier), alarms, audits, disagreements)
 
 
 def versions() -> dict[str, str]:
@@ -70,6 +70,13 @@ def versions() -> dict[str, str]:
 
 def commands(dossier: Dossier) -> list[str]:
     """Shell commands that run the campaign again and compare, from the campaign folder."""
+    if dossier.imported is not None:
+        logs = shlex.quote(f"../{dossier.imported.source}")
+        return [
+            f"conductor report --import-autodrive {logs} --out repeat",
+            "conductor fingerprint repeat",
+            "conductor fingerprint .",
+        ]
     on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
     return [
         f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",
@@ -78,12 +85,7 @@ def commands(dossier: Dossier) -> list[str]:
     ]
 
 
-def _fingerprint(dossier: Dossier, alarms: list[str]) -> tuple[Fingerprint | None, str]:
-    try:
-        return fingerprint(dossier.folder), ""
-    except UnfinishedError:
-        return None, f"{dossier.left} of {len(dossier.rows)} cases have not ended"
-    except InfrastructureError as error:
-        if not alarms:  # else the same file has been reported already
-            alarms.append(str(error))
-        return None, "a KPI file is missing or damaged, see the alarm above"
+def _missing(dossier: Dossier) -> str:
+    if dossier.outcomes.complete:
+        return "a KPI file is missing or damaged, see the alarm above"
+    return f"{dossier.left} of {len(dossier.rows)} cases have not ended"

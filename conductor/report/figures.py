@@ -1,7 +1,7 @@
-"""The figures of the page: heat maps of verdicts, and the frame into which curves are drawn.
+"""The frames into which the page's script draws KPI curves: all systems at a glance, or one large.
 
-Everything is plain Plotly JSON. Curves are added by the page's script, which knows what the reader
-has selected; the frame (axes, units, the safety line) is made here.
+Everything is plain Plotly JSON. Curves are added by the script, which knows what the reader has
+selected; axes, units and the safety line are made here.
 """
 
 from __future__ import annotations
@@ -13,14 +13,10 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from conductor.report.axes import axis_label, axis_values, heat_axes
-from conductor.report.cells import cell_text, cells_of, worst
-from conductor.report.dossier import Dossier, Row
-from conductor.report.palette import status_color
-from conductor.report.tables import statuses
-
 SAFETY_M = 1.0
 """Factor of safety of the paper's Fig. 5 [m]."""
+GRID_ROWS_MAX = 8
+"""Most systems under test in the figure of all."""
 
 TITLES = {
     "lateral_error_m": ("Lateral error", "left of lane's centre [m]"),
@@ -34,8 +30,6 @@ TITLES = {
 """Curve -> title of its row, title of its axis."""
 
 _SAFETY_COLOR = "#B3261E"
-
-_CASES_IN_HOVER = 6
 _ROW_HEIGHTS = {
     "aeb": 0.6,
     "dtc_m": 1.6,
@@ -43,90 +37,48 @@ _ROW_HEIGHTS = {
     "speed_mps": 1.2,
     "lateral_error_m": 1.6,
 }
+_GRID_ROW_PX = 170
 
 
-def heat_maps(dossier: Dossier) -> list[dict[str, Any]]:
-    """One heat map of verdicts per model, as Plotly JSON with the model's name as ``title``."""
-    x_axis, y_axis = heat_axes(dossier)
-    if "model" in (x_axis, y_axis):
-        return [{"title": "All models", **_heat_map(dossier, dossier.rows, x_axis, y_axis)}]
-    maps = []
-    for model in axis_values(dossier, "model"):
-        rows = [row for row in dossier.rows if row.case.model == model]
-        maps.append({"title": model, **_heat_map(dossier, rows, x_axis, y_axis)})
-    return maps
+def grid_frame(
+    curves: tuple[str, ...], models: list[str], ranges: dict[str, tuple[float, float]]
+) -> dict[str, Any]:
+    """The paper's Fig. 5 without traces: a row per system under test, a column per KPI.
 
-
-def _heat_map(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> dict[str, Any]:
-    cells = cells_of(dossier, rows, x_axis, y_axis)
-    xs, ys, grid = cells.xs, cells.ys, cells.rows
-    known = statuses(dossier)
-    count = len(known)
-    scale = []
-    for index, status in enumerate(known):
-        scale += [
-            [index / count, status_color(status)],
-            [(index + 1) / count, status_color(status)],
-        ]
-    figure = go.Figure(
-        go.Heatmap(
-            x=[_tick(x) for x in xs],
-            y=[_tick(y) for y in ys],
-            z=[[known.index(worst(c).status) if c else None for c in line] for line in grid],
-            text=[[cell_text(c) for c in line] for line in grid],
-            hovertext=[[_hover(c) for c in line] for line in grid],
-            customdata=[[worst(c).case.id if c else "" for c in line] for line in grid],
-            texttemplate="%{text}",
-            hovertemplate="%{hovertext}<extra></extra>",
-            hoverongaps=False,
-            zmin=-0.5,
-            zmax=count - 0.5,
-            colorscale=scale,
-            showscale=False,
-            xgap=2,
-            ygap=2,
-        )
+    Axis ``y<row * len(curves) + column + 1>`` belongs to a model and a curve. ``ranges`` holds the
+    least and most value of each curve: systems share it, so that they can be compared.
+    """
+    rows = len(models)
+    figure = make_subplots(
+        rows=rows,
+        cols=len(curves),
+        shared_xaxes="all",
+        shared_yaxes="columns",
+        horizontal_spacing=0.03,
+        vertical_spacing=0.14 / rows,
+        column_titles=[f"{TITLES[n][0]} [{TITLES[n][1].rpartition('[')[2]}" for n in curves],
+        row_titles=[html.escape(model, quote=False) for model in models],
     )
+    for note in figure.layout.annotations:
+        note.update(font={"size": 12, "weight": 600})
+    for number in range(rows):
+        for column, name in enumerate(curves, 1):
+            _set_range(figure, name, number + 1, column)
+            if name not in ("aeb", "throttle", "brake"):
+                low, high = ranges.get(name, (0.0, 1.0))
+                span = [min(low, 0.0), high + 0.04 * (high - low)]
+                figure.update_yaxes(range=span, row=number + 1, col=column)
+            if name == "dtc_m":
+                _safety_line(figure, number + 1, column, told=number == 0)
+    figure.update_xaxes(title={"text": "Sim time [s]"}, row=rows)
     figure.update_layout(
         template=go.layout.Template(),
-        height=max(170, 92 + 34 * len(ys)),
-        margin={"l": 96, "r": 8, "t": 8, "b": 52},
-        xaxis={"title": {"text": axis_label(x_axis)}, "type": "category", "showgrid": False},
-        yaxis={
-            "title": {"text": axis_label(y_axis), "standoff": 14},
-            "type": "category",
-            "autorange": "reversed",
-            "showgrid": False,
-        },
+        height=150 + _GRID_ROW_PX * rows,
+        margin={"l": 36, "r": 26, "t": 98, "b": 48},
+        hovermode="closest",
+        legend=_LEGEND,
     )
     return _plain(figure)
-
-
-def _tick(value: object) -> str:
-    return html.escape(str(value).replace("_", " "), quote=False)
-
-
-def _hover(cell: list[Row]) -> str:
-    lines = []
-    for row in cell[:_CASES_IN_HOVER]:
-        lines.append(f"<b>{html.escape(row.case.id, quote=False)}</b>")
-        lines.append(html.escape(row.status.replace("_", " "), quote=False))
-        distance, speed = row.scalar("dtc_min_m"), row.scalar("impact_speed_mps")
-        error = row.scalar("lateral_error_rms_m")
-        if error is not None:
-            lines.append(f"lateral error {error:.3f} m RMS")
-        elif distance is not None:
-            lines.append(f"smallest distance {distance:.3f} m")
-        if speed is not None:
-            lines.append(f"impact at {speed:.2f} m/s")
-        lines += [html.escape(_short(reason), quote=False) for reason in row.end.reasons[:2]]
-    if len(cell) > _CASES_IN_HOVER:
-        lines.append(f"and {len(cell) - _CASES_IN_HOVER} more")
-    return "<br>".join(lines)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 90 else text[:89] + "…"
 
 
 def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
@@ -147,16 +99,44 @@ def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
         note.update(x=0, xanchor="left", font={"size": 13, "weight": 600})
     for index, name in enumerate(curves, 1):
         figure.update_yaxes(title={"text": TITLES[name][1]}, row=index, col=1)
-        if name in ("aeb", "throttle", "brake"):
-            figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 0.5, 1], row=index, col=1)
-        elif name == "collisions":
-            figure.update_yaxes(rangemode="tozero", dtick=1, row=index, col=1)
-        elif name == "lateral_error_m":
-            figure.update_yaxes(zeroline=True, row=index, col=1)
-        else:
-            figure.update_yaxes(rangemode="tozero", row=index, col=1)
-    figure.update_yaxes(tickvals=[0, 1], row=curves.index("aeb") + 1, col=1)
-    row = curves.index("dtc_m") + 1
+        _set_range(figure, name, index, 1)
+    _safety_line(figure, curves.index("dtc_m") + 1, 1, told=True)
+    figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(curves), col=1)
+    figure.update_layout(
+        template=go.layout.Template(),
+        height=180 * len(curves),
+        margin={"l": 72, "r": 12, "t": 98, "b": 48},
+        hovermode="closest",
+        legend=_LEGEND,
+    )
+    return _plain(figure)
+
+
+# Below the tool bar, above the first row, whatever the height.
+_LEGEND = {
+    "orientation": "h",
+    "yref": "container",
+    "y": 0.97,
+    "yanchor": "top",
+    "x": 0,
+    "itemsizing": "constant",
+}
+
+
+def _set_range(figure: Any, name: str, row: int, column: int) -> None:
+    if name == "aeb":
+        figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 1], row=row, col=column)
+    elif name in ("throttle", "brake"):
+        figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 0.5, 1], row=row, col=column)
+    elif name == "collisions":
+        figure.update_yaxes(rangemode="tozero", dtick=1, row=row, col=column)
+    elif name == "lateral_error_m":
+        figure.update_yaxes(zeroline=True, row=row, col=column)
+    else:
+        figure.update_yaxes(rangemode="tozero", row=row, col=column)
+
+
+def _safety_line(figure: Any, row: int, column: int, *, told: bool) -> None:
     figure.add_shape(
         type="line",
         xref="x domain",
@@ -166,37 +146,21 @@ def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
         y1=SAFETY_M,
         line={"color": _SAFETY_COLOR, "width": 1.5, "dash": "dash"},
         row=row,
-        col=1,
+        col=column,
     )
-    figure.add_annotation(
-        text=f"factor of safety {SAFETY_M:g} m",
-        xref="x domain",
-        x=0.004,
-        xanchor="left",
-        y=SAFETY_M,
-        yanchor="bottom",
-        showarrow=False,
-        font={"color": _SAFETY_COLOR, "size": 11},
-        row=row,
-        col=1,
-    )
-    figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(curves), col=1)
-    figure.update_layout(
-        template=go.layout.Template(),
-        height=180 * len(curves),
-        margin={"l": 72, "r": 12, "t": 98, "b": 48},
-        hovermode="closest",
-        # Below the tool bar, above the first row, whatever the height.
-        legend={
-            "orientation": "h",
-            "yref": "container",
-            "y": 0.97,
-            "yanchor": "top",
-            "x": 0,
-            "itemsizing": "constant",
-        },
-    )
-    return _plain(figure)
+    if told:
+        figure.add_annotation(
+            text=f"factor of safety {SAFETY_M:g} m",
+            xref="x domain",
+            x=0.004,
+            xanchor="left",
+            y=SAFETY_M,
+            yanchor="bottom",
+            showarrow=False,
+            font={"color": _SAFETY_COLOR, "size": 11},
+            row=row,
+            col=column,
+        )
 
 
 def _plain(figure: Any) -> dict[str, Any]:

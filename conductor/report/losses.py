@@ -16,25 +16,6 @@ BEFORE_END_S = 1.0
 EXTREMES_MAX = 5
 """Lines of a table of extremes."""
 
-_Z95 = 1.959963984540054
-
-
-def wilson(hits: int, total: int) -> tuple[float, float]:
-    """Bounds of a share at 95 % (Wilson 1927, without continuity correction), 0 to 1.
-
-    Raises:
-        ValueError: no trials, or more hits than trials.
-    """
-    if not 0 <= hits <= total or total == 0:
-        raise ValueError(f"{hits} of {total}: expected at least one trial and no more hits")
-    share, square = hits / total, _Z95 * _Z95
-    middle = share + square / (2 * total)
-    spread = _Z95 * math.sqrt(share * (1 - share) / total + square / (4 * total * total))
-    scale = 1 + square / total
-    low = 0.0 if hits == 0 else (middle - spread) / scale
-    high = 1.0 if hits == total else (middle + spread) / scale
-    return low, high
-
 
 def lost(row: Row) -> bool:
     """Whether a case ended otherwise than with the verdict ``pass``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import datetime
 import json
+import shlex
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,28 +13,55 @@ import numpy as np
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from conductor.report.axes import axis_label, axis_value, axis_values, further_axes, varied_axes
+from conductor.report.axes import (
+    axis_label,
+    axis_value,
+    axis_values,
+    further_axes,
+    heat_axes,
+    varied_axes,
+)
+from conductor.report.case_data import case_data, map_axes
 from conductor.report.content import Content
 from conductor.report.curves import Floats, drawn
 from conductor.report.dossier import Dossier
+from conductor.report.effects import effects_figure
 from conductor.report.evidence import commands, versions
-from conductor.report.figures import curve_frame, heat_maps
+from conductor.report.figures import GRID_ROWS_MAX, curve_frame, grid_frame
+from conductor.report.highlights import highlights
+from conductor.report.leases_figure import SPANS_MAX, leases_figure
 from conductor.report.palette import line_styles, status_color, status_symbol
 from conductor.report.perception_cost import perception_costs
+from conductor.report.provenance import file_digests
+from conductor.report.recorded import Failure
 from conductor.report.resources_figure import resource_figure
 from conductor.report.tables import case_columns, statuses, verdict_table, without_verdict
 from conductor.report.templates import ASSETS, environment
 
+_SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
+"""Parts of one script, in this order."""
+FINDINGS_MAX = 40
+"""Most sentences on the page."""
 
-def render(content: Content) -> str:
-    """The page."""
+
+def render(content: Content, failures: list[Failure]) -> str:
+    """The page; ``failures`` are the cases that it shows with pictures."""
     dossier = content.dossier
+    script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     template = environment(autoescape=True).get_template("page.html.j2")
     return template.render(
         dossier=dossier,
         outcomes=dossier.outcomes,
+        content=content,
+        FINDINGS_MAX=FINDINGS_MAX,
         evidence=content.evidence,
         resources=content.resources,
+        pace=content.speed_up,
+        leases=content.leases,
+        leases_left_out=max(0, len(content.leases.spans) - SPANS_MAX),
+        failures=failures,
+        replay=lambda each: "\n".join(_replay(each)),
+        highlights=highlights(dossier),
         perception=perception_costs(dossier),
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
@@ -45,12 +73,13 @@ def render(content: Content) -> str:
         color=status_color,
         symbol=status_symbol,
         commands=commands(dossier),
+        files=file_digests(dossier),
         versions=versions(),
         made=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         data=Markup(_script_json(_page_data(content))),
         plotly=Markup(get_plotlyjs()),
         style=Markup((ASSETS / "page.css").read_text(encoding="utf-8")),
-        script=Markup((ASSETS / "page.js").read_text(encoding="utf-8")),
+        script=Markup(f'"use strict";\n(() => {{\n{script}\n}})();'),
     )
 
 
@@ -58,20 +87,55 @@ def _page_data(content: Content) -> dict[str, Any]:
     """What the page's script draws from."""
     dossier = content.dossier
     curves = drawn(dossier)
+    grid = tuple(name for name in curves if name != "speed_mps" or dossier.lane_keeping)
+    models = axis_values(dossier, "model")
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     groups = [*(axes or ["weather"]), "model", "status"]
     if "weather" in groups:
         groups = ["weather", *(axis for axis in groups if axis != "weather")]
+    x_axis, y_axis = heat_axes(dossier)
+    per = "" if "model" in (x_axis, y_axis) else "model"
     return {
+        "all": case_data(dossier),
+        "heat": {"x": x_axis, "y": y_axis, "per": per if per in map_axes(dossier) else ""},
+        "effects": effects_figure(content.effects),
         "curves": curves,
         "frame": curve_frame(curves)["layout"],
-        "heat": heat_maps(dossier),
+        "grid_curves": grid,
+        "grid_models": models[:GRID_ROWS_MAX],
+        "grid": grid_frame(grid, models[:GRID_ROWS_MAX], _ranges(content, grid))["layout"],
         "collision_color": status_color("collision"),
-        "models": axis_values(dossier, "model"),
+        "models": models,
         "groups": [_group(dossier, axis) for axis in groups],
-        "cases": list(_case_data(content, groups)),
+        "cases": list(_drawn_cases(content, groups)),
         "resources": resource_figure(content.resources),
+        "leases": leases_figure(dossier, content.leases),
     }
+
+
+def _ranges(content: Content, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Least and most value of each curve over all cases; curves without a number are left out."""
+    found = {}
+    for name in names:
+        values = [curve.values[name] for curve in content.curves.values()]
+        known = [part[np.isfinite(part)] for part in values]
+        joined = np.concatenate(known) if known else np.zeros(0)
+        if len(joined):
+            low, high = float(joined.min()), float(joined.max())
+            found[name] = (low, max(high, low + 1.0) if name != "lateral_error_m" else high)
+    return found
+
+
+def _replay(failure: Failure) -> list[str]:
+    """Commands that show a case, from the campaign folder."""
+    name = shlex.quote(failure.row.case.id)
+    if failure.recorded:
+        return [f"viewer replay . {name}"]
+    out = shlex.quote(f"again/{failure.row.case.id}")
+    return [
+        f"conductor run campaign.yaml --case {name} --view record --out {out}",
+        f"viewer replay {out} {name}",
+    ]
 
 
 def _group(dossier: Dossier, axis: str) -> dict[str, Any]:
@@ -80,7 +144,7 @@ def _group(dossier: Dossier, axis: str) -> dict[str, Any]:
     return {"axis": axis, "label": label, "styles": line_styles(axis, values)}
 
 
-def _case_data(content: Content, groups: list[str]) -> Iterator[dict[str, Any]]:
+def _drawn_cases(content: Content, groups: list[str]) -> Iterator[dict[str, Any]]:
     for row in content.shown:
         curve = content.curves.get(row.case.id)
         yield {
@@ -100,8 +164,7 @@ def _case_data(content: Content, groups: list[str]) -> Iterator[dict[str, Any]]:
 
 def _packed(values: Floats) -> str:
     """Base64 of little-endian float32: half the size of decimal text, NaN for missing."""
-    with np.errstate(over="ignore"):  # a failed case may hold numbers beyond float32
-        return base64.b64encode(values.astype("<f4").tobytes()).decode()
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()
 
 
 def _script_json(data: Any) -> str:

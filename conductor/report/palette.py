@@ -22,7 +22,7 @@ _SYMBOLS = {
     "false_braking": "◐",
     "collision": "✕",
     "lane_departure": "⇆",
-    "time_up": "⧖",
+    "time_up": "◷",
     "failed": "!",
     "unresolved": "?",
     "cancelled": "–",

@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 GB = 1e9
 """Bytes of a gigabyte, as in the paper."""
 
+WORKERS_MAX = 64
+"""Most workers with a line of their own."""
+
 QUANTITIES = (
     "cpu_cores",
     "ram_gb",
@@ -74,6 +77,8 @@ class Use:
     """By name of :data:`QUANTITIES`."""
     models: tuple[str, ...] = ()
     """Systems under test of a batch."""
+    gpu_names: tuple[str, ...] = ()
+    """Kinds of GPU, sorted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +92,8 @@ class Resources:
     """All nodes together; None: there are no samples."""
     batches: list[Use]
     """The paper's Table 2: a line per batch that was ever sampled alone."""
+    workers: list[Use]
+    """A line per worker, by name."""
     series: dict[str, Series]
     """Node -> its use over time."""
     missing: str = ""
@@ -94,13 +101,21 @@ class Resources:
 
     def mean_of_batches(self, name: str) -> float | None:
         """Mean of the batches' peaks, the last line of the paper's table."""
-        peaks = [span.most for use in self.batches if (span := use.spans[name]) is not None]
-        return sum(peaks) / len(peaks) if peaks else None
+        return _mean_peak(self.batches, name)
+
+    def mean_of_workers(self, name: str) -> float | None:
+        """Mean of the workers' peaks."""
+        return _mean_peak(self.workers, name)
+
+
+def _mean_peak(uses: list[Use], name: str) -> float | None:
+    peaks = [span.most for use in uses if (span := use.spans[name]) is not None]
+    return sum(peaks) / len(peaks) if peaks else None
 
 
 def no_resources(missing: str) -> Resources:
     """A section without samples, and why."""
-    return Resources(0, [], None, [], {}, missing)
+    return Resources(0, [], None, [], [], {}, missing)
 
 
 def resources_of(dossier: Dossier, table: pa.Table) -> Resources:
@@ -124,8 +139,14 @@ def resources_of(dossier: Dossier, table: pa.Table) -> Resources:
         nodes=[_use(host, rows, series[host]) for host, rows in by_host.items()],
         total=_use("All", table, series_of(table)),
         batches=batches,
+        workers=[_use(name, rows, series_of(rows)) for name, rows in _by_worker(table)],
         series=series,
     )
+
+
+def _by_worker(table: pa.Table) -> list[tuple[str, pa.Table]]:
+    names = sorted(pc.unique(table.column("worker")).to_pylist())
+    return [(name, table.filter(pc.field("worker") == name)) for name in names[:WORKERS_MAX]]
 
 
 def series_of(table: pa.Table) -> Series:
@@ -182,4 +203,5 @@ def _use(name: str, table: pa.Table, series: Series, models: tuple[str, ...] = (
         gpu_memory_gb=None if total is None else total / GB,
         spans={quantity: series.span(quantity) for quantity in QUANTITIES},
         models=models,
+        gpu_names=tuple(sorted(set(with_gpu.column("gpu_name").to_pylist()) - {None})),
     )

@@ -9,8 +9,6 @@ import io
 import os
 import re
 import shlex
-import subprocess
-import sys
 import tempfile
 import urllib.parse
 from concurrent.futures import ThreadPoolExecutor
@@ -25,7 +23,7 @@ from conductor.folders import CAMPAIGN_FILE
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.content import Content, read_content
 from conductor.report.dossier import Dossier, Row, open_dossier, perception_text
-from conductor.report.evidence import versions
+from conductor.report.evidence import commands, versions
 from conductor.report.heat_picture import heat_picture
 from conductor.report.losses import (
     LostLine,
@@ -34,20 +32,19 @@ from conductor.report.losses import (
     extremes,
     kind_of,
     lost_lines,
-    moment_of,
     page_axes,
-    wilson,
 )
 from conductor.report.perception_cost import perception_costs
 from conductor.report.prose import SUMMARY, block, check_known, model_block, read_texts
 from conductor.report.provenance import file_digests, text_digest
+from conductor.report.recorded import ask_viewer
+from conductor.report.statistics import wilson
 from conductor.report.tables import statuses, verdict_table
 from conductor.report.templates import environment, number, words
 from schemas.yaml_file import dump_yaml
 from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.files import write_atomic
 
-_RECORDING = "recording.rrd"
 _QUALITY = 88
 """Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
@@ -162,6 +159,8 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
 
 
 def _commands(dossier: Dossier, folder: str) -> list[str]:
+    if dossier.imported is not None:
+        return commands(dossier)[:2]
     on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
     device = " --device cuda:0" if on_gpu else ""
     return [
@@ -240,24 +239,11 @@ def _picture(row: Row) -> str:
 
 def _take_picture(dossier: Dossier, row: Row, beside: Path) -> str:
     """Write the picture of a case; empty, or why there is none."""
-    attempt = dossier.folder / row.end.attempt_dir
-    if not row.end.attempt_dir or not (attempt / _RECORDING).is_file():
-        return "the case was not recorded"
     with tempfile.TemporaryDirectory() as scratch:
         frame = Path(scratch) / "frame.png"
-        done = subprocess.run(
-            [
-                *(sys.executable, "-m", "viewer", "frame", str(dossier.folder), row.case.id),
-                *("--at", moment_of(row), "--out", str(frame)),
-            ],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode != 0:
-            said = done.stderr.strip().splitlines()
-            return said[-1] if said else f"viewer frame ended with exit code {done.returncode}"
+        missing = ask_viewer(dossier, row, "frame", frame)
+        if missing:
+            return missing
         data = io.BytesIO()
         with Image.open(frame) as picture:
             picture.convert("RGB").save(data, "JPEG", quality=_QUALITY)

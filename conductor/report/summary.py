@@ -91,7 +91,20 @@ def summary_table(dossier: Dossier) -> pa.Table:
 
 
 def _flat(table: pa.Table) -> pa.Table:
-    """CSV has no lists: reasons become one text."""
+    """CSV has no lists: reasons become one text. Spreadsheets take some texts for formulas."""
     index = table.schema.get_field_index("reasons")
     joined = ["; ".join(reasons) for reasons in table.column("reasons").to_pylist()]
-    return table.set_column(index, "reasons", pa.array(joined, pa.string()))
+    table = table.set_column(index, "reasons", pa.array(joined, pa.string()))
+    for index, field in enumerate(table.schema):
+        if pa.types.is_string(field.type):
+            plain = [inert(text) for text in table.column(index).to_pylist()]
+            table = table.set_column(index, field.name, pa.array(plain, pa.string()))
+    return table.rename_columns([inert(name) or "" for name in table.column_names])
+
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def inert(text: str | None) -> str | None:
+    """``text`` so that no spreadsheet runs it: an apostrophe before what would be a formula."""
+    return f"'{text}" if text is not None and text.startswith(_FORMULA) else text

@@ -8,6 +8,7 @@ from typing import Any
 
 from conductor.report.axes import axis_value, further_axes
 from conductor.report.dossier import NOT_ENDED, Dossier, Row, perception_text
+from conductor.report.statistics import wilson
 from schemas.kpi import SCALARS
 
 KNOWN_STATUSES = (
@@ -47,6 +48,13 @@ class SystemRow:
     def rate(self) -> float:
         """Passed cases of all cases, 0 to 1; a case without a verdict has not passed."""
         return self.passed / self.total
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Wilson's interval at 95 % of the share of passed in ended cases, 0 to 1; None: none has
+        ended."""
+        ended = self.total - self.counts.get(NOT_ENDED, 0)
+        return wilson(self.passed, ended) if ended else None
 
 
 def statuses(dossier: Dossier) -> list[str]:

@@ -18,7 +18,7 @@ def environment(*, autoescape: bool) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters |= {"number": number, "words": words}
+    found.filters |= {"number": number, "words": words, "short": short}
     return found
 
 
@@ -30,3 +30,12 @@ def number(value: float | int | None, digits: int = 2) -> str:
 def words(value: object) -> str:
     """A name for people."""
     return str(value).replace("_", " ")
+
+
+def short(text: object, most: int) -> str:
+    """At most ``most`` characters, with what was left out told; on one line."""
+    given = str(text)
+    line = " ".join(given[: 4 * most].split())
+    if len(line) <= most and len(given) <= 4 * most:
+        return line
+    return f"{line[:most]}… ({len(given)} characters)"

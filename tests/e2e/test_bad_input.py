@@ -164,3 +164,13 @@ def test_an_interrupted_start_of_a_worker(marked, tmp_path):
         child.terminate()
         child.communicate()
     assert child.returncode != 0
+
+
+def test_reports_and_comparisons_of_nothing(marked, tmp_path):
+    nothing = str(tmp_path / "nothing")
+    one_line(marked.run("conductor", "compare", nothing, nothing), 2, nothing, "outcomes.json")
+    one_line(marked.run("conductor", "export", nothing, "--out", nothing), 2, "outcomes.json")
+    one_line(marked.run("conductor", "report"), 2, "campaign folder", "--import-autodrive")
+    done = marked.run("conductor", "report", "--import-autodrive", nothing, "--out", nothing)
+    one_line(done, 2, "config.json", "No such file")
+    assert not (tmp_path / "nothing").exists()

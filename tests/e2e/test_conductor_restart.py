@@ -31,10 +31,20 @@ def test_serve_killed_and_restarted(marked, quiet, tmp_path):
     wait_for(lambda: committed(campaign) >= 4, "four cases")
     first.kill()
     first.wait()
+    made = marked.run("conductor", "report", str(campaign), "--output", "json")
+    assert made.returncode == 0, made.stderr
+    found = json.loads(made.stdout)
+    assert (found["complete"], found["running"], found["fingerprint"]) == (False, True, None)
+    assert found["cases_total"] == 16
+    page = (campaign / "report.html").read_text()
+    assert f"Still running: {found['not_ended']} of 16 cases have not ended" in page
     port = find_conductor(state).endpoint
     second = serve(marked, state)
     assert find_conductor(state).endpoint == port, "workers look for it at the old port"
-    wait_for(lambda: (campaign / "outcomes.json").exists(), "the end of the campaign")
+    wait_for(
+        lambda: all(row["outcome"] for row in outcomes(campaign).values()),
+        "the end of the campaign",
+    )
     status = marked.run("conductor", "status", "--state", str(state), "--output", "json")
     assert '"left": 0' in status.stdout
     worker.terminate()

@@ -48,7 +48,7 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
     assert job.id != first["JobId"]
     assert cluster.job(job.id)["JobName"] == "aeb-demo"
     last = job.end()
-    assert last["ExitCode"] == "1:0", logs(job)
+    assert last["ExitCode"] == f"{local['code']}:0", logs(job)
     assert logs(job).count("unfinished, queued again as") == 1
     assert f"fingerprint {local['fingerprint']}" in logs(job)
     rows = outcomes(job.out).values()

@@ -42,7 +42,7 @@ def serving(marked, state, *options):
 
 
 def test_campaign_among_strangers(marked, quiet, tmp_path):
-    """Conductor, simulator, recorder feed and a viewer's hub listen; strangers stay outside."""
+    """Conductor, simulator, recorder feed, a viewer's hub and gate listen; strangers stay out."""
     out = tmp_path / "chaos-16"
     run = marked.start(
         *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "4", "--out", str(out)),
@@ -52,7 +52,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
         *("viewer", "live", "--run", str(out), "--wait", "60", "--no-window", "--output", "json")
     )
     wait_for(lambda: marked.processes("record"), "the recorder")
-    found = wait_for(lambda: len(ports(marked)) == 4 and ports(marked), "four listeners")
+    found = wait_for(lambda: len(ports(marked)) == 5 and ports(marked), "five listeners")
     secret = secret_of(out / "conductor.key")
     for kind, tls in certificates_on(out / "conductor.key", tmp_path).items():
         for port in found:

@@ -72,7 +72,7 @@ def test_stacks_on_another_node(marked, cluster, local, tmp_path):
     nodes = job.wait(lambda: len(places()) == 2 and places(), "workers and stacks")
     assert sorted(nodes) == ["n1", "n2"]
     found = job.end()
-    assert found["ExitCode"] == "1:0", job.text
+    assert found["ExitCode"] == f"{local['code']}:0", job.text
     assert "joining" in job.text
     assert fingerprint(job.out).sha256 == local["fingerprint"]
 

@@ -17,11 +17,20 @@ needs_vulkan = pytest.mark.skipif(
 )
 
 
-def start(marked, folder, *options):
+def start(marked, folder, *options, campaign="chaos-16"):
     """A run of chaos-16 in the background."""
     return marked.start(
-        *("conductor", "run", "chaos-16", "--out", str(folder), "--output", "json", *options)
+        *("conductor", "run", str(campaign), "--out", str(folder), "--output", "json", *options)
     )
+
+
+def keeping(keep, quiet, folder):
+    """A campaign file of chaos-16 that keeps such recordings."""
+    text = (quiet["folder"] / "campaign.yaml").read_text()
+    assert "keep: all" in text
+    path = folder / f"{keep}.yaml"
+    path.write_text(text.replace("keep: all", f"keep: {keep}"))
+    return path
 
 
 def finish(child):
@@ -202,9 +211,16 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
     case = "yolov3-1300-heavy_rain"
     viewer, said = look(marked, folder, "--case", case)
     hello = said()
-    found = finish(start(marked, folder, "--workers", "2", "--view", "record+live"))
+    campaign = keeping("failed", quiet, tmp_path)
+    options = ("--workers", "2", "--view", "record+live")
+    found = finish(start(marked, folder, *options, campaign=campaign))
     assert found["fingerprint"] == quiet["fingerprint"]
-    assert note(folder, case)["complete"] is True, "the viewer took nothing from the recorder"
+    for name, row in outcomes(folder).items():
+        said_of_it = note(folder, name)
+        assert said_of_it["complete"] is True, "the viewer took nothing from the recorder"
+        assert said_of_it["kept"] is (row["verdict"] != "pass")
+        path = folder / row["attempt_dir"] / naming.RECORDING_FILE
+        assert path.exists() is said_of_it["kept"]
     assert hello["laptop"][0].startswith("ssh -N -L 9876:127.0.0.1:")
     with window(["--connect", hello["hub"]], headless=True) as shown:
 
@@ -247,9 +263,11 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
 def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
     folder = tmp_path / "c"
     viewer, said = look(marked, folder)
-    child = start(marked, folder, "--workers", "1", "--slots", "2")
+    options = ("--workers", "1", "--slots", "2", "--view", "record+live")
+    child = start(marked, folder, *options, campaign=keeping("none", quiet, tmp_path))
     said()
     wait_for(lambda: committed(folder) >= 2, "two cases")
+    assert marked.processes("viewer", "record") == [], "nothing is recorded"
     viewer.send_signal(signal.SIGSTOP)
     assert finish(child)["fingerprint"] == quiet["fingerprint"]
     assert viewer.poll() is None

@@ -64,7 +64,9 @@ def read_kpi(path: Path) -> pa.Table:
         InfrastructureError: missing, damaged, or with other columns.
     """
     try:
-        table = pq.read_table(path)
+        # Half the time of `read_table`, which is made for many large files.
+        with pq.ParquetFile(pa.BufferReader(path.read_bytes())) as file:
+            table = file.read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
     if not table.schema.equals(KPI_SCHEMA):
@@ -117,8 +119,9 @@ def _values(data: pa.Array, column: Column) -> Iterator[bytes]:
         for name in DETECTION_FIELDS:
             child = rows.field(name)
             if name == "label":
-                for text in child.to_pylist():
-                    yield _prefixed(text.encode())
+                labels = child.to_pylist()
+                prefixed = {label: _prefixed(label.encode()) for label in set(labels)}
+                yield b"".join([prefixed[label] for label in labels])
             else:
                 yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
         return

@@ -88,6 +88,8 @@ class RigProcess:
         listen = options.drive_listen if remote else LOOPBACK
         listen = to_listen(listen, keyed=options.key is not None)
         view = options.view or ViewMode(lease.case.view)
+        if lease.case.keep == "none":
+            view = view.unrecorded
         self._simulator = spawn(
             [
                 *(sys.executable, "-m", "twin", "sim"),

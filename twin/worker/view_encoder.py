@@ -24,7 +24,8 @@ from schemas.view import (
 from schemas.wire import encode
 from twin.engine import Finished
 from twin.vehicle.state import COLUMN
-from twin.worker.view_items import Began, Ended, Scenery, Seen, Ticked
+from twin.worker.view_items import Began, Ended, Run, Scenery, Seen, Ticked
+from twin.worker.view_quality import Quality
 from twin.worker.view_samples import (
     THUMBNAIL_WIDTH_PX,
     jpeg,
@@ -102,7 +103,9 @@ class Encoder:
         messages: list[Message] = []
         # Once for all who look: compressing is what costs.
         whole = seen.image is not None and (seq >= 0 or "camera" in due)
-        picture = jpeg(seen.image) if whole and seen.image is not None else b""
+        picture = b""
+        if whole and seen.image is not None:
+            picture = _compressed(item.run, "camera", seen.image)
         if seq >= 0:
             # The picture first: who has the state of a tick has all of it.
             if picture:
@@ -111,7 +114,7 @@ class Encoder:
                 seq += 1
             state = state_of(seen, token, seq)
             messages.append(Message(topics.VIEW_STATE, encode(state)))
-        messages += _live(seen, token, due, picture)
+        messages += _live(seen, item.run, due, picture)
         if "thumbnail" in due:
             before = self._shown.get(token)
             small = b"" if seen.image is None else jpeg(seen.image, THUMBNAIL_WIDTH_PX)
@@ -177,12 +180,21 @@ def _ending(item: Ended, seq: int) -> list[tuple[StateSample | CaseEnd, bytes]]:
     return [(message, encode(message)) for message in messages]
 
 
-def _live(seen: Seen, token: int, due: frozenset[str], picture: bytes) -> list[Message]:
+def _compressed(run: Run, name: str, image: np.ndarray) -> bytes:
+    """A camera's picture, as well as its budget allows."""
+    quality = run.qualities.setdefault(name, Quality())
+    data = jpeg(image, quality=quality.value)
+    quality.took(len(data), image.shape[0] * image.shape[1])
+    return data
+
+
+def _live(seen: Seen, run: Run, due: frozenset[str], picture: bytes) -> list[Message]:
     """What viewers of this case alone are due; ``picture`` is the main camera's."""
+    token = run.lease.token
     messages: list[Message] = []
     attachment = _camera_sample(seen, token, UNNUMBERED)
     pictures = {"camera": picture} if picture and "camera" in due else {}
-    pictures.update((name, jpeg(image)) for name, image in seen.pictures.items())
+    pictures.update((n, _compressed(run, n, image)) for n, image in seen.pictures.items())
     for name, data in sorted(pictures.items()):
         messages.append(Message(topics.VIEW_LIVE_CAMERA, data, attachment, name))
     for name, cloud in sorted(seen.clouds.items()):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from schemas.messages import CameraSite, Command, Lease, LidarSite
+from twin.worker.view_quality import Quality
 
 if TYPE_CHECKING:
     from twin.engine import Finished
@@ -66,6 +67,9 @@ class Run:
     last_tick: int = -1
     shown_s: dict[str, float] = field(default_factory=dict)
     """When a stream for viewers was last due, by its name [s]."""
+
+    qualities: dict[str, Quality] = field(default_factory=dict)
+    """Of its cameras' pictures, by message; the feed's thread alone looks at them."""
 
     def number(self, count: int = 1) -> int:
         """The first of ``count`` running numbers."""

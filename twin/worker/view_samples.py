@@ -25,7 +25,7 @@ from twin.world.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
 from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
-"""Quality of camera pictures; 0.45 ms and about 20 kB at 640x360 (measured)."""
+"""Quality of small pictures; for large ones see :mod:`twin.worker.view_quality`."""
 
 THUMBNAIL_WIDTH_PX = 160
 """Widest thumbnail [px]."""
@@ -93,6 +93,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         height=case.camera.height,
         hfov_deg=case.camera.hfov_deg,
         stage=stage,
+        keep=case.keep,
     )
 
 
@@ -151,14 +152,14 @@ def last_row_of(table: KpiTable, token: int, seq: int) -> StateSample:
     )
 
 
-def jpeg(image: np.ndarray, width_max_px: int | None = None) -> bytes:
+def jpeg(image: np.ndarray, width_max_px: int | None = None, quality: int = JPEG_QUALITY) -> bytes:
     """RGB picture [H, W, 3] -> JPEG, scaled down to ``width_max_px``."""
     height, width = image.shape[:2]
     if width_max_px is not None and width > width_max_px:
         size = (width_max_px, max(1, height * width_max_px // width))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return bytes(data)
 
 

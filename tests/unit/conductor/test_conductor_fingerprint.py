@@ -132,7 +132,7 @@ def test_no_outcomes(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no outcomes\.json"):
         fingerprint(tmp_path)
     (tmp_path / "conductor.json").write_text("{}")
-    with pytest.raises(UsageError, match="still running"):
+    with pytest.raises(UsageError, match="has not written"):
         fingerprint(tmp_path)
     (tmp_path / "outcomes.json").write_text("{")
     with pytest.raises(InfrastructureError, match="damaged"):

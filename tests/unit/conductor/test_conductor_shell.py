@@ -12,9 +12,11 @@ import msgspec
 import pytest
 from conductor_bench import hello, result, submit
 
+import conductor.folders
 import conductor.inbox
 import conductor.shell
 from conductor.outcomes import read_outcomes
+from conductor.report.leases import read_leases
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
@@ -73,8 +75,8 @@ def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> Non
         assert "# campaign digest: " in text
         again = msgspec.convert(load_yaml(out / "campaign.yaml"), Campaign)
         assert again.campaign == "alpha"
-        with pytest.raises(UsageError, match="still running"):
-            read_outcomes(out)
+        found = read_outcomes(out)
+        assert (found.complete, [end.outcome for end in found.cases.values()]) == (False, [""] * 4)
         _run_all(conductor)
         outcomes = read_outcomes(out)
         assert (outcomes.complete, len(outcomes.cases)) == (True, 4)
@@ -83,6 +85,37 @@ def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> Non
         assert conductor.snapshot()["campaigns"]["alpha"]["passed"] == 4
     assert not (tmp_path / "state/conductor.json").exists()
     assert not (out / "conductor.json").exists()
+
+
+def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
+    tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conductor.folders, "REFRESH_S", 0.0)
+    monkeypatch.setattr(conductor.folders, "REFRESH_SHARE", 1.0)
+    with serving(tmp_path, hub) as served:
+        served.request(submit())
+        served.request(hello())
+        leases = served.request(Next(v=V, worker="w1", seq=1, k=3)).leases
+        done = [result(lease, kpi="0") for lease in leases[:2]]
+        # The third lease is in no hand any more: it is given back.
+        served.request(Next(v=V, worker="w1", seq=2, k=0, results=done))
+        served.request(StatusRequest(v=V))  # a turn later all of it has been written
+        found = read_outcomes(tmp_path / "alpha")
+        assert not found.complete
+        assert sorted(end.outcome for end in found.cases.values()) == ["", "", "verdict", "verdict"]
+        seen = read_leases(tmp_path / "alpha")
+        assert sorted(span.how for span in seen.spans) == ["committed", "committed", "released"]
+        assert {span.worker for span in seen.spans} == {"w1"}
+        assert len(seen.commits_s) == 2
+
+
+def test_a_timeline_that_cannot_be_written_stops_nothing(tmp_path: Path, hub: Hub) -> None:
+    with serving(tmp_path, hub) as served:
+        served.request(submit())
+        (tmp_path / "alpha" / "timeline.jsonl").mkdir()
+        _run_all(served)
+        assert read_outcomes(tmp_path / "alpha").complete
+    assert read_leases(tmp_path / "alpha").spans == []
 
 
 def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:

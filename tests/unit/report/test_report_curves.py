@@ -79,7 +79,8 @@ def test_nothing_but_nan_and_no_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cases", "points"), [(0, POINTS_MAX), (256, POINTS_MAX), (1000, 200), (100_000, POINTS_MIN)]
+    ("cases", "points"),
+    [(0, POINTS_MAX), (100, POINTS_MAX), (256, 250), (800, 80), (100_000, POINTS_MIN)],
 )
 def test_points_share_the_page(cases: int, points: int) -> None:
     assert points_for(cases) == points

@@ -14,6 +14,8 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import Late
 from conductor.report import content, report_json, write_report
+from conductor.report.cells import cell_number, cells_of, worst
+from conductor.report.dossier import open_dossier
 from twin.fabric.errors import UsageError
 
 replace = msgspec.structs.replace
@@ -48,8 +50,9 @@ def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", text)
     data = page_data(page)
     assert len(data["cases"]) == 8
-    assert [m["title"] for m in data["heat"]] == ["yolov3", "yolov2-tiny"]
-    assert {m["data"][0]["type"] for m in data["heat"]} == {"heatmap"}
+    assert data["heat"] == {"x": "time_of_day", "y": "weather", "per": "model"}
+    assert data["all"]["axes"]["model"]["values"] == ["yolov3", "yolov2-tiny"]
+    assert [c["id"] for c in data["cases"]] == data["all"]["ids"]
     assert data["groups"][0]["axis"] == "weather"
 
 
@@ -74,9 +77,111 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     assert "alert(1)" in page
     for mark in ("<script>alert", "<img src=x", "</SCRIPT>"):
         assert mark not in page
-    hover = page_data(page)["heat"][0]["data"][0]["hovertext"][0][0]
+    hover = page_data(page)["all"]["hover"][0]
     assert "<script" not in hover
     assert "&lt;script&gt;" in hover
+
+
+def test_a_text_of_ten_megabytes_leaves_the_page_intact(tmp_path: Path) -> None:
+    huge = "<b>" + "x" * 10_000_000
+
+    def change(case, end):
+        if case.weather == "clear":
+            return end
+        log = tmp_path / end.attempt_dir / "log.txt"
+        if case.id == "yolov3-0500-heavy_fog":
+            log.write_text(f"{huge}\nthe last <i>line</i>\n")
+        return replace(end, outcome="failed", verdict="nan", reasons=[huge], charges=[huge])
+
+    make_campaign(tmp_path, change=change)
+    small = len(write_report(tmp_path).read_text())
+    page = (tmp_path / "report.html").read_text()
+    assert small < 6_000_000
+    assert "(10000003 characters)" in page
+    assert "the last &lt;i&gt;line&lt;/i&gt;" in page
+    assert "<b>xxx" not in page
+
+
+def test_markup_in_the_value_of_an_axis_stays_text(tmp_path: Path) -> None:
+    scene = "/tmp/<img src=x onerror=alert(1)>.yaml"
+    data = campaign_data(matrix={"model": ["yolov3"], "scenario.scene": ["downtown", scene]})
+    make_campaign(tmp_path, data)
+    page = write_report(tmp_path).read_text()
+    assert "<img src=x" not in page
+    assert "&lt;img src=x onerror=alert(1)&gt;.yaml" in page
+
+
+def test_the_effects_of_the_axes(tmp_path: Path) -> None:
+    def change(case, end):
+        if case.id == "yolov3-0500-clear":
+            return replace(end, outcome="unresolved", verdict="", kpi_sha256="", scalars={})
+        hit = case.weather == "heavy_fog" and case.model == "yolov2-tiny"
+        return replace(end, verdict="collision" if hit else "pass", passed=not hit)
+
+    make_campaign(tmp_path, change=change)
+    effects = {e["axis"]: e["levels"] for e in report_json(tmp_path)["effects"]}
+    assert list(effects) == ["model", "time_of_day", "weather"]
+    clear, fog = effects["weather"]
+    assert (clear["value"], clear["passed"], clear["total"], clear["missing"]) == ("clear", 3, 3, 1)
+    assert (fog["passed"], fog["total"], fog["missing"]) == (2, 4, 0)
+    assert (fog["low"], fog["high"]) == pytest.approx((0.1500, 0.8500), abs=1e-4)
+    assert len(page_data(write_report(tmp_path).read_text())["effects"]["data"]) == 3
+
+
+def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
+    def change(case, end):
+        if case.time_of_day_min == 5 * 60:
+            return end
+        far = {**end.scalars, "dtc_end_m": 40.0 + len(case.weather), "aeb_dtc_m": 55.0}
+        return replace(end, verdict="false_braking", passed=True, scalars=far, wall_s=9.25)
+
+    make_campaign(tmp_path, change=change)
+    text = without_scripts(write_report(tmp_path).read_text())
+    table = re.search(r'<section id="false-braking">.*?</section>', text, re.S)
+    assert table
+    assert "False braking: 4 cases" in table[0]
+    rest = re.findall(r'<td class="n">(\d+\.\d+)</td></tr>', table[0])
+    assert rest == ["49.00", "49.00", "45.00", "45.00"], "furthest first"
+    assert table[0].count("2 of 2") == 2, "by time of day, both models at 13:00"
+    slowest = re.search(r'id="slowest">.*?</table>', text, re.S)
+    assert slowest
+    assert slowest[0].count("9.2") == 4
+
+
+def test_failures_come_with_the_command_that_shows_them(tmp_path: Path) -> None:
+    make_campaign(
+        tmp_path, change=lambda c, e: replace(e, verdict="collision", passed=False, reasons=["hit"])
+    )
+    text = without_scripts(write_report(tmp_path).read_text())
+    assert text.count('<article class="failure">') == 8
+    assert "conductor run campaign.yaml --case yolov3-0500-clear --view record" in text
+    assert "the case was not recorded" in text
+
+
+@pytest.mark.parametrize("kind", ["none ended", "all failed", "one case"])
+def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
+    def change(case, end):
+        if kind == "none ended":
+            return msgspec.convert({"outcome": ""}, type(end))
+        if kind == "all failed":
+            return replace(
+                end, outcome="failed", verdict="nan", passed=False, kpi_sha256="", scalars={}
+            )
+        return end
+
+    matrix = {"model": ["yolov3"]} if kind == "one case" else campaign_data()["matrix"]
+    make_campaign(tmp_path, campaign_data(matrix=matrix), change)
+    page = write_report(tmp_path).read_text()
+    data, text = page_data(page), without_scripts(page)
+    assert len(data["all"]["axes"]) >= 2
+    if kind == "one case":
+        assert "<strong>1</strong> of 1 cases passed" in text
+        assert data["effects"] is None
+    else:
+        assert 'id="no-curves"' in text
+        assert data["effects"] is None
+    assert ("8 cases ended without a verdict" in text) == (kind == "all failed")
+    assert ("8 of 8 cases have not ended" in text) == (kind == "none ended")
 
 
 def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -105,7 +210,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
     assert "AEB TTC" not in text
     assert '<td class="n" data-sort="0.302">0.302</td>' in text
     assert page_data(page)["curves"][0] == "lateral_error_m"
-    assert page_data(page)["heat"][0]["data"][0]["text"][0] == ["✓ 0.06", "✓ 0.06"]
+    assert page_data(page)["all"]["number"] == ["0.06", "0.06", "0.30", "0.30"] * 2
     total = report_json(tmp_path)["systems"][-1]
     assert total["lateral_rms_m"] == pytest.approx((0.062, 0.182, 0.302))
     assert total["counts"]["lane_departure"] == 4
@@ -130,6 +235,9 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     assert "Incomplete: 4 of 8 cases have not ended" in page
     assert "of 8 cases passed so far" in page
     assert page.count("at least ") == 3  # a rate per system under test and of all
+    assert page.count("Findings so far") == 1
+    # Intervals are of the cases that have ended: one system passed 2 of 2, the other one too.
+    assert page.count("34.2 to 100.0 %") == 2
     found = report_json(tmp_path)
     assert found["fingerprint"] is None
     assert found["alarms"] == []
@@ -206,37 +314,38 @@ def test_noop_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "titles", "axes"),
+    ("matrix", "x", "y", "per"),
     [
-        ({"model": ["yolov3"], "repeat": [0, 1]}, ["yolov3"], ("Repeat", "Time of day [HH:MM]")),
-        ({"model": ["yolov3", "yolov2-tiny"]}, ["All models"], ("Perception model", "Time of")),
+        ({"model": ["yolov3"], "repeat": [0, 1]}, "repeat", "time_of_day", ""),
+        ({"model": ["yolov3", "yolov2-tiny"]}, "model", "time_of_day", ""),
         (
             {
-                "model": ["yolov3"],
+                "model": ["yolov3", "yolov2-tiny"],
                 "scenario.ego_start_m": [40, 50, 60],
                 "weather": ["clear", "cloudy"],
             },
-            ["yolov3"],
-            ("Ego start [m]", "Weather"),
+            "scenario.ego_start_m",
+            "weather",
+            "model",
         ),
     ],
 )
 def test_heat_maps_fall_back_to_other_axes(
-    tmp_path: Path, matrix: dict[str, Any], titles: list[str], axes: tuple[str, str]
+    tmp_path: Path, matrix: dict[str, Any], x: str, y: str, per: str
 ) -> None:
     make_campaign(tmp_path, campaign_data(matrix=matrix))
-    heat = page_data(write_report(tmp_path).read_text())["heat"]
-    assert [m["title"] for m in heat] == titles
-    layout = heat[0]["layout"]
-    assert layout["xaxis"]["title"]["text"].startswith(axes[0])
-    assert layout["yaxis"]["title"]["text"].startswith(axes[1])
+    data = page_data(write_report(tmp_path).read_text())
+    assert data["heat"] == {"x": x, "y": y, "per": per}
+    assert {x, y} <= set(data["all"]["axes"])
+    for axis in data["all"]["axes"].values():
+        assert len(axis["of"]) == len(data["all"]["ids"])
+        assert set(axis["of"]) == set(range(len(axis["values"])))
 
 
 def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
     data = campaign_data(
         matrix={"model": ["yolov3"], "weather": ["clear", "cloudy"], "repeat": [0, 1]}
     )
-    data["matrix"]["time_of_day"] = ["05:00", "13:00"]
 
     def change(case, end):
         if case.repeat or case.weather == "cloudy":
@@ -244,8 +353,12 @@ def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
         return replace(end, verdict="collision", passed=False)
 
     make_campaign(tmp_path, data, change)
-    heat = page_data(write_report(tmp_path).read_text())["heat"][0]["data"][0]
-    assert heat["text"] == [["✕ 1/2", "✕ 1/2"], ["✓ 2/2", "✓ 2/2"]]
+    dossier = open_dossier(tmp_path)
+    (clear, cloudy) = cells_of(dossier, dossier.rows, "model", "weather").rows
+    assert (worst(clear[0]).status, cell_number(clear[0])) == ("collision", "1/2")
+    assert (worst(cloudy[0]).status, cell_number(cloudy[0])) == ("pass", "2/2")
+    severity = page_data(write_report(tmp_path).read_text())["all"]["severity"]
+    assert severity[0] == min(severity) < severity[1]
 
 
 def test_a_huge_campaign_shows_its_worst_first(

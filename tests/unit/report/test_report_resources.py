@@ -172,6 +172,18 @@ def test_table_2_has_the_peaks_of_each_batch(tmp_path: Path) -> None:
     assert text[-5:] == ["Mean", "2.5", "1.50", "–", "–"]
 
 
+def test_without_batches_the_peaks_are_of_the_workers(tmp_path: Path) -> None:
+    make_campaign(tmp_path)
+    write_parts(tmp_path, sample(1), sample(2, cpu_cores=3.0), sample(1, "w2", ram_bytes=3 * 10**9))
+    peaks = [(w["name"], w["cpu_cores"]["most"]) for w in use_of(tmp_path)["workers"]]
+    assert peaks == [("w1", 3.0), ("w2", 2.0)]
+    page = write_report(tmp_path).read_text()
+    assert 'id="resource-batches"' not in page
+    table = re.search(r'<table class="plain" id="resource-workers">.*?</table>', page, re.S)
+    assert table
+    assert re.sub(r"<[^>]+>", " ", table[0]).split()[-5:] == ["Mean", "2.5", "2.00", "–", "–"]
+
+
 def test_a_run_without_samples_says_so(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     page = write_report(tmp_path).read_text()

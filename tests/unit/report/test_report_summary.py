@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from pathlib import Path
 
 import msgspec
@@ -105,3 +107,26 @@ def test_a_damaged_campaign_file_is_one_line(tmp_path: Path, content: str | None
     with pytest.raises(InfrastructureError, match=r"campaign\.yaml") as caught:
         write_summary(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_no_cell_of_the_csv_is_a_formula(tmp_path: Path) -> None:
+    evil = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", '@SUM(A1)"x', "\t=1", "fine"]
+
+    def change(case, end):
+        text = evil[case.time_of_day_min % len(evil)]
+        return replace(end, reasons=[text], worker=text, device_class=text)
+
+    times = [f"05:0{n}" for n in range(6)]
+    make_campaign(
+        tmp_path, campaign_data(matrix={"model": ["yolov3"], "time_of_day": times}), change
+    )
+    table = write_summary(tmp_path)
+    assert sorted(set(table.column("worker").to_pylist())) == sorted(evil), "only the CSV changes"
+    with (tmp_path / "summary.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["worker"] for row in rows} == {"fine", *(f"'{text}" for text in evil[:-1])}
+    for row in rows:
+        for name, cell in row.items():
+            assert not name.startswith(("=", "+", "-", "@"))
+            number = re.fullmatch(r"-?[0-9.e+-]+", cell)
+            assert number or not cell.startswith(("=", "+", "-", "@", "\t", "\r"))

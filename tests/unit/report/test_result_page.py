@@ -20,10 +20,11 @@ from conductor.fingerprint import fingerprint
 from conductor.report import write_result_page
 from conductor.report.dossier import open_dossier
 from conductor.report.heat_picture import _MARKS
-from conductor.report.losses import EXAMPLES_MAX, examples, extremes, kind_of, lost_lines, wilson
+from conductor.report.losses import EXAMPLES_MAX, examples, extremes, kind_of, lost_lines
 from conductor.report.palette import status_color
 from conductor.report.prose import block
 from conductor.report.result_page import escaped, fenced
+from conductor.report.statistics import wilson
 from conductor.report.tables import KNOWN_STATUSES
 from schemas.assets import file_digest
 from schemas.messages import PerceptionCost
@@ -55,32 +56,6 @@ def tables(page: str) -> list[list[list[str]]]:
 
 def table(page: str, first: str) -> list[list[str]]:
     return next(t for t in tables(page) if t[0][0] == first)
-
-
-@pytest.mark.parametrize(
-    ("hits", "total", "low", "high"),
-    [
-        (0, 10, 0.0, 0.27753),
-        (8, 10, 0.49016, 0.94332),
-        (10, 10, 0.72247, 1.0),
-        (1, 1, 0.20655, 1.0),
-    ],
-)
-def test_wilson_intervals(hits: int, total: int, low: float, high: float) -> None:
-    assert wilson(hits, total) == pytest.approx((low, high), abs=1e-5)
-
-
-@pytest.mark.parametrize(("hits", "total"), [(0, 5), (61, 64), (1, 256), (7, 7)])
-def test_wilson_bounds_solve_the_score_equation(hits: int, total: int) -> None:
-    for bound in wilson(hits, total):
-        off = abs(hits / total - bound)
-        assert off == pytest.approx(1.959964 * (bound * (1 - bound) / total) ** 0.5, abs=1e-7)
-
-
-@pytest.mark.parametrize(("hits", "total"), [(0, 0), (3, 2), (-1, 2)])
-def test_wilson_refuses_what_is_no_share(hits: int, total: int) -> None:
-    with pytest.raises(ValueError, match=f"{hits} of {total}"):
-        wilson(hits, total)
 
 
 def test_the_page_tells_the_result(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from conductor.source import check, load, shipped
+from devkit.darknet.variant import ARCHITECTURES
 from schemas.campaign import WEATHERS, expand, only, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
 from schemas.view_mode import View, ViewMode
@@ -154,11 +155,11 @@ def test_shipped_campaigns_are_the_papers():
     campaign = load("aeb-256")
     cases = expand(campaign)
     assert len(cases) == len({c.id for c in cases}) == 256
-    assert {c.model for c in cases} == {"yolov2", "yolov2-tiny", "yolov3", "yolov3-tiny"}
+    assert {c.model for c in cases} == {f"{name}-w25" for name in ARCHITECTURES}
     assert {c.weather for c in cases} == set(WEATHERS)
     assert sorted({c.time_of_day_min for c in cases}) == [60 * h for h in range(5, 20, 2)]
     assert sorted({c.batch for c in cases}) == list(range(1, 9))
-    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2"}
+    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2-w25"}
     assert campaign.scenario.ego_start_m == 148
     assert campaign.control_hz == campaign.camera.hz == 20
     demo = expand(load("aeb-demo"))
@@ -242,3 +243,23 @@ def test_what_is_shown_is_no_part_of_a_case_but_of_its_rig():
     assert mistakes[0].path == "view"
     assert "record+live" in mistakes[0].message
     assert get_args(View) == tuple(mode.value for mode in ViewMode)
+
+
+def test_what_is_kept_of_recordings_is_no_part_of_a_case_but_of_its_rig():
+    data = {"schema": 1, "campaign": "c", "matrix": {"weather": ["clear"]}}
+    seen = []
+    for keep in ("all", "failed"):
+        campaign, mistakes = parse_campaign({**data, "recording": {"keep": keep}})
+        assert not mistakes
+        [case] = expand(campaign)
+        assert case.keep == keep
+        seen.append((campaign_digest(campaign, [case]), rig_key(case)))
+    assert seen[0][0] == seen[1][0]
+    assert seen[0][1] != seen[1][1]
+    _, mistakes = parse_campaign({**data, "recording": {"keep": "some"}})
+    assert mistakes[0].path == "recording.keep"
+    assert "failed" in mistakes[0].message
+
+
+def test_views_without_a_recorder():
+    assert [mode.unrecorded for mode in ViewMode] == ["none", "live", "none", "live"]

@@ -357,7 +357,7 @@ def test_eight_cases_of_a_rig_at_most(hub, clock):
 def test_one_picture_is_compressed_once_for_recorder_and_viewers(hub, clock, monkeypatch):
     made = []
     real = view_encoder.jpeg
-    monkeypatch.setattr(view_encoder, "jpeg", lambda *a: made.append(a) or real(*a))
+    monkeypatch.setattr(view_encoder, "jpeg", lambda *a, **k: made.append(a) or real(*a, **k))
     listener = Listener(hub, ["view/*/*/*", ALONE], recorder=True)
     feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record_live)
     sim = Sim()

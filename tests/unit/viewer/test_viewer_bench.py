@@ -11,18 +11,29 @@ from schemas.wire import ATTACHMENT_BYTES_MAX, decode
 from twin.fabric.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
 from viewer.bench import BenchOptions, _source, bench, misses
+from viewer.bench_compare import MODES, SHARE_MIN, Run, compare, lines
 
 
 def viewer(**changes):
     return {"viewer": {"cpu_share": 0.25, "memory_last_mb": 600.0, **changes}}
 
 
+def runs(mode, *walls, cpu=None, **changes):
+    """Runs of 10 cases that took so many seconds of wall time, and of one core unless said."""
+    recorded = (4.0,) * 10 if mode == "record" else ()
+    values = {"fingerprint": "same", "recordings_mb": recorded, **changes}
+    return [Run(10, wall, wall if cpu is None else cpu, **values) for wall in walls]
+
+
 def simulation(**changes):
-    return {"simulation": {"live": 0.95, "frozen": 0.99, "same_results": True, **changes}}
+    found = {mode: runs(mode, 100.0, 100.0, 140.0) for mode in MODES}
+    return {"simulation": compare(found | changes)}
 
 
 def test_exactly_at_the_targets_nothing_is_missed():
-    assert misses({**viewer(), **simulation()}) == []
+    slower = {mode: runs(mode, 100 / least) for mode, least in SHARE_MIN.items()}
+    assert misses({**viewer(), **simulation(**slower)}) == []
+    assert misses(simulation(record=runs("record", 100.0, recordings_mb=(12.0,) * 10))) == []
 
 
 @pytest.mark.parametrize(
@@ -30,14 +41,37 @@ def test_exactly_at_the_targets_nothing_is_missed():
     [
         (viewer(cpu_share=0.26), "26% of a core"),
         (viewer(memory_last_mb=600.1), "600.1 MB"),
-        (simulation(live=0.949), "(live): 94.9%"),
-        (simulation(frozen=0.989), "(frozen): 98.9%"),
-        (simulation(same_results=False), "differ"),
+        (simulation(live=runs("live", 106.0, cpu=100)), "a viewer: 94.3% of the simulation by cas"),
+        (simulation(live=runs("live", 100.0, cpu=106)), "a viewer: 94.3% of the simulation by pro"),
+        (simulation(frozen=runs("frozen", 101.2, cpu=100)), "frozen viewer: 98.8%"),
+        (simulation(record=runs("record", 112.0, cpu=100)), "recorded: 89.3%"),
+        (simulation(record=runs("record", 100.0, recordings_mb=(12.1,) * 10)), "12.1 MB a case"),
+        (simulation(record=runs("record", 100.0, recordings_mb=(1.0,) * 9)), "9 recordings of 10"),
+        (simulation(live=runs("live", 100.0, fingerprint="other")), "differ"),
     ],
 )
 def test_each_target_can_be_missed(found, words):
     [line] = misses(found)
     assert words in line
+
+
+def test_what_the_machine_does_beside_is_not_held_against_viewers():
+    noisy = runs("none", 100.0, 110.0, 150.0)
+    assert misses(simulation(none=noisy, live=runs("live", 112.0))) == []
+    [by_rate, by_load] = misses(simulation(none=noisy, live=runs("live", 120.0)))
+    assert "cases per minute (noise 10.0%)" in by_rate
+    assert "processor time (noise 10.0%)" in by_load
+    once = simulation(none=runs("none", 100.0), live=runs("live", 300.0))
+    assert misses(once) == [], "one run says nothing"
+
+
+def test_what_people_read():
+    told = "\n".join(lines(simulation(live=runs("live", 104.0, 125.0))["simulation"]))
+    assert "with nobody: 6.0 cases/min (4.286 to 6.0), 10.0 processor seconds per case" in told
+    assert "with a viewer: 5.769 cases/min (4.8 to 5.769)" in told
+    assert "96.2% and 96.2%" in told
+    assert "30 recordings, 4.0 MB each" in told
+    assert "results the same" in told
 
 
 def test_too_many_in_full_is_a_mistake():

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from twin.fabric.errors import UsageError
 from viewer.catalogue import read_catalogue, table
+from viewer.folder import find_recording
 
 
 def campaign(folder):
@@ -61,3 +62,24 @@ def test_nothing_to_show_is_one_line(tmp_path):
     campaign(tmp_path)
     with pytest.raises(UsageError, match="expected aeb, closest, or seconds"):
         read_catalogue(tmp_path, "noon")
+
+
+def test_what_was_not_kept_is_not_missing(tmp_path):
+    campaign(tmp_path)
+    for case in ("f-fine", "g-fine"):
+        write(tmp_path / "cases" / case / "attempt-1", case=case, keep="failed")
+    catalogue = read_catalogue(tmp_path, "aeb")
+    assert len(catalogue.rows) == 3
+    assert catalogue.as_json()["not_kept"] == ["f-fine", "g-fine"]
+    assert catalogue.remarks()[:2] == [
+        "2 cases without a recording: d-bare, e-nonsense",
+        "2 cases passed and not kept: f-fine, g-fine",
+    ]
+    with pytest.raises(UsageError, match="'f-fine' passed, and its recording was not kept"):
+        find_recording(tmp_path, "f-fine")
+
+
+def test_where_everything_passed_there_is_nothing_to_see(tmp_path):
+    write(tmp_path / "cases" / "a" / "attempt-1", case="a", keep="failed")
+    with pytest.raises(UsageError, match=r"all recorded cases passed.*recording.keep: failed"):
+        read_catalogue(tmp_path, "aeb")

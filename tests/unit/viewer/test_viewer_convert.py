@@ -6,6 +6,7 @@ import pytest
 import rerun as rr
 from view_messages import STAGE, controls, detection, end, start, state
 
+from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from viewer import naming
 from viewer.convert import CaseConverter
 from viewer.scenery import ORANGE, RED, verdict_color
@@ -20,6 +21,23 @@ def only(logged, path):
     found = [archetype for p, archetype in logged if p == path]
     assert len(found) == 1, paths(logged)
     return found[0]
+
+
+def converted(*samples, **changes):
+    """What these rows become: values of each component by entity path, row by row."""
+    return values(CaseConverter(start(**changes)).states(samples))
+
+
+def values(found):
+    shown = {}
+    for rows in found:
+        assert len(rows.ticks) == len(rows.sim_time_ns)
+        for column in rows.columns:
+            name = column.component_descriptor().component.partition(":")[2]
+            lists = column.as_arrow_array().to_pylist()
+            assert len(lists) == len(rows.ticks), (rows.path, name)
+            shown.setdefault(rows.path, {}).setdefault(name, []).extend(lists)
+    return shown
 
 
 def test_the_start_holds_intrinsics_street_and_styles():
@@ -45,26 +63,63 @@ def test_lines_run_beside_a_lane_that_bends():
 
 
 def test_a_tick_is_one_row_of_every_plot():
-    logged = CaseConverter(start()).state(state(1))
+    shown = converted(state(1))
     for path in (naming.SPEED, naming.DTC, naming.TTC, naming.BRAKE, naming.THROTTLE, naming.AEB):
-        assert isinstance(only(logged, path), rr.Scalars)
-    assert only(logged, naming.SPEED).scalars.as_arrow_array().to_pylist() == [9.0]
+        assert len(shown[path]["scalars"]) == 1
+    assert shown[naming.SPEED]["scalars"] == [[9.0]]
+
+
+def test_rows_together_are_those_of_each():
+    detections = [[], [detection(20.0), detection(2.0)], [detection(2.0)]]
+    samples = [
+        state(0, 0, controls=controls(False, detections[0])),
+        state(1, 1, boxes=None, controls=controls(True, detections[1]), ttc_s=None),
+        state(2, 2, boxes=[], controls=controls(True, detections[2]), collisions=1),
+        state(3, 3, boxes=None, controls=controls(True), movers=[[1.0, 2.0, 0.0, 0.1, 1, 1, 2]]),
+        state(4, 4, controls=None, boxes=None, speed_mps=1.0),
+    ]
+    apart = CaseConverter(start())
+    single = values([rows for sample in samples for rows in apart.states([sample])])
+    together = CaseConverter(start()).states(samples)
+    assert values(together) == single
+    at = {rows.path: rows.ticks for rows in together}
+    assert at[naming.EGO] == [0, 1, 2, 3, 4]
+    assert at[naming.TTC] == [0, 2, 3, 4]
+    assert at[naming.TRUTH] == [0, 2]
+    assert at[naming.DETECTIONS] == [0, 1, 2]
+    assert at[naming.BRAKE] == [0, 1, 2, 3]
+    assert at[naming.MOVERS] == [3]
+    assert CaseConverter(start()).states([]) == []
+
+
+def test_boxes_have_the_classes_that_the_world_names():
+    found = [detection(20.0), msgspec.structs.replace(detection(20.0), label="yeti")]
+    shown = converted(state(0, controls=controls(False, found)))
+    car = SEMANTIC_CLASSES.index("car")
+    assert shown[naming.DETECTIONS]["class_ids"] == [[car, 0]]
+    assert shown[naming.TRUTH]["class_ids"] == [[car]]
+    assert "colors" not in shown[naming.TRUTH], "those of the classes"
+    [context] = [
+        a for _, a in CaseConverter(start()).start() if isinstance(a, rr.AnnotationContext)
+    ]
+    [classes] = context.context.as_arrow_array().to_pylist()
+    named = [entry["class_description"]["info"]["label"] for entry in classes]
+    assert named == list(SEMANTIC_CLASSES)
+    assert set(OBJECT_CLASSES) <= set(named)
 
 
 def test_missing_is_not_zero():
-    logged = CaseConverter(start()).state(state(1, ttc_s=None, controls=None, boxes=None))
-    assert not {naming.TTC, naming.BRAKE, naming.AEB, naming.TRUTH} & set(paths(logged))
-    assert naming.SPEED in paths(logged)
+    shown = converted(state(1, ttc_s=None, controls=None, boxes=None))
+    assert not {naming.TTC, naming.BRAKE, naming.AEB, naming.TRUTH} & set(shown)
+    assert naming.SPEED in shown
 
 
 def test_events_come_once():
-    converter = CaseConverter(start())
-    events = []
-    for tick, (aeb, seen) in enumerate([(0, 0), (0, 1), (1, 1), (1, 1), (0, 1), (1, 1)]):
-        asked = controls(bool(aeb), [detection()] if seen else [])
-        logged = converter.state(state(tick, tick, controls=asked))
-        events += [a for p, a in logged if p == naming.EVENTS]
-    texts = [e.text.as_arrow_array().to_pylist()[0] for e in events]
+    samples = [
+        state(tick, tick, controls=controls(bool(aeb), [detection()] if seen else []))
+        for tick, (aeb, seen) in enumerate([(0, 0), (0, 1), (1, 1), (1, 1), (0, 1), (1, 1)])
+    ]
+    texts = [text for [text] in converted(*samples)[naming.EVENTS]["text"]]
     assert [text.split(" at ")[0].split(":")[0] for text in texts] == [
         "first detection",
         "AEB triggered",
@@ -73,25 +128,32 @@ def test_events_come_once():
 
 
 def test_far_boxes_have_no_labels_and_aeb_is_red():
-    asked = controls(True, [detection(20.0), detection(1.0)])
-    logged = CaseConverter(start()).state(state(0, controls=asked))
-    near, far = only(logged, naming.DETECTIONS), only(logged, naming.DETECTIONS_FAR)
-    assert len(near.half_sizes) == len(far.half_sizes) == 1
-    assert near.show_labels.as_arrow_array().to_pylist() == [True]
-    assert far.show_labels.as_arrow_array().to_pylist() == [False]
+    shown = converted(state(0, controls=controls(True, [detection(20.0), detection(1.0)])))
+    near, far = shown[naming.DETECTIONS], shown[naming.DETECTIONS_FAR]
+    assert [len(row) for row in (*near["half_sizes"], *far["half_sizes"])] == [1, 1]
     red = (RED[0] << 24) + (RED[1] << 16) + (RED[2] << 8) + 255
-    assert near.colors.as_arrow_array().to_pylist() == [red]
+    assert near["colors"] == [[red]]
+    styles = {
+        path: archetype.show_labels.as_arrow_array().to_pylist()
+        for path, archetype in CaseConverter(start()).start()
+        if isinstance(archetype, rr.Boxes2D)
+    }
+    assert styles[naming.DETECTIONS] == [True]
+    assert styles[naming.DETECTIONS_FAR] == [False]
 
 
 def test_no_detections_clear_the_boxes():
-    logged = CaseConverter(start()).state(state(0, controls=controls(), boxes=[]))
-    assert len(only(logged, naming.DETECTIONS).half_sizes) == 0
-    assert len(only(logged, naming.TRUTH).half_sizes) == 0
+    shown = converted(state(0, controls=controls(), boxes=[]))
+    assert shown[naming.DETECTIONS]["half_sizes"] == [[]]
+    assert shown[naming.TRUTH]["half_sizes"] == [[]]
 
 
 def test_verdict_and_its_words():
-    event = CaseConverter(start()).end(end(9, verdict="false_braking", passed=True))[0][1]
-    assert "false_braking: came to rest" in event.text.as_arrow_array().to_pylist()[0]
+    converter = CaseConverter(start())
+    converter.states([state(1, 42)])
+    [said] = converter.end(end(9, verdict="false_braking", passed=True))
+    assert "false_braking: came to rest" in values([said])[naming.EVENTS]["text"][0][0]
+    assert said.ticks == [42], "an end has the tick of the last row"
     assert verdict_color("false_braking") == ORANGE
     assert "heavy fog, 05:00" in running_text(start())
     text = ended_text(start(), end(9), lost=4)
@@ -104,5 +166,5 @@ def test_verdict_and_its_words():
     assert "| lateral error RMS [m] | 0.05 |" in lane
     assert "| largest lateral error [m] | - |" in lane
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
-    given_up = CaseConverter(start()).end(end(9, outcome="", verdict="", passed=False))[0][1]
-    assert "given up" in given_up.text.as_arrow_array().to_pylist()[0]
+    given_up = CaseConverter(start()).end(end(9, outcome="", verdict="", passed=False))
+    assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]

@@ -12,6 +12,7 @@ from viewer.folder import Moment
 from viewer.frames import Frame, Mark, read_case
 from viewer.scenery import CYAN, ORANGE, RED
 from viewer.still import write_still
+from viewer.strip import write_strip
 
 
 def frame(width=64, height=36, shade=100, **values):
@@ -77,3 +78,16 @@ def test_a_still_is_of_the_picture_that_stood_then(tmp_path):
         write_still(case, Moment(260_000_000, "x"), out)
     with pytest.raises(UsageError, match="Is a directory"):
         write_still(case, Moment(0, "x"), tmp_path)
+
+
+def test_a_strip_holds_the_pictures_around_a_moment(tmp_path):
+    case = read_case(write(tmp_path))
+    out = tmp_path / "a.jpg"
+    assert write_strip(case, Moment(100_000_000, "x"), 0.1, 3, out) == [-0.1, 0.0, 0.1]
+    three = cv2.imread(str(out)).shape
+    assert write_strip(case, Moment(100_000_000, "x"), 60.0, 3, out) == [0.0], "the rest is outside"
+    one = cv2.imread(str(out)).shape
+    assert one[0] == three[0]
+    assert three[1] == 3 * one[1] + 2 * 4
+    with pytest.raises(UsageError, match="Is a directory"):
+        write_strip(case, Moment(0, "x"), 0.1, 1, tmp_path)

@@ -45,11 +45,14 @@ class Stream:
         self.open = True
         self.stuck = False
 
-    def set_time(self, *_, **time):
-        self.times.append(time)
-
     def log(self, path, archetype, static):
         self.logged.append((path, type(archetype).__name__, static))
+
+    def send_columns(self, path, indexes, columns):
+        [times, _ticks] = indexes
+        self.times += times.as_arrow_array().to_pylist()
+        [kind] = {column.component_descriptor().component.partition(":")[0] for column in columns}
+        self.logged.append((path, kind, False))
 
     def flush(self, timeout_sec):
         if self.stuck:
@@ -175,8 +178,8 @@ def test_another_version_is_refused():
 
 def test_points_are_in_metres():
     rows = np.array([[150, -200, 30, 0], [0, 0, 0, 255]], "<i2")
-    shown = points(rows.tobytes())
-    xyz = shown.positions.as_arrow_array().to_pylist()
+    [positions, _colors] = points(rows.tobytes())
+    [xyz] = positions.as_arrow_array().to_pylist()
     assert np.allclose(xyz, [[1.5, -2.0, 0.3], [0, 0, 0]])
     with pytest.raises(ValueError, match=r"reshape|multiple"):
         points(b"123")

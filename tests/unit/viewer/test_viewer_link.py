@@ -24,9 +24,10 @@ from viewer.slots import Slots
 class Conductor:
     """Answers as a conductor does, from a router of its own."""
 
-    def __init__(self, port, version=SCHEMA_VERSION):
+    def __init__(self, port, version=SCHEMA_VERSION, key=None):
         self.version = version
-        self.bus = open_bus("router", listen=[f"tcp/127.0.0.1:{port}"])
+        protocol = "tls" if key else "tcp"
+        self.bus = open_bus("router", listen=[f"{protocol}/127.0.0.1:{port}"], key=key)
         self.bus.serve(topics.RPC.key, self.answer)
 
     def answer(self, payload, respond):

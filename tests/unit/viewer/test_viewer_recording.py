@@ -1,7 +1,9 @@
 """A recording: written, read back with Rerun's own reader, honest about what is missing."""
 
+import hashlib
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from recordings import read_recording
@@ -12,7 +14,7 @@ from twin.fabric.bus import Sample
 from twin.worker.view_samples import jpeg
 from viewer import naming
 from viewer.record import Recorder
-from viewer.recording import Recording
+from viewer.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
 
 PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
 
@@ -34,7 +36,10 @@ def test_a_complete_recording(tmp_path):
     recording, seq = write(tmp_path)
     assert recording.close(end(seq))
     note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
-    assert note == {"complete": True, "samples": 8, "lost": 0}
+    data = (tmp_path / naming.RECORDING_FILE).read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    whole = {"complete": True, "samples": 8, "lost": 0}
+    assert note == {**whole, "kept": True, "sha256": sha256, "bytes": len(data)}
     found = read_recording(tmp_path / naming.RECORDING_FILE)
     assert found.rows[naming.SPEED] == found.rows[naming.CAMERA] == 3
     assert found.properties["verdict"]["verdict"] == "pass"
@@ -50,7 +55,7 @@ def test_gaps_are_told(tmp_path, skip, lost):
     recording, seq = write(tmp_path, skip)
     assert not recording.close(end(seq))
     note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
-    assert note == {"complete": False, "samples": 8 - lost, "lost": lost}
+    assert (note["complete"], note["samples"], note["lost"]) == (False, 8 - lost, lost)
     found = read_recording(tmp_path / naming.RECORDING_FILE)
     assert found.properties["verdict"]["complete"] is False
     assert found.properties["verdict"]["verdict"] == "pass"
@@ -95,3 +100,51 @@ def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, cap
     recorder.take(message("end", end(2, token=1)))
     assert (recorder.complete, recorder.incomplete) == (0, 1)
     assert "not recorded" in capsys.readouterr().err
+
+
+def test_what_has_waited_is_written_though_nothing_else_comes(tmp_path):
+    recording = Recording(start(tmp_path))
+    recording.camera(camera(1, 0), PICTURE, 100.0)
+    recording.state(state(2, 0), 101.0)
+    path = tmp_path / naming.RECORDING_FILE
+    recording.write(100.0 + FLUSH_PERIOD_S - 0.1)
+    recording._stream.flush()
+    assert naming.SPEED not in read_recording(path).rows
+    recording.write(100.0 + FLUSH_PERIOD_S)
+    recording._stream.flush()
+    found = read_recording(path)  # as a recorder that is killed now leaves it
+    assert found.rows[naming.SPEED] == found.rows[naming.CAMERA] == 1
+    assert found.properties["case"]["case"] == "clear-1"
+    recording.close(None)
+
+
+def test_large_pictures_do_not_wait(tmp_path):
+    recording = Recording(start(tmp_path))
+    for tick in range(3):
+        recording.camera(camera(1 + tick, tick), b"x" * (FLUSH_BYTES // 2), 0.0)
+    recording._stream.flush()
+    assert read_recording(tmp_path / naming.RECORDING_FILE).rows[naming.CAMERA] == 2
+    recording.close(None)
+
+
+@pytest.mark.parametrize(
+    ("keep", "ending", "kept"),
+    [
+        ("failed", {}, False),
+        ("all", {}, True),
+        ("failed", {"verdict": "collision", "passed": False}, True),
+        ("failed", {"verdict": "false_braking", "passed": True}, True),
+        ("failed", {"outcome": "failed", "verdict": "pass", "passed": False}, True),
+        ("failed", {"outcome": "", "verdict": "", "passed": False}, True),
+        ("failed", None, True),
+    ],
+)
+def test_what_is_not_a_pass_is_kept(tmp_path, keep, ending, kept):
+    recording = Recording(msgspec.structs.replace(start(tmp_path), keep=keep))
+    recording.state(state(1))
+    recording.close(None if ending is None else end(2, **ending))
+    note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
+    assert note["kept"] is kept
+    assert ("sha256" in note) is kept
+    assert note["complete"] is (ending is not None)
+    assert (tmp_path / naming.RECORDING_FILE).exists() is kept

@@ -13,6 +13,7 @@ import pytest
 from test_viewer_link import hear, serve
 
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
+from twin.fabric.key_file import make_key
 from viewer import link as linking
 from viewer import native, tunnel
 from viewer.link import Ended, Link, Said, Status
@@ -75,6 +76,19 @@ def test_through_the_login_node_to_a_compute_node(opened, calls, port):
     while not gone(call["pid"]):
         assert time.monotonic() < until
         time.sleep(0.02)
+
+
+def test_mutual_tls_through_the_tunnel(opened, calls, port, tmp_path):
+    """The certificate is checked, not the address that it is reached at."""
+    ours, _ = (make_key(tmp_path / name) for name in ("ours", "theirs"))
+    serve(opened, port, key=ours)
+    far = Far("me@login", "cn042", f"tls/127.0.0.1:{port}")
+    for path, kind in ((tmp_path / "ours", Status), (tmp_path / "theirs", Ended)):
+        way = Tunnel(far, "twin", path)
+        opened.append(way)
+        heard = hear(link_through(opened, way), kind)
+    assert "it holds another key" in str(heard.error)
+    assert [call["host"] for call in calls()] == ["me@cn042"] * 2
 
 
 def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):

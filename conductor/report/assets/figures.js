@@ -1,0 +1,15 @@
+// --- figures that come as they are: effects, resources, leases ---
+at("no-effects").hidden = Boolean(data.effects);
+at("interaction-section").hidden = !data.effects;
+const FIGURES = [["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
+function drawFigures() {
+  for (const [id, config] of FIGURES) Plotly.react(at(id), data[id].data, themed(data[id].layout), config);
+  drawInteractions();
+}
+drawFigures();
+if (data.leases) {
+  at("leases").on("plotly_click", (event) => {
+    const id = /<b>(.*?)<\/b>/.exec(event.points[0].text ?? "");
+    if (id && byId.has(id[1])) pick(id[1], true);
+  });
+}

@@ -1,0 +1,152 @@
+"""The layout of the AutoDRIVE study's logs: ``config.json`` with all cases, and per batch a folder
+``batch_N`` with one ``aeb_metrics_sim_inst_M.csv`` per simulator instance.
+
+Case n of the configuration, from 0, is instance ``n % size + 1`` of batch ``n // size + 1``.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from schemas.names import WEATHERS
+from twin.fabric.errors import InfrastructureError, UsageError, storage_error
+
+CONFIG_FILE = "config.json"
+IMPORT_FILE = "imported.json"
+"""In a campaign folder that was made from logs: where they came from, and what was left out."""
+
+BATCH_SIZE = 32
+"""Instances of a batch in the study."""
+LOG_BYTES_MAX = 64 << 20
+"""A larger file is no log of this kind [bytes]; the published ones have 60 kB."""
+STEERING_MAX_RAD = 0.62
+"""Road-wheel angle at a steering command of 1, as of the vehicle ``opencav`` [rad]."""
+PICTURE_PX = (640, 360)
+"""Image in which the study's script measures the size of a box [px]."""
+
+TIMESTAMP = "Timestamp"
+TIME_OF_DAY = "Time of Day (min)"
+WEATHER = "Weather ID (#)"
+MODEL = "Model"
+LABEL = "Label"
+CONFIDENCE = "Confidence (%)"
+SIZE = "Size (px^2)"
+AEB = "AEB (bool)"
+DTC = "DTC (m)"
+THROTTLE = "Throttle (%)"
+STEERING = "Steering (%)"
+BRAKE = "Brake (%)"
+HANDBRAKE = "Handbrake (%)"
+POS_X, POS_Y, POS_Z = "PosX (m)", "PosY (m)", "PosZ (m)"
+ROT_X, ROT_Y, ROT_Z = "RotX (rad)", "RotY (rad)", "RotZ (rad)"
+COLLISIONS = "Collisions (#)"
+
+COLUMNS = (
+    *(TIMESTAMP, TIME_OF_DAY, WEATHER, MODEL, LABEL, CONFIDENCE, SIZE, AEB, DTC, THROTTLE),
+    *(STEERING, BRAKE, HANDBRAKE, POS_X, POS_Y, POS_Z, ROT_X, ROT_Y, ROT_Z, COLLISIONS),
+)
+"""The columns in their order. Throttle, steering, brake and handbrake are shares of 1 in spite of
+their names."""
+
+
+class Instance(msgspec.Struct, frozen=True):
+    """One case of the configuration."""
+
+    time_of_day: Annotated[int, Meta(ge=0, lt=1440)]
+    """Minutes after midnight."""
+    weather_id: Annotated[int, Meta(ge=1, le=len(WEATHERS))]
+    """1 clear to 8 heavy snow, the order of :data:`schemas.names.WEATHERS`."""
+    model: Annotated[str, Meta(min_length=1, max_length=200)]
+    """Perception model."""
+
+    @property
+    def weather(self) -> str:
+        """Its weather's name here."""
+        return WEATHERS[self.weather_id - 1]
+
+
+class Config(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Content of ``config.json``; the study's script ignores further keys."""
+
+    simulation_instances: Annotated[list[Instance], Meta(min_length=1, max_length=100_000)]
+    batch_size: Annotated[int, Meta(ge=1)] = BATCH_SIZE
+    """Written by an export whose batches have another size than the study's."""
+
+
+class Imported(msgspec.Struct, frozen=True):
+    """Content of :data:`IMPORT_FILE`."""
+
+    source: str
+    """Name of the folder of logs."""
+    sha256: str
+    """Over names and bytes of the configuration and every log that was read."""
+    files: int
+    rows: int
+    """Rows that became KPI rows."""
+    left_out: list[str]
+    """What could not be read: file, line and reason."""
+    absent_batches: list[int]
+    """Batches of the configuration of which there is no log; their cases are no part of it."""
+    sources: dict[str, str]
+    """Case -> its log; cases whose log is missing have none."""
+    batches: dict[str, int]
+    """Case -> its batch."""
+
+
+def log_name(batch: int, instance: int) -> str:
+    """Path of a log in the folder."""
+    return f"batch_{batch}/aeb_metrics_sim_inst_{instance}.csv"
+
+
+_LOG = re.compile(r"batch_([1-9]\d{0,5})/aeb_metrics_sim_inst_([1-9]\d{0,5})\.csv")
+
+
+def parse_log_name(name: str) -> tuple[int, int] | None:
+    """Batch and instance of a log by its path; None: it is none."""
+    match = _LOG.fullmatch(name)
+    return (int(match[1]), int(match[2])) if match else None
+
+
+def read_config(folder: Path) -> tuple[Config, bytes]:
+    """The configuration in ``folder``, and its bytes.
+
+    Raises:
+        UsageError: there is none, or it is none.
+    """
+    path = folder / CONFIG_FILE
+    try:
+        with path.open("rb") as file:
+            data = file.read(LOG_BYTES_MAX + 1)
+    except OSError as error:
+        raise UsageError(
+            f"{path}: {error.strerror or error}; give the folder that holds {CONFIG_FILE} and "
+            "batch_1, batch_2, ... of the AutoDRIVE study"
+        ) from None
+    if len(data) > LOG_BYTES_MAX:
+        raise UsageError(f"{path}: larger than {LOG_BYTES_MAX} bytes, no configuration")
+    try:
+        return msgspec.json.decode(data, type=Config), data
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path}: no configuration of the AutoDRIVE study: {error}") from None
+
+
+def read_imported(folder: Path) -> Imported | None:
+    """Where the campaign in ``folder`` was imported from; None: it was run.
+
+    Raises:
+        InfrastructureError: the file is damaged.
+    """
+    path = folder / IMPORT_FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Imported)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise InfrastructureError(f"{path}: damaged: {error}") from None

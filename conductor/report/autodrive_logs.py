@@ -1,0 +1,258 @@
+"""Reading the AutoDRIVE study's logs: every row that says what happened when, by column name.
+
+What cannot be read is noted with file, line and reason; nothing is filled in.
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import math
+import re
+import tarfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from conductor.report.autodrive_layout import (
+    AEB,
+    BRAKE,
+    COLLISIONS,
+    COLUMNS,
+    CONFIDENCE,
+    DTC,
+    LABEL,
+    LOG_BYTES_MAX,
+    MODEL,
+    POS_X,
+    POS_Y,
+    ROT_Z,
+    SIZE,
+    STEERING,
+    THROTTLE,
+    TIME_OF_DAY,
+    TIMESTAMP,
+    WEATHER,
+    Instance,
+    parse_log_name,
+)
+
+REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
+"""A log without one of these columns says nothing about a case."""
+SPAN_MAX_US = 24 * 3600 * 10**6
+"""No log lasts longer; a row further than this from the first has a damaged time [us]."""
+NAMED_MAX = 8
+"""Most lines that a note names; then it counts."""
+
+_NUMBERS = (CONFIDENCE, SIZE, DTC, THROTTLE, STEERING, BRAKE, POS_X, POS_Y, ROT_Z)
+_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+_IDENTITY = (MODEL, TIME_OF_DAY, WEATHER)
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """One row; NaN and None are missing."""
+
+    time_us: int
+    """Wall time since the log's first row [us]."""
+    label: str
+    numbers: dict[str, float]
+    """By column; NaN where missing."""
+    aeb: bool | None
+    collisions: int
+    """Collisions so far."""
+
+
+@dataclass(slots=True)
+class Log:
+    """One file."""
+
+    name: str
+    rows: list[LogRow] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """What was left out, a line each."""
+    foreign: str = ""
+    """Why it is not the log of its case; empty: it is."""
+
+
+class _UnreadableError(Exception):
+    """A row that is left out, with the reason."""
+
+
+def find_logs(folder: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], str, bytes]]:
+    """(batch, instance), name and bytes of every log in ``folder``, by name; also inside
+    ``batch_N.tar.gz``. What is in a batch and no log, or cannot be read, goes to ``notes``."""
+    for path in sorted(folder.glob("batch_*")):
+        if path.is_dir():
+            for file in sorted(path.iterdir()):
+                name = f"{path.name}/{file.name}"
+                place = parse_log_name(name)
+                if place is None or not file.is_file():
+                    notes.append(f"{name}: not the name of a log")
+                    continue
+                try:
+                    with file.open("rb") as stream:
+                        data = stream.read(LOG_BYTES_MAX + 1)
+                except OSError as error:
+                    notes.append(f"{name}: {error.strerror or error}")
+                    continue
+                yield from _bounded(place, name, data, notes)
+        elif path.name.endswith((".tar.gz", ".tgz")):
+            yield from _archived(path, notes)
+
+
+def _archived(path: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], str, bytes]]:
+    try:
+        with tarfile.open(path, "r:gz") as archive:
+            for member in archive:
+                place = parse_log_name(member.name.removeprefix("./"))
+                stream: IO[bytes] | None = archive.extractfile(member) if member.isfile() else None
+                if place is None or stream is None:
+                    if member.isfile():
+                        notes.append(f"{path.name}/{member.name}: not the name of a log")
+                    continue
+                data = stream.read(LOG_BYTES_MAX + 1)
+                yield from _bounded(place, member.name.removeprefix("./"), data, notes)
+    except (tarfile.TarError, EOFError, OSError) as error:
+        notes.append(f"{path.name}: not read to its end: {error}")
+
+
+def _bounded(
+    place: tuple[int, int], name: str, data: bytes, notes: list[str]
+) -> Iterator[tuple[tuple[int, int], str, bytes]]:
+    if len(data) > LOG_BYTES_MAX:
+        notes.append(f"{name}: larger than {LOG_BYTES_MAX} bytes, no log")
+    else:
+        yield place, name, data
+
+
+def read_log(name: str, data: bytes, instance: Instance) -> Log:
+    """Rows of a log that should be that of ``instance``.
+
+    Left out, and noted, are rows that are torn or cut off, and rows without a time after the one
+    before, a number of collisions, or numbers where numbers belong. Cells that are empty in other
+    columns are missing in their row alone.
+    """
+    log = Log(name)
+    text = data.decode("utf-8-sig", errors="replace")
+    lines = text.split("\n")
+    header = [cell.strip() for cell in _cells(lines[0])] if text.strip() else []
+    missing = [column for column in REQUIRED if column not in header]
+    if missing or len(set(header)) < len(header):
+        log.foreign = f"no column {', '.join(missing)}" if missing else "a column appears twice"
+        return log
+    absent = [c for c in COLUMNS if c not in header and (c in _NUMBERS or c in (AEB, LABEL))]
+    if absent:
+        log.notes.append(f"{name}: no column {', '.join(absent)}; missing in every row")
+    first: datetime.datetime | None = None
+    gaps: dict[str, list[int]] = {}
+    torn: dict[str, list[int]] = {}
+    for line, content in enumerate(lines[1:], 2):
+        if not content.strip():
+            continue
+        try:
+            cells = _cells(content)
+            # A last line without its end may lack digits of its last value. A number of collisions
+            # says that there was one also without them.
+            if line == len(lines) and (len(cells) != len(header) or header[-1] != COLLISIONS):
+                raise _UnreadableError("cut off")
+            if len(cells) != len(header):
+                raise _UnreadableError(f"torn ({len(cells)} of {len(header)} values)")
+            row = dict(zip(header, cells, strict=True))
+            moment = _moment(row[TIMESTAMP])
+            first = first or moment
+            parsed = _row(row, moment, first, log.rows[-1] if log.rows else None)
+        except _UnreadableError as error:
+            torn.setdefault(str(error), []).append(line)
+            continue
+        log.foreign = log.foreign or _foreign(row, instance, line)
+        for column in _gaps(row, parsed):
+            gaps.setdefault(column, []).append(line)
+        log.rows.append(parsed)
+    log.notes += [f"{name}: {_lines(at)} left out: {why}" for why, at in torn.items()]
+    together: dict[tuple[int, ...], list[str]] = {}
+    for column, at in gaps.items():
+        together.setdefault(tuple(at), []).append(column)
+    log.notes += [f"{name}: {_lines(at)} without {', '.join(c)}" for at, c in together.items()]
+    lost = sum(map(len, torn.values()))
+    # What the rows say that are left is not what happened, and may look like a pass.
+    if not log.foreign and lost >= len(log.rows):
+        log.foreign = f"{lost} of {lost + len(log.rows)} rows cannot be read"
+    return log
+
+
+def _cells(line: str) -> list[str]:
+    """A row; one that is no CSV has no cells. Lines are read one by one, so that a stray quote
+    costs its line alone."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r")], strict=True), [])]
+    except csv.Error:
+        return []
+
+
+def _moment(text: str) -> datetime.datetime:
+    try:
+        return datetime.datetime.fromisoformat(text).replace(tzinfo=None)
+    except ValueError:
+        raise _UnreadableError(f"no {TIMESTAMP}") from None
+
+
+def _row(
+    row: dict[str, str],
+    moment: datetime.datetime,
+    first: datetime.datetime,
+    before: LogRow | None,
+) -> LogRow:
+    time_us = (moment - first) // datetime.timedelta(microseconds=1)
+    if before is not None and time_us <= before.time_us:
+        raise _UnreadableError(f"{TIMESTAMP} not after the row before")
+    if time_us > SPAN_MAX_US:
+        raise _UnreadableError(f"{TIMESTAMP} more than a day after the first row")
+    collisions = row[COLLISIONS]
+    if not (collisions.isascii() and collisions.isdigit() and len(collisions) < 10):
+        raise _UnreadableError(f"no number of {COLLISIONS}")
+    aeb = row.get(AEB, "")
+    if aeb not in ("", "0", "1"):
+        raise _UnreadableError(f"{AEB} neither 0 nor 1")
+    numbers = {column: _number(column, row.get(column, "")) for column in _NUMBERS}
+    label = row.get(LABEL, "")
+    # An export puts an apostrophe before what a spreadsheet would take for a formula.
+    if label[:1] == "'" and label[1:2] in ("=", "+", "-", "@"):
+        label = label[1:]
+    return LogRow(time_us, label, numbers, aeb == "1" if aeb else None, int(collisions))
+
+
+def _number(column: str, text: str) -> float:
+    if not text:
+        return math.nan
+    value = float(text) if len(text) < 64 and _DECIMAL.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        raise _UnreadableError(f"{column} is no number")
+    return value
+
+
+def _gaps(row: dict[str, str], parsed: LogRow) -> Iterator[str]:
+    """Columns that are there and empty; those of the box are empty where nothing was found."""
+    for column, value in parsed.numbers.items():
+        if column in row and math.isnan(value) and (column not in (CONFIDENCE, SIZE)):
+            yield column
+    if AEB in row and parsed.aeb is None:
+        yield AEB
+
+
+def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
+    """Why a row belongs to another case; empty: it does not."""
+    expected = (instance.model, str(instance.time_of_day), str(instance.weather_id))
+    for column, value in zip(_IDENTITY, expected, strict=True):
+        given = row.get(column, "")
+        if given and given != value:
+            shown = given if len(given) <= 60 else given[:59] + "…"
+            return f"line {line} is of another case: {column} '{shown}', not '{value}'"
+    return ""
+
+
+def _lines(numbers: Sequence[int]) -> str:
+    if len(numbers) > NAMED_MAX:
+        return f"{len(numbers)} lines from line {numbers[0]} on"
+    return f"line{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"

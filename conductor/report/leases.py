@@ -1,0 +1,132 @@
+"""The leases of a campaign over wall time, from ``timeline.jsonl``; and what they say of its pace.
+
+Wall clock: nothing here reaches a result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from conductor.timeline import CASE_ENDED, COMMITTED, FILE_NAME, LATE, LEASED, Event
+
+STILL_OPEN = "open"
+"""How a lease ended that has not, or whose end a crash kept from being written."""
+
+_DECODER = msgspec.json.Decoder(Event)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """One lease."""
+
+    case: str
+    worker: str
+    attempt: int
+    start_s: float
+    """Since the first lease of the campaign [s]."""
+    end_s: float
+    how: str
+    """``committed``, ``superseded`` (another lease of the case brought the result), ``case_ended``,
+    why it was given back, or :data:`STILL_OPEN`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leases:
+    """All leases, by start."""
+
+    spans: list[Span]
+    commits_s: list[float]
+    """When results came, since the first lease [s]."""
+    began_unix_s: float = 0.0
+    """When the first lease began."""
+
+    @property
+    def wall_s(self) -> float | None:
+        """From the first lease to the last result; None: there is none [s]."""
+        return self.commits_s[-1] if self.commits_s else None
+
+    @property
+    def busy_s(self) -> float:
+        """For how long at least one lease was held: pauses between two starts are left out [s]."""
+        total, until = 0.0, 0.0
+        for span in self.spans:
+            total += max(0.0, span.end_s - max(span.start_s, until))
+            until = max(until, span.end_s)
+        return total
+
+    @property
+    def most(self) -> int:
+        """Most leases that were held at once."""
+        changes = [(span.start_s, 1) for span in self.spans]
+        changes += [(span.end_s, -1) for span in self.spans]
+        now = most = 0
+        for _, change in sorted(changes):
+            now += change
+            most = max(most, now)
+        return most
+
+    @property
+    def workers(self) -> list[str]:
+        """Ids, in the order in which they began."""
+        return list(dict.fromkeys(span.worker for span in self.spans))
+
+
+def read_leases(folder: Path) -> Leases:
+    """Leases of the campaign ``folder``; damaged lines are left out, without a file there are none.
+
+    A lease that has no end lasts until the last event.
+    """
+    try:
+        lines = (folder / FILE_NAME).read_bytes().splitlines()
+    except OSError:
+        return Leases([], [])
+    events = []
+    for line in lines:
+        try:
+            events.append(_DECODER.decode(line))
+        except msgspec.MsgspecError:
+            continue  # its writer was killed, or the disk was full
+    return leases_of(events)
+
+
+def leases_of(events: list[Event]) -> Leases:
+    """Fold events, in the order in which they were written."""
+    first_s = next((event.at_s for event in events if event.event == LEASED), 0.0)
+    live: dict[str, dict[int, Event]] = {}
+    spans: list[Span] = []
+    commits: list[float] = []
+
+    def close(event: Event, at_s: float, how: str) -> None:
+        start_s = event.at_s - first_s
+        spans.append(
+            Span(
+                event.case, event.worker, event.attempt, start_s, max(at_s - first_s, start_s), how
+            )
+        )
+
+    for event in events:
+        held = live.setdefault(event.case, {})
+        if event.event == LEASED:
+            held[event.token] = event
+        elif event.event in (COMMITTED, CASE_ENDED):
+            for token, lease in held.items():
+                won = event.event == COMMITTED and token == event.token
+                close(lease, event.at_s, COMMITTED if won else _lost(event))
+            held.clear()
+            if event.event == COMMITTED:
+                commits.append(event.at_s - first_s)
+        elif event.event != LATE and event.token in held:
+            close(held.pop(event.token), event.at_s, event.event)
+    last_s = max((event.at_s for event in events), default=0.0)
+    for held in live.values():
+        for lease in held.values():
+            close(lease, last_s, STILL_OPEN)
+    spans.sort(key=lambda span: (span.start_s, span.worker, span.case))
+    return Leases(spans, sorted(commits), first_s)
+
+
+def _lost(event: Event) -> str:
+    return "superseded" if event.event == COMMITTED else CASE_ENDED

@@ -1,0 +1,111 @@
+"""Reads the KPI files of a campaign once: curves to draw, the fingerprint, and what is damaged."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from conductor.fingerprint import (
+    Fingerprint,
+    Fingerprinter,
+    committed_rows,
+    kpi_path,
+    label_of,
+)
+from conductor.report import cache as caching
+from conductor.report.cache import Cache, Entry
+from conductor.report.curves import Curve, thin
+from conductor.report.dossier import Dossier, Row
+from twin.fabric.errors import InfrastructureError
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What was found in the KPI files."""
+
+    curves: dict[str, Curve]
+    """By case, of those that are drawn."""
+    broken: list[str]
+    """Mistakes, one line each."""
+    fingerprint: Fingerprint | None
+    """None: cases have not ended, or files are damaged."""
+    read: int
+    """Files that were read; the others had been read before and have not changed."""
+
+
+def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: bool) -> Reading:
+    """Read what an earlier report has not.
+
+    The fingerprint of a campaign that has become complete takes every file: once.
+
+    Args:
+        dossier: the campaign.
+        drawn: cases whose curves are wanted.
+        points: about the most points of a curve.
+        anew: read and check every file, whatever an earlier report found.
+    """
+    old = Cache() if anew else caching.load(dossier.folder)
+    new = Cache()
+    wanted = _outcomes_digest(dossier) if dossier.outcomes.complete else ""
+    known = old.fingerprint if wanted and old.fingerprint_of == wanted else None
+    total = Fingerprinter() if wanted and known is None else None
+    curves: dict[str, Curve] = {}
+    broken: dict[str, str] = {}
+    read = 0
+    for row in sorted(dossier.rows, key=lambda row: row.case.id):
+        name = row.case.id
+        rows = b""
+        try:
+            entry = _kept(dossier, row, old, points if name in drawn else 0)
+            if entry is None or (total is not None and row.end.kpi_sha256):
+                entry, rows = _read(dossier, row, points if name in drawn else 0)
+                read += bool(rows)
+        except InfrastructureError as error:
+            broken[name] = str(error)
+            total = known = None
+            continue
+        if entry.curve and name in drawn:
+            curves[name] = caching.unpacked(entry)
+        if row.end.kpi_sha256:
+            new.entries[name] = entry
+        if total is not None:
+            total.add(name, row.end, rows)
+    new.fingerprint = known or (total.result(dossier.outcomes) if total else None)
+    new.fingerprint_of = wanted
+    if read or len(new.entries) != len(old.entries):
+        caching.store(dossier.folder, new)
+    lines = [broken[row.case.id] for row in dossier.rows if row.case.id in broken]
+    return Reading(curves, lines, new.fingerprint, read)
+
+
+_NOTHING = Entry(caching.Stamp("", 0, 0), 0)
+
+
+def _kept(dossier: Dossier, row: Row, old: Cache, points: int) -> Entry | None:
+    """What an earlier report found, if it still holds; a case without rows needs no reading."""
+    if not row.end.kpi_sha256:
+        if row.end.outcome == "verdict":
+            raise InfrastructureError(f"case {row.case.id}: a verdict without KPI rows")
+        return _NOTHING
+    path = kpi_path(dossier.folder, row.case.id, row.end)
+    entry = old.entries.get(row.case.id)
+    if entry is None or entry.stamp != caching.stamp(path, row.end.kpi_sha256):
+        return None
+    return None if points and entry.points != points else entry
+
+
+def _read(dossier: Dossier, row: Row, points: int) -> tuple[Entry, bytes]:
+    path = kpi_path(dossier.folder, row.case.id, row.end)
+    stamp = caching.stamp(path, row.end.kpi_sha256)  # before: a later change is noticed
+    table, rows = committed_rows(dossier.folder, row.case.id, row.end)
+    curve = caching.packed(thin(table, points)) if points else b""
+    return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve), rows
+
+
+def _outcomes_digest(dossier: Dossier) -> str:
+    sha = hashlib.sha256()
+    for row in dossier.rows:
+        sha.update(repr((row.case.id, label_of(row.end), row.end.kpi_sha256)).encode())
+    sha.update(repr(dossier.outcomes.device_classes).encode())
+    return sha.hexdigest()

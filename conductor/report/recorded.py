@@ -1,0 +1,124 @@
+"""Pictures out of the recordings of cases: `viewer` makes them, asked as anyone would."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from conductor.report.axes import axis_values
+from conductor.report.cache import FOLDER
+from conductor.report.dossier import Dossier, Row
+from conductor.report.losses import examples, moment_of
+
+STRIPS_MAX = 24
+"""Most cases with a strip of pictures, of all models together."""
+LOG_LINES = 6
+"""Last lines of a log that are shown of a case without a verdict."""
+LOG_BYTES = 4000
+"""So much of a log's end is looked at, however long it is."""
+
+_RECORDING = "recording.rrd"
+_LOG = "log.txt"
+_AROUND = ("--around-s", "1.0", "--frames", "5")
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A case that did not pass, as the page shows it."""
+
+    row: Row
+    strip: str
+    """Pictures around the moment that matters, as a ``data:`` address; empty: there are none."""
+    missing: str
+    """Why there are none."""
+    recorded: bool
+    log: list[str]
+    """Last lines of the attempt's log, where there was no verdict."""
+
+
+def recording_of(dossier: Dossier, row: Row) -> Path | None:
+    """The recording of the committed attempt."""
+    path = dossier.folder / row.end.attempt_dir / _RECORDING
+    return path if row.end.attempt_dir and path.is_file() else None
+
+
+def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: str) -> str:
+    """Let ``viewer COMMAND`` write ``out``, of the moment that matters; empty, or why it could
+    not."""
+    if recording_of(dossier, row) is None:
+        return "the case was not recorded"
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "viewer", command, str(dossier.folder), row.case.id),
+            *("--at", moment_of(row), "--out", str(out), *options),
+        ],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 0:
+        return ""
+    said = done.stderr.strip().splitlines()
+    return said[-1] if said else f"viewer {command} ended with exit code {done.returncode}"
+
+
+def failures(dossier: Dossier) -> list[Failure]:
+    """Examples of lost cases of each model, kinds in turn, with their strips."""
+    rows: list[Row] = []
+    for model in axis_values(dossier, "model"):
+        rows += examples(dossier, [row for row in dossier.rows if row.case.model == model])
+    rows = rows[:STRIPS_MAX]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        return list(pool.map(lambda row: _failure(dossier, row), rows))
+
+
+def _failure(dossier: Dossier, row: Row) -> Failure:
+    data, missing = _strip(dossier, row)
+    strip = f"data:image/jpeg;base64,{base64.b64encode(data).decode()}" if data else ""
+    log = [] if row.end.outcome == "verdict" else _log_end(dossier, row)
+    return Failure(row, strip, missing, recording_of(dossier, row) is not None, log)
+
+
+def _strip(dossier: Dossier, row: Row) -> tuple[bytes, str]:
+    """JPEG of the strip, from an earlier report if the recording is the same; or why not."""
+    recording = recording_of(dossier, row)
+    if recording is None:
+        return b"", "the case was not recorded; run it again as below to see it"
+    found = recording.stat()
+    parts = (row.case.id, row.end.kpi_sha256, found.st_size, found.st_mtime_ns, _AROUND)
+    key = hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+    kept = dossier.folder / FOLDER / f"strip-{key}.jpg"
+    try:
+        return kept.read_bytes(), ""
+    except OSError:
+        pass
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "strip.jpg"
+        missing = ask_viewer(dossier, row, "strip", out, *_AROUND)
+        data = b"" if missing else out.read_bytes()
+    if data:
+        try:
+            kept.parent.mkdir(exist_ok=True)
+            kept.write_bytes(data)
+        except OSError:
+            pass  # the next report asks again
+    return data, missing
+
+
+def _log_end(dossier: Dossier, row: Row) -> list[str]:
+    path = dossier.folder / row.end.attempt_dir / _LOG
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - LOG_BYTES))
+            text = file.read(LOG_BYTES).decode(errors="replace")
+    except OSError:
+        return []
+    return [line[:300] for line in text.splitlines()[-LOG_LINES:]] if row.end.attempt_dir else []

@@ -1,0 +1,93 @@
+"""``timeline.jsonl``: when leases began and ended, by the wall clock, in the campaign folder.
+
+The journal knows what happened, not for whom it may be drawn: it is locked by its conductor and
+forgets facts that a snapshot stands for. This file is appended to after every commit and may be
+read at any moment. It is a log: nothing is ever decided from it, and no result depends on it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from conductor.facts import AttemptEnded, CaseEnded, Committed, Fact, LateAttempt, Leased
+from conductor.state import CampaignState
+
+FILE_NAME = "timeline.jsonl"
+
+LEASED, COMMITTED, CASE_ENDED, LATE = "leased", "committed", "case_ended", "late"
+"""Events beside the reasons of :data:`schemas.messages.Release`, which end one lease."""
+
+_log = logging.getLogger(__name__)
+_encode = msgspec.json.Encoder().encode
+
+
+class Event(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One line of the file."""
+
+    at_s: float
+    """Wall clock since 1970 [s]."""
+    event: str
+    """``leased``, ``committed``, ``case_ended`` (both end every lease of the case), ``late`` (a
+    result with a dead token), or why a lease was given back."""
+    case: str
+    token: int = 0
+    """0: no single lease is meant."""
+    worker: str = ""
+    attempt: int = 0
+
+
+def append_events(
+    facts: Iterable[Fact], campaigns: Mapping[str, CampaignState], at_s: float
+) -> None:
+    """Append what ``facts`` say about leases to the files of their campaigns.
+
+    A file that cannot be written loses these lines; the journal has them.
+    """
+    lines: dict[str, bytearray] = {}
+    for fact in facts:
+        found = _event(fact, at_s)
+        if found is not None:
+            name, event = found
+            lines.setdefault(name, bytearray()).extend(_encode(event) + b"\n")
+    for name, text in lines.items():
+        path = Path(campaigns[name].out) / FILE_NAME
+        try:
+            with path.open("ab", buffering=0) as file:
+                file.write(text)
+        except OSError as error:
+            _log.debug("%s: %s", path, error.strerror)
+
+
+def _event(fact: Fact, at_s: float) -> tuple[str, Event] | None:
+    """Campaign and event of a fact; None: it is about no lease."""
+    match fact:
+        case Leased():
+            return fact.campaign, Event(
+                at_s=at_s,
+                event=LEASED,
+                case=fact.case,
+                token=fact.token,
+                worker=fact.worker,
+                attempt=fact.attempt,
+            )
+        case Committed() | LateAttempt():
+            result = fact.result
+            return result.campaign, Event(
+                at_s=at_s,
+                event=COMMITTED if isinstance(fact, Committed) else LATE,
+                case=result.case,
+                token=result.token,
+                worker=fact.worker,
+            )
+        case AttemptEnded():
+            return fact.campaign, Event(
+                at_s=at_s, event=fact.reason, case=fact.case, token=fact.token
+            )
+        case CaseEnded():
+            return fact.campaign, Event(at_s=at_s, event=CASE_ENDED, case=fact.case)
+    return None

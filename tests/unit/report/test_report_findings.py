@@ -1,0 +1,129 @@
+"""Findings: the sentence, the number in it, the cases behind it; missing stays missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from unit.report.synthetic_campaign import campaign_data, make_campaign
+
+from conductor.report.dossier import open_dossier
+from conductor.report.findings import Finding, findings
+from schemas.names import WEATHERS
+
+replace = msgspec.structs.replace
+
+
+def data(models: list[str]) -> dict[str, Any]:
+    return campaign_data(
+        autonomy={"perception": {name: {"type": "ground_truth"} for name in models}},
+        matrix={
+            "model": models,
+            "weather": list(WEATHERS),
+            "time_of_day": ["05:00", "09:00", "13:00", "17:00"],
+        },
+    )
+
+
+def verdict(end: Any, *, passed: bool, **scalars: float | None) -> Any:
+    name = "pass" if passed else "collision"
+    return replace(end, verdict=name, passed=passed, scalars={**end.scalars, **scalars})
+
+
+def found(folder: Path, models: list[str], change: Any) -> list[Finding]:
+    make_campaign(folder, data(models), change)
+    return findings(open_dossier(folder))
+
+
+def of_kind(found: list[Finding], kind: str) -> list[Finding]:
+    return [each for each in found if each.kind == kind]
+
+
+def test_a_difference_between_systems_and_the_axis_behind_it(tmp_path: Path) -> None:
+    def change(case, end):
+        foggy = case.model == "worse" and "fog" in case.weather
+        return verdict(end, passed=not foggy, aeb_dtc_m=20.0, dtc_end_m=5.0)
+
+    all_ = found(tmp_path, ["better", "worse"], change)
+    (pair,) = of_kind(all_, "systems")
+    assert pair.text.startswith("better passed 8 cases that worse lost under the same conditions")
+    assert "the other way round 0 (of 32 pairs" in pair.text
+    assert pair.p_value == pytest.approx(2 / 2**8)
+    assert len(pair.cases) == 16
+    first, second = of_kind(all_, "passed")
+    assert first.text.startswith("better passed 32 of 32 cases (100.0 %, 95 % interval 89.3 %")
+    assert second.text.startswith("worse passed 24 of 32 cases (75.0 %")
+    assert len(second.cases) == 8
+    weather, hour = sorted(of_kind(all_, "axis"), key=lambda each: each.p_value or 0)
+    assert "worse: passing depends on weather (exact test, corrected p < 0.001)" in weather.text
+    assert "fewest passed 0 of 4 at light fog, 0 of 4 at heavy fog; most 4 of 4" in weather.text
+    assert set(weather.cases) == set(second.cases)
+    assert (
+        hour.text == "worse: no effect of time of day was found (exact test, corrected p = 1.000)."
+    )
+    (hidden,) = of_kind(all_, "hidden")
+    assert hidden.text.startswith("Of 56 passed runs, 0 braked further than 60 m")
+    assert hidden.cases == ()
+
+
+def test_what_passing_hides(tmp_path: Path) -> None:
+    places = {"clear": (61.0, 5.0), "cloudy": (90.0, 80.0), "light_fog": (60.0, 30.5)}
+
+    def change(case, end):
+        trigger, stop = places.get(case.weather, (20.0, 5.0))
+        if case.weather == "heavy_snow":
+            return verdict(end, passed=False, aeb_dtc_m=100.0, dtc_end_m=99.0, aeb_time_s=None)
+        if case.weather == "heavy_rain":
+            return verdict(end, passed=True, aeb_dtc_m=None, dtc_end_m=float("nan"))
+        return verdict(end, passed=True, aeb_dtc_m=trigger, dtc_end_m=stop, dtc_min_m=stop)
+
+    all_ = found(tmp_path, ["one"], change)
+    (hidden,) = of_kind(all_, "hidden")
+    assert hidden.text == (
+        "Of 28 passed runs, 12 braked further than 60 m from the obstacle or never drove on to "
+        "it: 8 braked first further than 60 m away, 4 of them drove on afterwards; 8 ended "
+        "further than 30 m away."
+    )
+    assert {name.split("-")[-1] for name in hidden.cases} == {"clear", "cloudy", "light_fog"}
+    (hit,) = of_kind(all_, "collision")
+    assert hit.text == "Of 4 collisions, 4 came without any AEB trigger and 0 in spite of one."
+
+
+def test_missing_is_said_and_never_counted_as_passed(tmp_path: Path) -> None:
+    def change(case, end):
+        if case.weather == "clear":
+            return replace(end, outcome="unresolved", verdict="", passed=True, scalars={})
+        if case.weather == "cloudy":
+            return replace(end, outcome="", verdict="", scalars={})
+        return verdict(end, passed=True, dtc_min_m=None if case.weather == "heavy_fog" else 3.0)
+
+    all_ = found(tmp_path, ["one"], change)
+    undecided, blind = of_kind(all_, "missing")
+    assert undecided.text == (
+        "8 of 32 cases have no verdict (4 not ended, 4 unresolved); none of them counts as passed."
+    )
+    assert blind.text.startswith("Of 4 cases with a verdict the smallest distance is missing")
+    (passed,) = of_kind(all_, "passed")
+    assert passed.text.startswith("one passed 24 of 28 cases that have ended (85.7 %")
+    assert not of_kind(all_, "axis")  # of the cases with a verdict none is lost
+
+
+def test_systems_that_do_not_differ_are_said_so(tmp_path: Path) -> None:
+    all_ = found(tmp_path, ["a", "b", "c"], lambda case, end: verdict(end, passed=True))
+    (none,) = of_kind(all_, "systems")
+    assert none.text.startswith("No difference between the 3 systems under test was found")
+
+
+@pytest.mark.parametrize("outcome", ["", "failed", "cancelled"])
+def test_a_campaign_without_a_single_verdict(tmp_path: Path, outcome: str) -> None:
+    all_ = found(
+        tmp_path,
+        ["a", "b"],
+        lambda case, end: replace(end, outcome=outcome, verdict="", scalars={}),
+    )
+    assert [each.kind for each in all_] == ["missing", "passed", "passed"]
+    assert "64 of 64 cases have no verdict" in all_[0].text
+    said = "a passed 0 of 32 cases (0.0 %" if outcome else "a: no case has ended yet."
+    assert all_[1].text.startswith(said)

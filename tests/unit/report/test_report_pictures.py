@@ -1,0 +1,112 @@
+"""Pictures in the report: strips of lost cases from their recordings, and plots as files."""
+
+from __future__ import annotations
+
+import base64
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.test_report_leases import one_after_the_other
+from unit.viewer.recorded_case import write
+
+from conductor.report import make_report, recorded
+from viewer.strip import WIDTH_PX
+
+replace = msgspec.structs.replace
+CASE = "yolov3-1300-heavy_fog"
+
+
+def lost(case: Any, end: Any) -> Any:
+    """One recorded case and one that was not recorded collide; all others pass."""
+    hit = case.id in (CASE, "yolov2-tiny-0500-clear")
+    scalars = {**end.scalars, "aeb_time_s": 0.15}
+    return replace(end, verdict="collision" if hit else "pass", passed=not hit, scalars=scalars)
+
+
+def record(folder: Path) -> Path:
+    return Path(write(folder / "cases" / CASE / "attempt-1", campaign="synthetic", case=CASE))
+
+
+def strips(page: str) -> list[str]:
+    return re.findall(r'<img src="data:image/jpeg;base64,([^"]+)"', page)
+
+
+def test_a_recorded_failure_has_a_strip_that_is_made_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_campaign(tmp_path, change=lost)
+    recording = record(tmp_path)
+    asked: list[str] = []
+    ask = recorded.ask_viewer
+
+    def counted(dossier: Any, row: Any, command: str, out: Path, *options: str) -> str:
+        asked.append(row.case.id)
+        return ask(dossier, row, command, out, *options)
+
+    monkeypatch.setattr(recorded, "ask_viewer", counted)
+    page = make_report(tmp_path).page.read_text()
+    (strip,) = strips(page)
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(strip), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[1] % WIDTH_PX == 0, "one picture: the recording is shorter than the steps"
+    assert f"viewer replay . {CASE}" in page
+    assert "the case was not recorded; run it again as below to see it" in page
+    assert asked == [CASE]
+    assert strips(make_report(tmp_path).page.read_text()) == [strip]
+    assert asked == [CASE], "the second report has it from the first"
+    recording.write_bytes(b"no recording any more")
+    page = make_report(tmp_path).page.read_text()
+    assert not strips(page)
+    assert re.search(r"No pictures: viewer: .*recording\.rrd", page)
+
+
+def test_plots_are_files_of_both_kinds(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
+    # A dollar would begin a formula.
+    data = campaign_data(
+        matrix={"model": ["yolov3"], "scenario.scene": ["downtown", "/a/$x^.yaml"]}
+    )
+    make_campaign(tmp_path, data)
+    one_after_the_other(tmp_path)
+    made = make_report(tmp_path)
+    assert made.plots_missing == ""
+    names = {"outcomes", "heat", "kpis", "effects", "leases"}
+    assert {path.name for path in made.plots} == {f"{n}.{s}" for n in names for s in ("png", "svg")}
+    for path in made.plots:
+        if path.suffix == ".png":
+            picture = cv2.imread(str(path))
+            assert min(picture.shape[:2]) > 100
+            assert picture.std() > 5, "not a blank sheet"
+        else:
+            assert "<svg" in path.read_text()
+    first = {path: path.read_bytes() for path in made.plots}
+    for path in make_report(tmp_path).plots:
+        assert path.read_bytes() == first[path], path
+
+
+def test_plots_that_have_nothing_to_show_are_removed(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
+    make_campaign(tmp_path)
+    one_after_the_other(tmp_path)
+    assert len(make_report(tmp_path).plots) == 10
+    make_campaign(tmp_path, change=lambda c, e: msgspec.convert({"outcome": ""}, type(e)))
+    assert {path.stem for path in make_report(tmp_path).plots} == {"outcomes", "heat", "leases"}
+    assert not (tmp_path / "plots" / "kpis.png").exists()
+
+
+def test_without_matplotlib_the_report_says_what_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    make_campaign(tmp_path)
+    made = make_report(tmp_path)
+    assert made.plots == []
+    assert made.plots_missing.startswith("plots are left out: matplotlib is not installed")
+    assert not (tmp_path / "plots").exists()
+    assert made.page.exists()

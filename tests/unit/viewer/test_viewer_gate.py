@@ -1,0 +1,164 @@
+"""The hub's door: what passes, who is cut off, and that it ends."""
+
+import contextlib
+import socket
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from viewer import hub as hubs
+from viewer.gate import LAG_S, LEAST_BYTES, Gate, Line, laggards
+from viewer.hub import Hub, open_hub
+
+
+class Server:
+    """A hub that answers what it is sent, and is told when a line ends."""
+
+    def __init__(self):
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.ended = threading.Semaphore(0)
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            try:
+                line, _ = self.listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self.echo, args=(line,), daemon=True).start()
+
+    def close(self):
+        # A thread that waits in accept keeps the port open otherwise.
+        with contextlib.suppress(OSError):
+            self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+
+    def echo(self, line):
+        with line:
+            while data := line.recv(1 << 16):
+                line.sendall(data)
+        self.ended.release()
+
+
+@pytest.fixture
+def server():
+    found = Server()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+@pytest.fixture
+def gate(server, said):
+    found = Gate(0, server.port, said.append)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def knock(gate):
+    """Opens viewers that have been sent enough."""
+    viewers = []
+
+    def one(data=b"x" * (2 * LEAST_BYTES)):
+        viewer = socket.create_connection(("127.0.0.1", gate.port), timeout=20)
+        viewers.append(viewer)
+        sender = threading.Thread(target=viewer.sendall, args=(data,), daemon=True)
+        sender.start()
+        left = len(data)
+        while left:
+            left -= len(viewer.recv(left))
+        sender.join()
+        # What came before the echo of this is counted.
+        viewer.sendall(b"y")
+        assert viewer.recv(1) == b"y"
+        return viewer
+
+    yield one
+    for viewer in viewers:
+        viewer.close()
+
+
+def lines(*found):
+    return [Line(None, passed_bytes, passed_s) for passed_bytes, passed_s in found]
+
+
+def test_who_has_not_come_as_far_as_others():
+    much = LEAST_BYTES
+    assert laggards([]) == []
+    assert laggards(lines((much, 5.0))) == [], "alone: nobody waits for it"
+    assert laggards(lines((much, 5.0), (much, 5.0 + LAG_S))) == []
+    slow, fast = lines((much, 5.0), (much, 5.1 + LAG_S))
+    assert laggards([slow, fast]) == [slow]
+    assert laggards(lines((much - 1, 5.0), (much, 50.0))) == [], "it shows nothing"
+    assert laggards(lines((much, 5.0), (much - 1, 50.0))) == [], "nor does this"
+
+
+def test_the_slowest_is_cut_off_and_the_others_go_on(gate, knock, server, said):
+    slow = knock()
+    [line] = gate._lines
+    fast = knock()
+    line.passed_s -= 2 * LAG_S
+    gate.relieve()
+    assert server.ended.acquire(timeout=20), "the hub is rid of it"
+    assert slow.recv(1) == b""
+    [line] = said
+    assert "cut off" in line
+    fast.sendall(b"y")
+    assert fast.recv(1) == b"y"
+    gate.relieve()
+    assert len(said) == 1
+
+
+def test_either_side_may_go(gate, knock, server):
+    viewer = knock()
+    viewer.close()
+    assert server.ended.acquire(timeout=20)
+    server.close()
+    with socket.create_connection(("127.0.0.1", gate.port), timeout=20) as late:
+        assert late.recv(1) == b"", "there is no hub any more"
+
+
+def test_closing_lets_everybody_out(gate, knock):
+    viewer = knock()
+    gate.close()
+    assert viewer.recv(1) == b""
+    with pytest.raises(OSError):
+        socket.create_connection(("127.0.0.1", gate.port), timeout=5)
+
+
+def test_a_hub_that_stands_still_for_long_is_relieved(monkeypatch):
+    class Stuck:
+        def flush(self, timeout_sec):
+            raise RuntimeError("timeout")
+
+    class Door:
+        relieved = 0
+
+        def relieve(self):
+            self.relieved += 1
+
+    now_s = [100.0]
+    monkeypatch.setattr(hubs, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    hub = Hub(Stuck(), "rerun+http://127.0.0.1:1/proxy", gate=Door())
+    for after_s, relieved in ((0.0, 0), (hubs.PATIENCE_S - 0.1, 0), (hubs.PATIENCE_S, 1)):
+        now_s[0] = 100.0 + after_s
+        assert not hub.open()
+        assert hub._gate.relieved == relieved
+    assert not hub.open()
+    assert hub._gate.relieved == 1, "once per patience"
+
+
+def test_the_laptop_is_told_the_gates_port():
+    hub = open_hub(0)
+    try:
+        assert hub.url == f"rerun+http://127.0.0.1:{hub.port}/proxy"
+        assert hub.sink_url != hub.url
+    finally:
+        hub.close()
