@@ -64,12 +64,29 @@ def run_command(
         Path | None, typer.Option(help="Campaign folder; default runs/CAMPAIGN. Run again: resume.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=0, help="Local workers; default: one per core, at most 8.")
+        str | None,
+        typer.Option(
+            help="Local workers; default: one per core, at most 8. cuda: one on every GPU, 2xcuda: "
+            "two on every GPU, each with cores of its own; without a GPU, the default."
+        ),
     ] = None,
-    slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases together per worker.")] = 1,
-    device: Annotated[str, typer.Option(help="cpu or cuda:N.")] = "cpu",
+    slots: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=4096,
+            help="Cases together per worker; default: 1, with --workers cuda what fits, at most "
+            "256.",
+        ),
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="cpu or cuda:N; --workers cuda chooses by itself.")
+    ] = "cpu",
     seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
     case: Annotated[str, typer.Option(help="Only this case; choose another --out for it.")] = "",
+    cases: Annotated[
+        int | None, typer.Option(min=1, help="Only so many, the first; choose another --out.")
+    ] = None,
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
@@ -90,19 +107,24 @@ def run_command(
     yourself (`twin worker --state OUT`) do the work.
     """
     from conductor.models import check_models
-    from conductor.run import RunOptions, run_campaign
+    from conductor.places import parse_workers
+    from conductor.run import RunOptions, run_campaign, where
     from conductor.source import load, only_case, with_render
+    from schemas.campaign import first
     from twin.fabric.key_file import load_key
 
     loaded = load(campaign, seed=seed)
     if case:
         loaded = only_case(loaded, case)
+    if cases is not None:
+        loaded = first(loaded, cases)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
-    check_models(loaded, campaign, "cpu" if workers == 0 else device)
+    asked, device = where(parse_workers(workers), device)
+    check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
     options = RunOptions(
         out=out or Path("runs") / loaded.campaign,
-        workers=workers,
+        workers=asked,
         slots=slots,
         device=device,
         by_batch=by_batch,

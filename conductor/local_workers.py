@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from conductor.places import Place
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 STOP_S = 12.0
@@ -21,6 +22,8 @@ STOP_S = 12.0
 class Child:
     """One worker process and its log."""
 
+    place: int
+    """Which of the places it has."""
     number: int
     process: subprocess.Popen[bytes]
     log: IO[bytes]
@@ -33,22 +36,30 @@ class LocalWorkers:
     """Worker processes of one run."""
 
     options: Sequence[str]
-    """Options of ``twin worker``."""
+    """Options of ``twin worker`` that all have."""
     folder: Path
     """Campaign folder; what workers say goes to its ``logs``."""
-    count: int
+    places: Sequence[Place]
+    """Where each of them computes; one that died is replaced at its place."""
     children: list[Child] = field(default_factory=list)
     started: int = 0
     died: int = 0
     """Workers that died since a case ended; the caller sets it back."""
 
+    @property
+    def count(self) -> int:
+        """How many there should be."""
+        return len(self.places)
+
     def start(self) -> None:
         """Start as many as are missing. Only from the main thread (see ``spawn``)."""
-        while len(self.children) < self.count:
+        taken = {child.place for child in self.children}
+        for index in sorted(set(range(self.count)) - taken):
             self.started += 1
             log = (self.folder / "logs" / f"worker-{self.started}.log").open("w+b")
-            process = spawn([sys.executable, "-m", "twin", "worker", *self.options], log=log)
-            self.children.append(Child(self.started, process, log))
+            options = (*self.options, *self.places[index].options())
+            process = spawn([sys.executable, "-m", "twin", "worker", *options], log=log)
+            self.children.append(Child(index, self.started, process, log))
 
     def look(self) -> list[str]:
         """Reap the dead and read the logs: one line per death of a worker or of its rig."""

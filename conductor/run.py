@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,10 @@ from rich.progress import (
 )
 
 from conductor.fingerprint import fingerprint
+from conductor.gpu_memory import slots_that_fit
 from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
+from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
@@ -48,10 +50,9 @@ from twin.fabric.errors import (
     UsageError,
 )
 from twin.fabric.key_file import Key
+from twin.fabric.nvml import visible_gpus
 from twin.fabric.software import device_class, software_digest
 
-WORKERS_MAX = 8
-"""Local workers started by default, at most."""
 POLL_S = 0.1
 """How often progress is looked at [s]."""
 DISMISS_S = 10.0
@@ -65,8 +66,9 @@ class RunOptions:
     """What the command line says."""
 
     out: Path
-    workers: int | None = None
-    slots: int = 1
+    workers: Asked = field(default_factory=Asked)
+    slots: int | None = None
+    """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
@@ -88,9 +90,21 @@ class Interrupted(BaseException):
         self.number = number
 
 
+def where(asked: Asked, device: str) -> tuple[Asked, str]:
+    """What ``--workers`` comes to here, and the device: without a GPU the CPU does it, and one line
+    says so."""
+    if not asked.per_gpu:
+        return asked, device
+    gpus = visible_gpus()
+    if gpus:
+        return asked, gpus[0].device
+    print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
+    return Asked(), "cpu"
+
+
 def run_campaign(campaign: Campaign, options: RunOptions) -> int:
     """Run ``campaign`` to its end on this machine; the exit code."""
-    if options.workers != 0:
+    if options.workers.count != 0:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
     console = Console(stderr=True)
@@ -150,14 +164,16 @@ def _execute(
                 soft_wrap=True,
             )
         _check_software(row, options)
-        count = _worker_count(options, row["left"])
+        places, slots = _places(options, row["left"], campaign)
+        if options.workers.per_gpu:
+            devices = ", ".join(place.device for place in places)
+            console.print(f"workers on {devices} with {slots} slots each", markup=False)
         try:
             (conductor.folder / "logs").mkdir(exist_ok=True)
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
         worker_options = [
-            *("--connect", conductor.endpoint, "--slots", str(options.slots)),
-            *("--device", options.device),
+            *("--connect", conductor.endpoint, "--slots", str(slots)),
             *(() if options.view is None else ("--view", options.view.value)),
             *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
@@ -170,12 +186,12 @@ def _execute(
                 markup=False,
                 soft_wrap=True,
             )
-        workers = LocalWorkers(worker_options, conductor.folder, count)
+        workers = LocalWorkers(worker_options, conductor.folder, places)
         try:
             _wait(conductor, campaign, workers, console, pending)
         finally:
             workers.stop()
-            if not count:
+            if not places:
                 _dismiss(conductor)
 
 
@@ -322,11 +338,17 @@ def _check_software(row: dict[str, Any], options: RunOptions) -> None:
         )
 
 
-def _worker_count(options: RunOptions, left: int) -> int:
-    if options.workers is not None:
-        return options.workers
+def _places(options: RunOptions, left: int, campaign: Campaign) -> tuple[list[Place], int]:
+    """Where workers compute, and slots per worker."""
+    if options.workers.per_gpu:
+        gpus = visible_gpus()
+        places = on_gpus([g.device for g in gpus], [g.cores for g in gpus], options.workers.per_gpu)
+        free = min(gpu.free_bytes for gpu in gpus) // options.workers.per_gpu
+        slots = options.slots or gpu_slots(left, len(places), slots_that_fit(campaign, free))
+        return places, slots
+    slots = options.slots or 1
     cores = len(os.sched_getaffinity(0))
-    return max(1, min(cores, WORKERS_MAX, -(-left // options.slots)))
+    return on_cpu(options.device, options.workers.count, cores, left, slots), slots
 
 
 def _progress(console: Console) -> Progress:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from devkit import control, lights, planning
 from devkit.eyes import Eyes
+from devkit.images import on_host
 from devkit.lane_track import LaneTrack, Motion
 from devkit.lane_view import LaneView
 from devkit.stack import Observation, Stack
@@ -143,10 +144,11 @@ class AebStack(Stack):
     def step(self, observation: Observation) -> list[Command]:
         """One command per active slot, ascending."""
         self._drove = slots = observation.active_slots()
-        cars = [self._car(slot, observation) for slot in slots]
+        now = _Instant.of(observation)
+        cars = [self._car(slot, now) for slot in slots]
         seen = self._eyes.look(slots, observation)
         return [
-            self._drive(car, slot, observation, seen.get(slot))
+            self._drive(car, slot, now, seen.get(slot))
             for car, slot in zip(cars, slots, strict=True)
         ]
 
@@ -155,23 +157,26 @@ class AebStack(Stack):
         return self._eyes.costs(self._drove)
 
     def _drive(
-        self, car: _Car, slot: int, observation: Observation, detections: list[Detection] | None
+        self, car: _Car, slot: int, now: _Instant, detections: list[Detection] | None
     ) -> Command:
-        speed_mps = float(observation.sensors["vehicle"][slot, _SPEED])
+        speed_mps = now.vehicle[slot][_SPEED]
 
-        self._keep_lane(car, slot, observation, detections or [])
+        self._keep_lane(car, slot, now, detections or [])
         car.state, plan = planning.plan(
             car.state, detections, speed_mps, car.view, self.planner, car.wheel.bend_per_m
         )
         car.throttle_integral, actuation = control.control(
             car.throttle_integral, plan, speed_mps, car.period_s, self.controller
         )
-        car.surroundings = self._look_around(car, slot, observation)
+        environment = now.environment[slot]
+        car.surroundings = lights.sense(
+            car.surroundings, environment[_ILLUMINANCE], environment[_EXTINCTION], self.switch
+        )
 
         return Command(
             slot=slot,
-            token=int(observation.token[slot]),
-            tick=int(observation.tick[slot]),
+            token=now.token[slot],
+            tick=now.tick[slot],
             throttle=actuation.throttle,
             brake=actuation.brake,
             steering_rad=car.wheel.angle_rad,
@@ -180,37 +185,48 @@ class AebStack(Stack):
             detections=detections or [],
         )
 
-    def _car(self, slot: int, observation: Observation) -> _Car:
+    def _car(self, slot: int, now: _Instant) -> _Car:
         car = self._cars[slot]
-        token = int(observation.token[slot])
+        token = now.token[slot]
         if car is None or car.token != token:
             # Going on with another case's state would be a wrong verdict that nobody notices.
             held = "none" if car is None else str(car.token)
             raise ValueError(f"slot {slot}: observation of token {token}, but reset for {held}")
         return car
 
-    def _keep_lane(
-        self, car: _Car, slot: int, observation: Observation, detections: list[Detection]
-    ) -> None:
+    def _keep_lane(self, car: _Car, slot: int, now: _Instant, detections: list[Detection]) -> None:
         """Turn the wheel towards the lane in the camera image."""
         if car.lane is None:
             return
-        vehicle, camera = observation.sensors["vehicle"][slot], observation.sensors.get("camera")
-        motion = Motion(float(vehicle[_SPEED]), float(vehicle[_YAW_RATE]))
+        vehicle, camera = now.vehicle[slot], now.camera
+        motion = Motion(vehicle[_SPEED], vehicle[_YAW_RATE])
         curve = car.lane.update(
-            motion, None if camera is None else camera[slot], car.period_s, detections
+            motion, None if camera is None else on_host(camera)[slot], car.period_s, detections
         )
         car.wheel = steer(
             car.wheel, curve, car.lane.bend, motion.speed_mps, car.period_s, self.steering
         )
 
-    def _look_around(self, car: _Car, slot: int, observation: Observation) -> lights.Surroundings:
-        environment = observation.sensors["environment"][slot]
-        return lights.sense(
-            car.surroundings,
-            float(environment[_ILLUMINANCE]),
-            float(environment[_EXTINCTION]),
-            self.switch,
+
+@dataclass(frozen=True, slots=True)
+class _Instant:
+    """Small sensors of all slots as plain numbers: one by one out of arrays costs more."""
+
+    token: list[int]
+    tick: list[int]
+    vehicle: list[list[float]]
+    environment: list[list[float]]
+    camera: Any
+
+    @classmethod
+    def of(cls, observation: Observation) -> _Instant:
+        sensors = observation.sensors
+        return cls(
+            observation.token.tolist(),
+            observation.tick.tolist(),
+            sensors["vehicle"].tolist(),
+            sensors["environment"].tolist(),
+            sensors.get("camera"),
         )
 
 

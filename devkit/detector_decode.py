@@ -13,6 +13,7 @@ float64 and of one box alone, so a box is the same to the last bit whatever lies
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -32,6 +33,10 @@ EXPONENT_LARGE = 700.0
 
 LOGIT_MARGIN = 1e-6
 """Objectness may miss its limit by this before the exact comparison of the confidence [-]."""
+
+
+PAIRS_MAX = 1 << 18
+"""Pairs of boxes that suppression looks at together: bounds its memory."""
 
 
 class Selection(Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,8 +120,9 @@ def decode(
     order = np.lexsort((place, -confidence, image))
     order = order[seen[order]]
     kept = []
-    for index in range(len(sizes_px)):
-        rows = order[image[order] == index][: selection.candidates_max]
+    ends = np.searchsorted(image[order], np.arange(len(sizes_px) + 1))  # sorted by image
+    for first, end in itertools.pairwise(ends.tolist()):
+        rows = order[first:end][: selection.candidates_max]
         groups = np.zeros_like(class_id[rows]) if selection.across_classes else class_id[rows]
         kept.append(rows[suppress(box[rows], groups, selection.overlap_max)])
     rows = np.concatenate(kept) if kept else order
@@ -144,14 +150,18 @@ def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarr
     low, high = box[:, :2], box[:, :2] + box[:, 2:]
     area = box[:, 2] * box[:, 3]
     alive = np.ones(len(box), bool)
-    for index in range(len(box)):
-        if not alive[index]:
-            continue
-        after = slice(index + 1, None)
-        extent = np.minimum(high[index], high[after]) - np.maximum(low[index], low[after])
-        shared = np.maximum(extent[:, 0], 0.0) * np.maximum(extent[:, 1], 0.0)
-        overlap = shared / (area[index] + area[after] - shared)
-        alive[after] &= (overlap <= overlap_max) | (group[after] != group[index])
+    block = max(1, PAIRS_MAX // max(1, len(box)))
+    for first in range(0, len(box), block):
+        rows = slice(first, first + block)
+        extent = np.minimum(high[rows, None], high) - np.maximum(low[rows, None], low)
+        shared = np.maximum(extent[..., 0], 0.0) * np.maximum(extent[..., 1], 0.0)
+        overlap = shared / (area[rows, None] + area - shared)
+        # Of a pair the later one goes, if the earlier one stays.
+        meets = ~(overlap <= overlap_max) & (group[rows, None] == group)
+        kills = np.triu(meets, first + 1)
+        for index in np.flatnonzero(kills.any(axis=1)).tolist():
+            if alive[first + index]:
+                alive &= ~kills[index]
     return np.flatnonzero(alive)
 
 

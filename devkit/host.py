@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import (
     PARENT_VARIABLE,
     bind_to_parent,
@@ -119,21 +121,60 @@ def _run_stack(options: HostOptions, script: Script | None) -> int:
 
 def serve(link: StackEnd, stack: Stack) -> None:
     """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
+    # A stack that is none of ours may lack the attribute.
+    link.takes_device_frames = bool(getattr(stack, "takes_device_frames", False))
+    settle()
     while True:
         incoming = link.receive(lambda: None)
-        seq = incoming.tick.seq
         try:
-            commands = step(stack, incoming)
-            # A stack that is none of ours may lack the method.
-            costs = stack.costs() if isinstance(stack, Stack) else []
+            commands = answer(stack, incoming)
         except Exception as error:
-            where = _origin(error)
-            reason = f"{type(error).__name__}: {error} ({where})"
-            if isinstance(error, TwinError):  # one line for people already
-                reason = str(error)
-            link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason))
+            link.answer(refusal(incoming.tick.seq, error))
             raise
-        link.answer(Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs))
+        link.answer(commands)
+
+
+def answer(stack: Stack, incoming: Incoming) -> Commands:
+    """The stack's commands for one seq, and what they took."""
+    begun_s = time.perf_counter()
+    commands = step(stack, incoming)
+    # A stack that is none of ours may lack the method.
+    costs = stack.costs() if isinstance(stack, Stack) else []
+    wall_s = time.perf_counter() - begun_s
+    seq = incoming.tick.seq
+    return Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs, wall_s=wall_s)
+
+
+def refusal(seq: int, error: Exception) -> Commands:
+    """Why the stack cannot go on, in one line."""
+    reason = f"{type(error).__name__}: {error} ({_origin(error)})"
+    if isinstance(error, TwinError):  # one line for people already
+        reason = str(error)
+    return Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason)
+
+
+class Inline:
+    """A stack in the simulator's process, which names this class and imports none of it."""
+
+    def __init__(self, entry_point: str, slots: int, parameters: dict[str, Any]) -> None:
+        """Load the stack.
+
+        Raises:
+            InfrastructureError: it cannot be loaded; one line.
+        """
+        try:
+            self._stack = load_stack(entry_point, slots, parameters)
+        except StackError as error:
+            raise InfrastructureError(str(error)) from None
+        self.takes_device_frames = bool(getattr(self._stack, "takes_device_frames", False))
+
+    def answer(self, incoming: Incoming) -> Commands:
+        """The commands for one seq, or the reason why there are none."""
+        try:
+            return answer(self._stack, incoming)
+        except Exception as error:
+            traceback.print_exc()
+            return refusal(incoming.tick.seq, error)
 
 
 def step(stack: Stack, incoming: Incoming) -> list[Any]:

@@ -29,11 +29,9 @@ class Images:
         """Picture ``index``, uint8 [H, W, 3]; a view.
 
         Raises:
-            ValueError: the pictures are not in this host's memory.
+            ValueError: the pictures are not in this host's memory, and cannot be brought there.
         """
-        if not isinstance(self.array, np.ndarray):
-            raise ValueError("the pictures lie in a GPU's memory; this needs them in the host's")
-        picture: np.ndarray = self.array[self.rows[index]]
+        picture: np.ndarray = on_host(self.array)[self.rows[index]]
         return picture
 
     @property
@@ -41,6 +39,20 @@ class Images:
         """Width and height of every picture [px]."""
         _, height, width, _ = self.array.shape
         return width, height
+
+
+def on_host(array: Any) -> np.ndarray:
+    """The pictures in this host's memory; those of a simulator's GPU are copied once per frame.
+
+    Raises:
+        ValueError: they cannot be brought there.
+    """
+    if isinstance(array, np.ndarray):
+        return array
+    if not hasattr(array, "host"):
+        raise ValueError("the pictures lie in a GPU's memory; this needs them in the host's")
+    pictures: np.ndarray = array.host()
+    return pictures
 
 
 def as_images(images: Sequence[np.ndarray] | np.ndarray | Images) -> Images:

@@ -132,8 +132,9 @@ class Autonomy(_Spec, frozen=True):
     slots: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Most cases that the stack drives at once; 0: one for a command, for a class as many as the
     worker has slots."""
-    placement: Literal["worker", "node"] = "worker"
-    """``worker``: beside the simulator, frames in shared memory; ``node``: frames over TCP."""
+    placement: Literal["worker", "inline", "node"] = "worker"
+    """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
+    simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Delay between a frame and the effect of its command, in sim time [ms]."""
     latency_jitter_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
@@ -244,7 +245,7 @@ class Case(_Spec, frozen=True, kw_only=True):
     """The stack's own process; None: a class alone."""
     slots: int = 0
     """Most cases at once; 0: as many as the worker has slots."""
-    placement: Literal["worker", "node"]
+    placement: Literal["worker", "inline", "node"]
     latency_ms: int
     latency_jitter_ms: int = 0
     rate_hz: int = 0
@@ -353,6 +354,13 @@ def only(campaign: Campaign, case: str) -> Campaign | None:
         if found.id == case:
             return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=[point])
     return None
+
+
+def first(campaign: Campaign, count: int) -> Campaign:
+    """The campaign with its first ``count`` cases, which keep their ids."""
+    kept, _ = _points(campaign)
+    points = [point for _, point in kept[:count]]
+    return msgspec.structs.replace(campaign, matrix={}, exclude=[], cases=points)
 
 
 def _cross_checks(campaign: Campaign) -> list[Mistake]:
@@ -553,6 +561,8 @@ def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
     mistakes = []
     if autonomy.command and autonomy.stack != Autonomy().stack:
         mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
+    if autonomy.command and autonomy.placement == "inline":
+        mistakes.append(Mistake("autonomy.placement", "inline is for a class, not for a command"))
     for name in ("repository", "image"):
         if getattr(autonomy, name) is not None and not autonomy.command:
             mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))

@@ -104,6 +104,9 @@ class Frame(Struct, frozen=True):
     """Valid rows per slot where data is ragged; empty otherwise."""
     offset: int = -1
     """Position in the shared frame buffer; -1: the bytes are the payload [bytes]."""
+    handle: bytes = b""
+    """Of the GPU memory in which the array lies (CUDA IPC), written before the tick is published;
+    empty: it lies elsewhere."""
 
 
 class Tick(Struct, frozen=True):
@@ -260,6 +263,8 @@ class Commands(Struct, frozen=True):
     """Not empty: the stack cannot go on; the rig ends with this reason."""
     costs: list[PerceptionCost | None] = []
     """One per command, None where no frame was looked at; empty: the stack does not measure it."""
+    wall_s: float = 0.0
+    """From the last sensor message to this answer; for benches, never a KPI [s]."""
 
 
 _COMMAND_RANGES = (
@@ -300,6 +305,13 @@ class Ready(Struct, frozen=True):
     """Stands in the buffer's first bytes; proves that both sides mapped the same memory."""
     shared: bool = False
     """The stack mapped the buffer; otherwise frames travel as payload."""
+    gpu: str = ""
+    """GPU on which the simulator's frames lie, ``cuda:N``, if it can share them (offered)."""
+    gpu_handle: bytes = b""
+    """Of a few bytes there that begin with :attr:`gpu_nonce`."""
+    gpu_nonce: str = ""
+    on_gpu: bool = False
+    """The stack opened the handle and takes frames in the GPU's memory."""
     seen: bool = False
     """The other side's ``ready`` has arrived."""
     minor: int = 0

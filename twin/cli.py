@@ -40,6 +40,12 @@ def worker(
     key: KeyOption = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
     device: Device = "cpu",
+    cores: Annotated[
+        str, typer.Option(help="Processor cores for it and its rigs, as in 0-7,12; default: all.")
+    ] = "",
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Say how its frames would travel, and end.")
+    ] = False,
     drive_listen: Annotated[
         str,
         typer.Option(help="Where simulators listen for stacks on other nodes; needs a key."),
@@ -86,6 +92,15 @@ def worker(
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.worker.shell import Worker, WorkerOptions
 
+    if cores:
+        from twin.worker.cores import stay_on
+
+        stay_on(cores)
+    if explain:
+        from twin.worker.explain import explanation
+
+        print("\n".join(explanation(device)))
+        return
     if state is not None and not connect:
         spool = spool or state / "spool"
         target = await_conductor(state, wait, key)
@@ -293,14 +308,27 @@ def memory(
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     device: Device = "cpu",
+    campaign: Annotated[
+        str,
+        typer.Option(
+            help="Of the rigs and networks of this campaign file instead; -: standard input."
+        ),
+    ] = "",
+    free_gb: Annotated[
+        float | None,
+        typer.Option(min=0, help="With --campaign: free memory, instead of the device's [GB]."),
+    ] = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Print what a rig's cameras and lidars take of a GPU, and how many slots fit on one.
 
     `twin memory --camera front_left --camera front_right --lidar roof --device cuda:0`
     """
-    from twin.memory import show_memory
+    from twin.memory import show_memory, show_memory_of
 
+    if campaign:
+        show_memory_of(campaign, slots, device, free_gb, as_json=output is Output.json)
+        return
     show_memory(
         slots,
         camera or ["front_right"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
 from twin.command_delay import Delays
 from twin.fabric.frames import Channel
+from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
@@ -64,7 +65,6 @@ class _Run:
 
     case: Case
     environment: CaseEnvironment
-    recorder: Recorder = field(default_factory=Recorder)
     pending: deque[tuple[int, Command]] = field(default_factory=deque)
     """Commands with the physics step from which they are in force."""
     delays: Delays = field(init=False)
@@ -91,6 +91,7 @@ class Engine:
         slots: int,
         device: str = "cpu",
         buffers: Mapping[str, np.ndarray] | None = None,
+        watch: Stopwatch | None = None,
     ) -> None:
         """Build for the rig of ``case``: scene, vehicle, camera and rates are those of the case.
 
@@ -99,6 +100,7 @@ class Engine:
             device: ``cpu`` or ``cuda:N``.
             buffers: host arrays that receive images, by the name of the channel
                 (:func:`frame_channels`).
+            watch: told where the time goes: ``sense``, ``render``, ``step``, ``physics``.
 
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
@@ -113,6 +115,8 @@ class Engine:
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
+        self._device = warp_device
+        self._watch = watch or Stopwatch()
         self.control_period_ns = 1_000_000_000 // case.control_hz
         self.active = np.zeros(slots, np.bool_)
         self.tick = np.zeros(slots, np.int32)
@@ -142,18 +146,24 @@ class Engine:
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = self._eyes.lidar_sites
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
-        needs_truth = self._suite.needs_truth or self._eyes.needs_truth
-        self._truth = VehicleTruth(slots, warp_device) if needs_truth else None
+        looked_at = self._suite.needs_truth or self._eyes.needs_truth
+        self._truth = VehicleTruth(slots, warp_device) if looked_at else None
         self.refill_every = math.lcm(self._eyes.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
+        self._recorder = Recorder(slots)
+        self._limits = judging.Limits.of(slots)
+        self._unmeasured = False  # no vehicle was placed since the state was measured last
 
     @property
     def state(self) -> np.ndarray:
         """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.state.COLUMN`;
         a view, for those who only look."""
+        if self._unmeasured:
+            self._vehicles.refresh()
+            self._unmeasured = False
         return self._vehicles.state[:, 0]
 
     @property
@@ -182,13 +192,16 @@ class Engine:
         environment = CaseEnvironment(case, self._origin)
         x_m, y_m, yaw_rad = self._start(case.scenario)
         speed_mps = case.scenario.ego_speed_mps
-        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad)
+        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
+        self._unmeasured = True  # once for all that begin together
         self._vehicles.active[slot] = 1
         self._eyes.reset(slot, case)
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
         self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
         self._runs[slot] = _Run(case, environment)
+        self._recorder.begin(slot)
+        self._limits.begin(slot, case.scenario)
         if case.scenario.type == "lane_keeping":
             self._runs[slot].lane = LaneProgress(self._world.lane, x_m, y_m)
         self.active[slot] = True
@@ -257,9 +270,10 @@ class Engine:
         sensors.update((name, SensorData(values)) for name, values in own.items())
         now = Moment(self.tick, self.sim_time_ns, self.active)
         self._place_objects()
-        images = self._eyes.read(
-            now, self._lamps(), self._placement, self._vehicles.ego_device, truth
-        )
+        lamps = self._lamps()
+        self._watch.lap("sense")
+        images = self._eyes.read(now, lamps, self._placement, self._vehicles.ego_device, truth)
+        self._watch.lap("render")
         sensors.update(images)
         return sensors
 
@@ -288,13 +302,13 @@ class Engine:
     def _lamps(self) -> list[Lights | None]:
         """The lamps in force at the current ticks; a command that is due now counts already."""
         lamps: list[Lights | None] = [None] * self.slots
+        first_steps = (self.sim_time_ns // PHYSICS_STEP_NS).tolist()
         for slot, run in enumerate(self._runs):
             if run is None:
                 continue
-            first_step = int(self.sim_time_ns[slot]) // PHYSICS_STEP_NS
             lamps[slot] = run.lights
             for step, command in run.pending:
-                if step <= first_step:
+                if step <= first_steps[slot]:
                     lamps[slot] = command.lights
         return lamps
 
@@ -308,7 +322,8 @@ class Engine:
             The cases that ended, at their last tick or, for commands that are no numbers or out
             of range, at the current one.
         """
-        finished = []
+        mistakes = {}
+        good: list[tuple[int, _Run, Command]] = []
         for slot, run in enumerate(self._runs):
             if run is None:
                 continue
@@ -316,81 +331,105 @@ class Engine:
             assert command is not None, f"slot {slot} is active and has no command"
             mistake = command_mistake(command) or self._suite.mistake(command.sensors)
             if mistake:
-                self._record(slot, run, None)
-                reason = f"{mistake}, at tick {self.tick[slot]}"
-                finished.append(self._fail(slot, run, reason))
-                continue
-            self._record(slot, run, command)
-            self._schedule(slot, run, command)
+                mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
+            else:
+                good.append((slot, run, command))
+        self._record([slot for slot, _, _ in good], [command for _, _, command in good])
+        self._record(list(mistakes), [None] * len(mistakes))
+        finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
+        self._schedule(good)
+        for slot, _, command in good:
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
         self._vehicles.wind[...] = self._winds.advance(self.tick)
+        self._watch.lap("step")
         self._vehicles.advance(self._steps)
-        for slot, run in enumerate(self._runs):
-            if run is None:
-                continue
-            self.tick[slot] += 1
-            self.sim_time_ns[slot] += self.control_period_ns
-            ended = self._end(slot, run)
-            if ended is not None:
-                finished.append(ended)
+        self._watch.lap("physics")
+        self.tick[self.active] += 1
+        self.sim_time_ns[self.active] += self.control_period_ns
+        finished += self._ended()
+        self._watch.lap("step")
         return finished
+
+    def wait(self) -> None:
+        """Until what was sensed is written: another process may read it then."""
+        wp.synchronize_device(self._device)
 
     def close(self) -> None:
         """Make all slots inactive; the engine is not used afterwards."""
         for slot in range(self.slots):
             self.clear(slot)
 
-    def _schedule(self, slot: int, run: _Run, command: Command) -> None:
-        """Work out which command is in force in the coming period, and from which step.
+    def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
+        """Work out which commands are in force in the coming period, and from which step.
 
         Of several that arrive within one period the newest counts.
         """
-        first_step = int(self.sim_time_ns[slot]) // PHYSICS_STEP_NS
-        run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
         vehicles = self._vehicles
-        vehicles.first_step[slot] = first_step
-        vehicles.commands[slot, 0, 0] = vehicles.commands[slot, 0, 1]
-        vehicles.switch_step[slot] = self._steps
-        while run.pending and run.pending[0][0] < first_step + self._steps:
-            step, current = run.pending.popleft()
-            asked = (current.throttle, current.brake, current.steering_rad, current.handbrake)
-            vehicles.commands[slot, 0, 1, : len(asked)] = asked
-            vehicles.switch_step[slot] = step - first_step
-            run.lights = current.lights
+        first_steps = self.sim_time_ns // PHYSICS_STEP_NS
+        which = np.array([slot for slot, _, _ in good], np.int64)
+        vehicles.first_step[which] = first_steps[which]
+        vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
+        vehicles.switch_step[which] = self._steps
+        slots, asked, switches = [], [], []
+        for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
+            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
+            while run.pending and run.pending[0][0] < first_step + self._steps:
+                step, current = run.pending.popleft()
+                slots.append(slot)
+                asked.append(
+                    (current.throttle, current.brake, current.steering_rad, current.handbrake)
+                )
+                switches.append(step - first_step)
+                run.lights = current.lights
+        if slots:
+            vehicles.commands[slots, 0, 1, :4] = asked
+            vehicles.switch_step[slots] = switches
 
-    def _record(self, slot: int, run: _Run, command: Command | None) -> None:
-        run.recorder.add(
-            int(self.tick[slot]),
-            int(self.sim_time_ns[slot]),
-            self.state[slot],
-            command,
-            run.lane.lateral_m if run.lane else None,
-        )
+    def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
+        lateral_m = []
+        for slot in slots:
+            run = self._runs[slot]
+            lateral_m.append(run.lane.lateral_m if run is not None and run.lane else None)
+        self._recorder.add(slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m)
 
-    def _end(self, slot: int, run: _Run) -> Finished | None:
-        """The finished case if it ends at the tick just reached."""
-        state = self.state[slot]
-        fault = self._vehicles.fault(slot)
-        if fault:
-            return self._fail(slot, run, f"{fault}, at {self.sim_time_ns[slot] / 1e9:.3f} s")
-        scenario, lane = run.case.scenario, run.lane
-        if lane is not None:
-            lane.move(float(state[COLUMN["x_m"]]), float(state[COLUMN["y_m"]]))
-        if not judging.has_ended(scenario, int(self.sim_time_ns[slot]), state, lane):
-            return None
-        self._record(slot, run, None)
-        result = judging.judge(scenario, run.recorder, state, lane)
-        scalars = judging.scalars(run.recorder, state, lane)
-        table = run.recorder.table()
+    def _ended(self) -> list[Finished]:
+        """The cases that end at the tick just reached."""
+        state = self.state
+        over = judging.have_ended(self._limits, self.sim_time_ns, state)
+        faulty = self._vehicles.faulty()
+        for slot, run in enumerate(self._runs):
+            if run is not None and run.lane is not None and not faulty[slot]:
+                run.lane.move(float(state[slot, COLUMN["x_m"]]), float(state[slot, COLUMN["y_m"]]))
+                over[slot] |= judging.has_left(run.case.scenario, run.lane)
+        finished = []
+        for slot in np.flatnonzero((over | faulty) & self.active).tolist():
+            if faulty[slot]:
+                fault = self._vehicles.fault(slot)
+                time_s = self.sim_time_ns[slot] / 1e9
+                finished.append(self._fail(slot, f"{fault}, at {time_s:.3f} s"))
+            else:
+                finished.append(self._judge(slot))
+        return finished
+
+    def _judge(self, slot: int) -> Finished:
+        run, state = self._runs[slot], self.state[slot]
+        assert run is not None
+        self._record([slot], [None])
+        rows = self._recorder.of(slot)
+        result = judging.judge(run.case.scenario, rows, state, run.lane)
+        scalars = judging.scalars(rows, state, run.lane)
+        table = rows.table()
         self.clear(slot)
         return Finished(
             slot, "verdict", result.verdict, result.passed, result.reasons, scalars, table
         )
 
-    def _fail(self, slot: int, run: _Run, reason: str) -> Finished:
-        scalars = judging.scalars(run.recorder, self.state[slot], run.lane)
-        table = run.recorder.table()
+    def _fail(self, slot: int, reason: str) -> Finished:
+        run, rows = self._runs[slot], self._recorder.of(slot)
+        assert run is not None
+        scalars = judging.scalars(rows, self.state[slot], run.lane)
+        table = rows.table()
         self.clear(slot)
         return Finished(slot, "failed", "", False, [reason], scalars, table)
 

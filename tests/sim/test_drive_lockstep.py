@@ -1,13 +1,17 @@
 """The lockstep exchange survives loss, delay and duplication, and never steps a stack twice."""
 
 import threading
+from types import SimpleNamespace
+from typing import ClassVar
 
+import msgspec
 import numpy as np
 import pytest
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import Command, Commands, Episode, Frame, Tick
+from twin.fabric import cuda
 from twin.fabric.drive import Outgoing, SimulatorEnd, StackEnd
 from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
@@ -91,7 +95,7 @@ def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     # A daemon that may still wait for repeats when the test is over.
     threading.Thread(target=run_stack, args=(stack, count + 10**9, stepped), daemon=True).start()
     simulator.handshake(lambda: None)
-    assert simulator.shared is shared
+    assert simulator.transport == ("memory" if shared else "bytes")
     for seq in range(count):
         if buffer is not None:
             buffer[:] = image(seq)
@@ -109,3 +113,62 @@ def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     assert counters.delayed > 0, f"seed {seed} drove no delay"
     if frames:
         frames.close()
+
+
+class OtherMemory:
+    """Stands for a GPU's memory, which is not here: arrays known by handle in this process."""
+
+    arrays: ClassVar[dict[bytes, np.ndarray]] = {}
+    opened: ClassVar[list[bytes]] = []
+
+    def __init__(self, handle, dtype, shape, device):
+        assert device == "cuda:0"
+        self.opened.append(handle)
+        self._array = self.arrays[handle]
+        self.shape, self.dtype = tuple(shape), np.dtype(dtype)
+
+    def frame(self):
+        return SimpleNamespace(shape=self.shape, dtype=self.dtype, host=lambda: self._array)
+
+
+@pytest.mark.parametrize("takes", [True, False])
+def test_frames_in_shared_gpu_memory(monkeypatch, takes):
+    """The protocol alone; ``tests/device/campaign_check.py`` does it with a GPU."""
+    nonce = np.zeros(64, np.uint8)
+    nonce[:4] = np.frombuffer(b"abcd", np.uint8)
+    OtherMemory.arrays = {b"probe": nonce, b"picture": image(0)}
+    OtherMemory.opened = []
+    monkeypatch.setattr(cuda, "DeviceMemory", OtherMemory)
+    hub = Hub(seed=1)
+    hub.run()
+    frames = FrameBuffer(int(np.prod(SHAPE)))
+    probe = SimpleNamespace(handle=b"probe", nonce="abcd")
+    stack = StackEnd(hub.open(), "r", SLOTS)
+    stack.takes_device_frames = takes
+    simulator = SimulatorEnd(
+        hub.open(), "r", SLOTS, frames, probe=probe, device="cuda:0", resend_s=0.02
+    )
+    seen = []
+
+    def serve():
+        while True:
+            incoming = stack.receive(lambda: None)
+            camera = incoming.sensors["camera"]
+            seen.append(int((camera.host() if takes else camera)[1, 2, 3, 0]))
+            stack.answer(Commands(v=SCHEMA_VERSION, seq=incoming.tick.seq, commands=[]))
+
+    threading.Thread(target=serve, daemon=True).start()
+    simulator.handshake(lambda: None)
+    assert simulator.transport == ("device" if takes else "memory")
+    buffer = frames.array(Channel("camera", SHAPE, "|u1"), 0)
+    for seq in range(4):
+        buffer[:] = OtherMemory.arrays[b"picture"][:] = image(7 * seq)
+        sent = msgspec.structs.replace(
+            frame(seq, -1 if takes else 0), handle=b"picture" if takes else b""
+        )
+        simulator.exchange(seq, tick(seq, 0), [Outgoing("camera", sent, b"")], [], lambda: None)
+    hub.stop()
+    assert seen == [0, 7, 14, 21]
+    expected = [b"probe", b"picture"] if takes else []
+    assert OtherMemory.opened == expected, "once each, and only where it is of use"
+    frames.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -196,3 +197,33 @@ def drive(
     if check and found.missed:
         print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+@app.command()
+def campaign(
+    campaign: Annotated[str, typer.Argument(help="Shipped campaign or path of a file.")],
+    slots: Annotated[
+        str, typer.Option(help="Cases together per worker: one number, or several with commas.")
+    ] = "1,8,64,256",
+    device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
+    cases: Annotated[
+        int | None, typer.Option(min=1, help="Only so many cases, the first; default: all.")
+    ] = None,
+    workers: Annotated[str, typer.Option(help="As of `conductor run`.")] = "1",
+    out: Annotated[
+        Path | None, typer.Option(help="Keep the campaign folders here; default: nowhere.")
+    ] = None,
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 below a target.")] = False,
+) -> None:
+    """A whole campaign by `conductor run`: cases per minute, and where the time goes.
+
+    Shares are of the simulator's loop, from its first tick to its last: physics, render, inference,
+    transport (frames to the host, Zenoh, the other process's wake-up), conductor (no case to run,
+    orders) and host (Python of simulator and stack). Targets, with the last number of slots on a
+    GPU: 10 ms of wall time per simulated second of a case from command to report, real-time factor
+    100, GPU 85 %.
+    """
+    from twin.bench.campaign_command import show
+
+    show(campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check)

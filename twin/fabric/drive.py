@@ -12,7 +12,7 @@ import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
@@ -24,6 +24,9 @@ from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, dec
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
+
+if TYPE_CHECKING:
+    from twin.fabric.cuda import DeviceFrame, DeviceMemory, SharedProbe
 
 READY_PERIOD_S = 0.05
 """Each side repeats ``ready`` this often until answered [s]."""
@@ -38,9 +41,17 @@ FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
 
 
+Transport = Literal["device", "memory", "bytes", "inline"]
+"""How large arrays reach the stack: in a GPU's memory, in a mapped file, as payload, or not at all
+because the stack runs in the simulator's process."""
+
+DEVICES_MAX = 64
+"""Most arrays in GPU memory that a stack keeps open: a rig has a few."""
+
+
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """One sensor message: attachment, and the array unless it lies in the shared buffer."""
+    """One sensor message: attachment, and the array unless it lies in shared memory."""
 
     name: str
     frame: Frame
@@ -53,7 +64,7 @@ class Incoming:
 
     tick: Tick
     episodes: list[Episode]
-    sensors: dict[str, NDArray[Any]]
+    sensors: dict[str, NDArray[Any] | DeviceFrame]
     counts: dict[str, NDArray[np.int32]]
 
 
@@ -67,16 +78,30 @@ class SimulatorEnd:
         slots: int,
         frames: FrameBuffer | None,
         *,
+        probe: SharedProbe | None = None,
+        device: str = "",
         resend_s: float = RESEND_S,
     ) -> None:
+        """
+        Args:
+            bus: session of the rig.
+            rig: its id.
+            slots: of the rig.
+            frames: buffer to offer; None: there is none.
+            probe: in the GPU's memory, if frames there can be shared.
+            device: ``cuda:N`` of the probe.
+            resend_s: a seq without an answer is published again after this long [s].
+        """
         self._bus = bus
+        self._probe = probe
+        self._device = device if probe else ""
         self._resend_s = resend_s
         self._rig = rig
         self._slots = slots
         self._frames = frames
         self._inbox: queue.SimpleQueue[Sample] = queue.SimpleQueue()
-        self.shared = False
-        """The stack mapped the frame buffer."""
+        self.transport: Transport = "bytes"
+        """What the stack took of what it was offered."""
         self.resent = 0
         """Seqs published again."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._inbox.put)
@@ -108,6 +133,9 @@ class SimulatorEnd:
             frames_bytes=self._frames.size if self._frames else 0,
             nonce=self._frames.nonce if self._frames else "",
             minor=DRIVE_MINOR,
+            gpu=self._device,
+            gpu_handle=self._probe.handle if self._probe else b"",
+            gpu_nonce=self._probe.nonce if self._probe else "",
         )
         while True:
             self._bus.publish(key, encode(offer))
@@ -120,7 +148,9 @@ class SimulatorEnd:
             except WireError as error:
                 raise InfrastructureError(f"stack: {error}") from None
             if answer.seen:
-                self.shared = answer.shared
+                self.transport = "memory" if answer.shared else "bytes"
+                if answer.on_gpu and self._probe is not None:
+                    self.transport = "device"
                 self._bus.publish(key, encode(msgspec.structs.replace(offer, seen=True)))
                 return
 
@@ -203,7 +233,12 @@ class StackEnd:
         self._handed = -1
         self._answer: tuple[int, bytes] = (-1, b"")
         self._map: Any = None
+        self._gpu = ""
+        """GPU whose memory both sides see; empty: none."""
+        self._opened: dict[bytes, DeviceMemory] = {}
         self._gone = False
+        self.takes_device_frames = False
+        """The stack takes large arrays in a GPU's memory; set before the first :meth:`receive`."""
         self.repeated = 0
         """Seqs answered from the cache."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="simulator"), self._inbox.put)
@@ -252,8 +287,7 @@ class StackEnd:
                     f"simulator offers rig {offer.rig} with {offer.slots} slots, "
                     f"this stack was started for {self._rig} with {self._slots}"
                 )
-            if offer.frames and self._map is None:
-                self._map = open_frames(offer.frames, offer.frames_bytes, offer.nonce)
+            self._open(offer)
             if not offer.seen:
                 self._say_ready(seen=True)
             return None
@@ -281,6 +315,16 @@ class StackEnd:
         self._partial.setdefault(frame.seq, _Partial()).sensors[name] = (frame, sample.payload)
         return frame.seq
 
+    def _open(self, offer: Ready) -> None:
+        """Try what is offered; what does not work here is done without."""
+        if offer.frames and self._map is None:
+            self._map = open_frames(offer.frames, offer.frames_bytes, offer.nonce)
+        if offer.gpu and self.takes_device_frames and not self._gpu:
+            from twin.fabric import cuda
+
+            if cuda.proves(offer.gpu_handle, offer.gpu_nonce, offer.gpu):
+                self._gpu = offer.gpu
+
     def _incoming(self, partial: _Partial) -> Incoming:
         assert partial.tick is not None
         sensors = {}
@@ -293,7 +337,27 @@ class StackEnd:
         episodes = [partial.episodes[slot] for slot in sorted(partial.episodes)]
         return Incoming(partial.tick, episodes, sensors, counts)
 
-    def _array(self, frame: Frame, payload: bytes) -> NDArray[Any]:
+    def _on_device(self, frame: Frame) -> DeviceFrame:
+        if not self._gpu:
+            raise WireError("frame lies in a GPU's memory that this side did not open")
+        memory = self._opened.get(frame.handle)
+        if memory is None:
+            from twin.fabric import cuda
+
+            if len(self._opened) >= DEVICES_MAX:
+                raise WireError(f"more than {DEVICES_MAX} arrays in GPU memory")
+            try:
+                memory = cuda.DeviceMemory(frame.handle, frame.dtype, frame.shape, self._gpu)
+            except Exception as error:  # whatever Warp raises for a handle it cannot open
+                raise InfrastructureError(f"{self._gpu}: {error}") from None
+            self._opened[frame.handle] = memory
+        if memory.shape != tuple(frame.shape) or memory.dtype != np.dtype(frame.dtype):
+            raise WireError(f"array of {frame.shape} behind the handle of one of {memory.shape}")
+        return memory.frame()
+
+    def _array(self, frame: Frame, payload: bytes) -> NDArray[Any] | DeviceFrame:
+        if frame.handle:
+            return self._on_device(frame)
         dtype = np.dtype(frame.dtype)
         count = int(np.prod(frame.shape, dtype=np.int64))
         size = count * dtype.itemsize
@@ -315,6 +379,7 @@ class StackEnd:
             rig=self._rig,
             slots=self._slots,
             shared=self._map is not None,
+            on_gpu=bool(self._gpu),
             seen=seen,
             minor=DRIVE_MINOR,
         )

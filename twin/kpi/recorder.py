@@ -1,13 +1,15 @@
-"""Collects the KPI rows of one running case."""
+"""Collects the KPI rows of the running cases, those of a tick for all slots at once."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
-from schemas.messages import Command
+from schemas.messages import Command, Lights
 from twin.kpi.table import Detections, KpiColumn, KpiTable
 from twin.vehicle.state import COLUMN
 
@@ -21,101 +23,168 @@ _TYPES: dict[str, type] = {
     "float64": np.float64,
 }
 _FIRST_ROWS = 256
-_STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "dtc_m")
+_PLAIN = [column for column in KPI_COLUMNS if column.type != "detections"]
+_NULLABLE = frozenset(column.name for column in KPI_COLUMNS if column.nullable)
+_STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "dtc_m", "collisions")
 
 
 class Recorder:
-    """Rows of one case in NumPy columns that double when full."""
+    """Rows of all slots: of every column one NumPy array [S, rows], which doubles when full.
 
-    def __init__(self) -> None:
-        self.rows = 0
-        self._values = {
-            c.name: np.zeros(_FIRST_ROWS, _TYPES[c.type])
-            for c in KPI_COLUMNS
-            if c.type != "detections"
-        }
+    What a row costs hardly depends on the number of slots.
+    """
+
+    def __init__(self, slots: int) -> None:
+        self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _PLAIN}
         self._valid = {
-            c.name: np.zeros(_FIRST_ROWS, np.bool_)
-            for c in KPI_COLUMNS
-            if c.nullable and c.type != "detections"
+            c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _PLAIN if c.nullable
         }
-        self._detected: list[Any] = []
-        self._offsets = [0]
-        self._commanded: list[bool] = []
+        self._rows = np.zeros(slots, np.int64)
+        self._detected: list[list[Any]] = [[] for _ in range(slots)]
+        self._offsets: list[list[int]] = [[0] for _ in range(slots)]
+        self._commanded: list[list[bool]] = [[] for _ in range(slots)]
+
+    def begin(self, slot: int) -> None:
+        """Forget the rows of a slot: a case begins."""
+        self._rows[slot] = 0
+        self._detected[slot], self._offsets[slot], self._commanded[slot] = [], [0], []
 
     def add(
         self,
-        tick: int,
-        sim_time_ns: int,
+        slots: Sequence[int],
+        tick: np.ndarray,
+        sim_time_ns: np.ndarray,
         state: np.ndarray,
-        command: Command | None,
-        lateral_error_m: float | None = None,
+        commands: Sequence[Command | None],
+        lateral_error_m: Sequence[float | None],
     ) -> None:
-        """Append the row of a tick: ``state`` [T] of its slot, and the command given for it."""
-        if self.rows == len(self._values["tick"]):
+        """Append a row to every one of ``slots``.
+
+        Args:
+            slots: which, n of them.
+            tick: case ticks of all slots [S].
+            sim_time_ns: sim times of all slots [S].
+            state: vehicle states of all slots [S, T].
+            commands: n, given for this tick.
+            lateral_error_m: n; None: not a case of lane keeping.
+        """
+        which = np.array(slots, np.int64)
+        row = self._rows[which]
+        if row.size and int(row.max()) == self._values["tick"].shape[1]:
             for columns in (self._values, self._valid):
                 for name, values in columns.items():
-                    columns[name] = np.concatenate([values, np.zeros_like(values)])
-        row = self.rows
-        self._set(row, "tick", tick)
-        self._set(row, "sim_time_ns", sim_time_ns)
+                    columns[name] = np.concatenate([values, np.zeros_like(values)], axis=1)
+        self._set("tick", which, row, tick[which])
+        self._set("sim_time_ns", which, row, sim_time_ns[which])
         for name in _STATE:
-            self._set(row, name, state[COLUMN[name]])
-        self._set(row, "collisions", int(state[COLUMN["collisions"]]))
-        closing = state[COLUMN["closing_mps"]]
-        if closing > CLOSING_MIN_MPS:
-            self._set(row, "ttc_s", state[COLUMN["dtc_m"]] / closing)
-        if lateral_error_m is not None:
-            self._set(row, "lateral_error_m", lateral_error_m)
-        if command is not None:
-            lights = command.lights
-            self._set(row, "throttle", command.throttle)
-            self._set(row, "brake", command.brake)
-            self._set(row, "steering_rad", command.steering_rad)
-            self._set(row, "aeb", command.aeb)
-            self._set(
-                row,
-                "headlights",
-                headlight_code(lights.low, lights.high, lights.parking, lights.fog),
-            )
-            self._set(row, "indicators", lights.indicators)
-            self._detected += command.detections
-        self._commanded.append(command is not None)
-        self._offsets.append(len(self._detected))
-        self.rows += 1
+            self._set(name, which, row, state[which, COLUMN[name]])
+        closing = state[which, COLUMN["closing_mps"]]
+        closes = closing > CLOSING_MIN_MPS
+        ttc_s = np.divide(state[which, COLUMN["dtc_m"]], closing, where=closes, out=closing.copy())
+        self._set("ttc_s", which, row, ttc_s, closes)
+        along = np.array([error is not None for error in lateral_error_m], np.bool_)
+        error_m = np.array([error or 0.0 for error in lateral_error_m])
+        self._set("lateral_error_m", which, row, error_m, along)
+        self._set_commands(which, row, commands)
+        self._rows[which] += 1
 
-    def _set(self, row: int, name: str, value: Any) -> None:
-        self._values[name][row] = value
-        if name in self._valid:
-            self._valid[name][row] = True
+    def _set_commands(
+        self, which: np.ndarray, row: np.ndarray, commands: Sequence[Command | None]
+    ) -> None:
+        given = np.array([command is not None for command in commands], np.bool_)
+        numbers = np.array(
+            [
+                (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+                if c is None
+                else (c.throttle, c.brake, c.steering_rad, c.aeb, _code(c.lights), _indicators(c))
+                for c in commands
+            ],
+            np.float64,
+        ).reshape(-1, 6)
+        names = ("throttle", "brake", "steering_rad", "aeb", "headlights", "indicators")
+        for name, values in zip(names, numbers.T, strict=True):
+            self._set(name, which, row, values, given)
+        for slot, command in zip(which.tolist(), commands, strict=True):
+            found = self._detected[slot]
+            if command is not None:
+                found += command.detections
+            self._commanded[slot].append(command is not None)
+            self._offsets[slot].append(len(found))
+
+    def _set(
+        self,
+        name: str,
+        which: np.ndarray,
+        row: np.ndarray,
+        values: np.ndarray,
+        valid: np.ndarray | None = None,
+    ) -> None:
+        """Values of a column, 0 where they are not ``valid`` (None: all are)."""
+        if valid is None:
+            self._values[name][which, row] = values
+        else:
+            self._values[name][which, row] = np.where(valid, values, 0)
+        if name in _NULLABLE:
+            self._valid[name][which, row] = True if valid is None else valid
+
+    def of(self, slot: int) -> CaseRows:
+        """The rows of a slot so far."""
+        rows = int(self._rows[slot])
+        return CaseRows(
+            {name: values[slot, :rows] for name, values in self._values.items()},
+            {name: valid[slot, :rows] for name, valid in self._valid.items()},
+            Detections(
+                offsets=np.array(self._offsets[slot], np.int32),
+                valid=np.array(self._commanded[slot], np.bool_),
+                label=[d.label for d in self._detected[slot]],
+                **{
+                    name: np.array([getattr(d, name) for d in self._detected[slot]], np.float64)
+                    for name in DETECTION_FIELDS
+                    if name != "label"
+                },
+            ),
+        )
+
+
+class CaseRows:
+    """The rows of one case; views that are valid until its slot begins another."""
+
+    def __init__(
+        self,
+        values: dict[str, np.ndarray],
+        valid: dict[str, np.ndarray],
+        detections: Detections,
+    ) -> None:
+        self._values = values
+        self._valid = valid
+        self._detections = detections
+        self.rows = len(values["tick"])
 
     def column(self, name: str) -> np.ndarray:
-        """Values of a column so far, a view [rows]."""
-        return self._values[name][: self.rows]
+        """Values of a column [rows]."""
+        return self._values[name]
 
     def valid(self, name: str) -> np.ndarray:
-        """Validity of a nullable column so far, a view [rows]."""
-        return self._valid[name][: self.rows]
+        """Validity of a nullable column [rows]."""
+        return self._valid[name]
 
     def table(self) -> KpiTable:
-        """The rows so far, copied."""
-        n = self.rows
+        """The rows, copied."""
         columns = {
             name: KpiColumn(
-                values[:n].copy(), self._valid[name][:n].copy() if name in self._valid else None
+                values.copy(), self._valid[name].copy() if name in self._valid else None
             )
             for name, values in self._values.items()
         }
-        found = self._detected
-        numbers = {
-            name: np.array([getattr(d, name) for d in found], np.float64)
-            for name in DETECTION_FIELDS
-            if name != "label"
-        }
-        detections = Detections(
-            offsets=np.array(self._offsets, np.int32),
-            valid=np.array(self._commanded, np.bool_),
-            label=[d.label for d in found],
-            **numbers,
-        )
-        return KpiTable(n, columns, detections)
+        return KpiTable(self.rows, columns, self._detections)
+
+
+def _code(lights: Lights) -> int:
+    return _code_of(lights.low, lights.high, lights.parking, lights.fog)
+
+
+def _indicators(command: Command) -> int:
+    return command.lights.indicators
+
+
+_code_of = cache(headlight_code)

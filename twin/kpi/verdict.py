@@ -10,7 +10,7 @@ import numpy as np
 from schemas.campaign import Scenario
 from schemas.kpi import SCALARS
 from twin.kpi.lane_progress import LaneProgress
-from twin.kpi.recorder import Recorder
+from twin.kpi.recorder import CaseRows
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.state import COLUMN
 
@@ -31,28 +31,49 @@ class Verdict:
     """Short sentences."""
 
 
-def has_ended(
-    scenario: Scenario, sim_time_ns: int, state: np.ndarray, lane: LaneProgress | None
-) -> bool:
-    """Whether a case ends at this control tick: collision, long enough at rest, or time up; in lane
-    keeping (``lane`` is given) also at the end of the distance and when the ego leaves its lane."""
-    if state[COLUMN["collisions"]] > 0 or sim_time_ns >= round(scenario.duration_s * 1e9):
-        return True
-    if lane is not None and (
-        lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
-    ):
-        return True
-    rest_ns = rest_time_ns(state)
-    return rest_ns is not None and sim_time_ns - rest_ns >= round(scenario.standstill_s * 1e9)
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When the cases of all slots end at the latest; 0 where none runs."""
+
+    duration_ns: np.ndarray
+    """int64 [S]"""
+    standstill_ns: np.ndarray
+    """int64 [S]"""
+
+    @classmethod
+    def of(cls, slots: int) -> Limits:
+        """For so many slots."""
+        return cls(np.zeros(slots, np.int64), np.zeros(slots, np.int64))
+
+    def begin(self, slot: int, scenario: Scenario) -> None:
+        """A case begins in a slot."""
+        self.duration_ns[slot] = round(scenario.duration_s * 1e9)
+        self.standstill_ns[slot] = round(scenario.standstill_s * 1e9)
 
 
-def rest_time_ns(state: np.ndarray) -> int | None:
-    """When the ego came to the rest it is in; None while it moves or before it has moved [ns]."""
-    step = int(state[COLUMN["rest_step"]])
-    return step * PHYSICS_STEP_NS if step >= 0 else None
+def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Which cases end at this control tick, bool [S]: collision, long enough at rest, or time up.
+
+    Args:
+        limits: of the slots.
+        sim_time_ns: int64 [S].
+        state: [S, T].
+    """
+    rest_step = state[:, COLUMN["rest_step"]]
+    at_rest = rest_step >= 0.0  # -1: it moves, or has not moved yet
+    rest_ns = np.where(at_rest, rest_step, 0.0).astype(np.int64) * PHYSICS_STEP_NS
+    rested = at_rest & (sim_time_ns - rest_ns >= limits.standstill_ns)
+    crashed = state[:, COLUMN["collisions"]] > 0
+    ended: np.ndarray = crashed | rested | (sim_time_ns >= limits.duration_ns)
+    return ended
 
 
-def scalars(recorder: Recorder, state: np.ndarray, lane: LaneProgress | None) -> Scalars:
+def has_left(scenario: Scenario, lane: LaneProgress) -> bool:
+    """Whether a case of lane keeping ends: the ego has come far enough, or is out of its lane."""
+    return lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
+
+
+def scalars(recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None) -> Scalars:
     """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
@@ -87,7 +108,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def judge(
-    scenario: Scenario, recorder: Recorder, state: np.ndarray, lane: LaneProgress | None
+    scenario: Scenario, recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None
 ) -> Verdict:
     """The verdict of an ended case; ``lane`` is given in lane keeping."""
     if state[COLUMN["collisions"]] > 0:
@@ -99,7 +120,7 @@ def judge(
     return _judge_jump_scare(scenario, recorder, state)
 
 
-def _judge_lane_keeping(scenario: Scenario, recorder: Recorder, lane: LaneProgress) -> Verdict:
+def _judge_lane_keeping(scenario: Scenario, recorder: CaseRows, lane: LaneProgress) -> Verdict:
     """Out of the lane, or out of its middle for long, is ``lane_departure``. Nothing stands in the
     lane, so a rest before the end is false braking."""
     driven = f"after {lane.distance_m:.1f} m of {scenario.distance_m:g} m"
@@ -123,7 +144,7 @@ def _judge_lane_keeping(scenario: Scenario, recorder: Recorder, lane: LaneProgre
     return Verdict("time_up", False, [f"time is up at {speed_mps:.2f} m/s, {driven}"])
 
 
-def _judge_jump_scare(scenario: Scenario, recorder: Recorder, state: np.ndarray) -> Verdict:
+def _judge_jump_scare(scenario: Scenario, recorder: CaseRows, state: np.ndarray) -> Verdict:
     """The verdict without a collision.
 
     Any rest (standing still after having moved, at a control tick) further than

@@ -166,6 +166,11 @@ class RayCamera:
         """Host arrays of the outputs that the camera declares; valid after :meth:`render`."""
         return {name: mirror.host for name, mirror in self._truth.items()}
 
+    @property
+    def pictures(self) -> dict[str, Mirror]:
+        """The image, under an empty name, and the outputs that the camera declares."""
+        return {"": self._image, **self._truth}
+
     def reset(self, slot: int) -> None:
         """A case begins in a slot: the picture before the first is not of this case."""
         self._new[slot] = True
@@ -293,7 +298,7 @@ def _host_backed(
         host.shape != shape or host.dtype != numpy_type or not host.flags.c_contiguous
     ):
         raise ValueError(f"{name} must be a contiguous {numpy_type} array of shape {shape}")
-    return Mirror(shape, dtype, device, host)
+    return Mirror(shape, dtype, device, host, large=True)
 
 
 def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:

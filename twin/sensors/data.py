@@ -2,16 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
+import warp as wp
 
 
-@dataclass(frozen=True, slots=True)
 class SensorData:
     """One sensor's values for all slots; inactive slots hold zeros."""
 
-    values: np.ndarray
-    """[S, ...]; valid until the next call of the engine."""
-    count: np.ndarray | None = None
-    """int32 [S]: valid rows of ragged data."""
+    __slots__ = ("_pull", "_values", "count", "device")
+
+    def __init__(
+        self,
+        values: np.ndarray | Callable[[], np.ndarray],
+        count: np.ndarray | None = None,
+        device: wp.array | None = None,
+    ) -> None:
+        """
+        Args:
+            values: [S, ...], or what brings them to the host; asked once, when somebody looks.
+            count: int32 [S]: valid rows of ragged data.
+            device: the same values in a GPU's memory.
+        """
+        self._values = values if isinstance(values, np.ndarray) else None
+        self._pull = None if isinstance(values, np.ndarray) else values
+        self.count = count
+        self.device = device
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the values; nothing is brought to the host for it."""
+        if self.device is None:
+            return self.values.shape
+        return tuple(self.device.__cuda_array_interface__["shape"])
+
+    @property
+    def values(self) -> np.ndarray:
+        """[S, ...] on the host; valid until the next call of the engine."""
+        if self._values is None:
+            assert self._pull is not None
+            self._values = self._pull()
+        return self._values

@@ -24,6 +24,7 @@ from twin.sensors.data import SensorData
 from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
 from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import Vehicle
+from twin.world.mirror import Mirror
 from twin.world.motion import Placement
 from twin.world.scene import Scene
 from twin.world.street import World
@@ -139,6 +140,8 @@ class _Eye:
     every: int
     camera: RayCamera
     boxes: BoxSensor
+    lamps: list[Lights | None]
+    """Written last, per slot."""
 
 
 @dataclass(slots=True)
@@ -185,7 +188,7 @@ class ExteroceptiveSuite:
             )
             boxes = BoxSensor(self._geometry.classes, slots, device)
             every = case.control_hz // camera.hz
-            self._eyes.append(_Eye(camera, suffix, every, eye, boxes))
+            self._eyes.append(_Eye(camera, suffix, every, eye, boxes, [None] * slots))
         self._scanners = []
         self.lidar_sites = lidar_sites(case, vehicle)
         for lidar, site in zip(case.lidars, self.lidar_sites, strict=True):
@@ -274,19 +277,25 @@ class ExteroceptiveSuite:
         self._geometry.place(placement)
         readings = {}
         for eye in due:
-            _switch(eye.camera.lights.host, now, lights)
-            readings[f"camera{eye.suffix}"] = SensorData(eye.camera.render(pose))
-            for output, values in eye.camera.outputs.items():
-                readings[f"{output}{eye.suffix}"] = SensorData(values)
+            _switch(eye, now, lights)
+            eye.camera.launch(pose)
+            for kind, mirror in eye.camera.pictures.items():
+                found = SensorData(mirror.pull, device=_on_gpu(mirror))
+                readings[f"{kind or 'camera'}{eye.suffix}"] = found
             boxes, count = eye.boxes.read(eye.camera.boxes)
             readings[f"boxes{eye.suffix}"] = SensorData(boxes, count)
         for scanner in sweeping:
             assert truth is not None
             scanner.sensor.air.host["tick"] = now.tick
             scanner.sensor.scan(truth)
-            points, count = scanner.sensor.pull()
-            readings[scanner.site.message] = SensorData(points, count)
+            mirror, count = scanner.sensor.mirror, scanner.sensor.count.numpy()
+            readings[scanner.site.message] = SensorData(mirror.pull, count, _on_gpu(mirror))
         return readings
+
+
+def _on_gpu(mirror: Mirror) -> wp.array | None:
+    """Where it lies, if that is another memory than the host's."""
+    return None if mirror.device.device.is_cpu else mirror.device
 
 
 def _check_memory(
@@ -304,10 +313,12 @@ def _check_memory(
     check_free(found, device)
 
 
-def _switch(rows: np.ndarray, now: Moment, lights: list[Lights | None]) -> None:
+def _switch(eye: _Eye, now: Moment, lights: list[Lights | None]) -> None:
     """Write what changes from frame to frame: tick, lamps, blinking."""
+    rows = eye.camera.lights.host
     rows["tick"] = now.tick
     rows["hazard"] = 2 * (now.sim_time_ns % HAZARD_PERIOD_NS) < HAZARD_PERIOD_NS
-    for slot, lamps in enumerate(lights):
-        if lamps is not None:
+    for slot, (lamps, written) in enumerate(zip(lights, eye.lamps, strict=True)):
+        if lamps is not None and lamps != written:
             switch_lamps(rows[slot], lamps)
+            eye.lamps[slot] = lamps

@@ -140,12 +140,8 @@ class LidarSensor:
             or not points_out.flags.c_contiguous
         ):
             raise ValueError(f"points_out must be a contiguous float32 array of shape {self.shape}")
-        self._host = np.zeros(self.shape, np.float32) if points_out is None else points_out
-        self._view = wp.array(
-            ptr=self._host.ctypes.data, shape=self.shape, dtype=wp.float32, device="cpu", copy=False
-        )
-        on_cpu = self._device.is_cpu
-        self.points = self._view if on_cpu else wp.zeros_like(self._view, device=self._device)
+        self.mirror = Mirror(self.shape, wp.float32, self._device, points_out, large=True)
+        self.points = self.mirror.device
 
     def reset(self, slot: int, key: int, weather: LidarWeather | None = None) -> None:
         """A case begins in ``slot``: its random stream is ``key``; no sweep came before."""
@@ -181,7 +177,7 @@ class LidarSensor:
     def clear(self, slot: int) -> None:
         """No case in ``slot``: its points and count become zeros."""
         self.air.host[slot]["active"] = 0
-        self._host[slot] = 0.0
+        self.mirror.host[slot] = 0.0
         if not self._device.is_cpu:
             self.points[slot].zero_()
 
@@ -253,10 +249,7 @@ class LidarSensor:
 
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: points float32 [S, channels x columns, K] and count int32 [S]."""
-        if not self._device.is_cpu:
-            wp.copy(self._view, self.points)
-            wp.synchronize_device(self._device)
-        return self._host, self.count.numpy()
+        return self.mirror.pull(), self.count.numpy()
 
     @property
     def device_bytes(self) -> int:

@@ -29,8 +29,7 @@ class Fleet:
     (world x and y [m/s], 0 after :meth:`place`), ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
     ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
-    [S, V, T], ``props`` [S, P, 6], ``events`` [S, E, 8] and ``event_count`` [S] are valid after
-    each call.
+    [S, V, T] and ``props`` [S, P, 6] are valid after each call.
     """
 
     def __init__(
@@ -87,13 +86,14 @@ class Fleet:
         self._first_step = Mirror((slots,), wp.int32, device)
         self._active = Mirror((slots,), wp.int32, device)
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
-        self._outputs = [self._state, self._events, self._event_count]
+        self._outputs = [self._state]
+        self._unseen = False
+        """Events on the device are newer than those on the host."""
+        self._placed: list[int] = []
         if kinds:
             self._outputs.append(self._props)
         self.state = self._state.host
         self.props = self._props.host
-        self.events = self._events.host
-        self.event_count = self._event_count.host
         self.friction = self._friction.host
         self.wind = self._wind.host
         self.commands = self._commands.host
@@ -102,6 +102,25 @@ class Fleet:
         self.active = self._active.host
         self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
+
+    @property
+    def events(self) -> np.ndarray:
+        """Collisions so far [S, E, 8], the first ``event_count``; a view, for those who look."""
+        self._see()
+        return self._events.host
+
+    @property
+    def event_count(self) -> np.ndarray:
+        """How many collisions there were [S], also those beyond E; a view."""
+        self._see()
+        return self._event_count.host
+
+    def _see(self) -> None:
+        """Bring the events over: hardly anybody looks at them, and not at every step."""
+        if self._unseen:
+            self._events.pull()
+            self._event_count.pull()
+            self._unseen = False
 
     @property
     def rows_device(self) -> wp.array:
@@ -138,8 +157,7 @@ class Fleet:
         self.wind[slot] = 0.0
         self.commands[slot, vehicle] = 0.0
         self.commands[slot, vehicle, :, COMMANDS.index("selector")] = 1.0
-        self.events[slot] = 0.0
-        self.event_count[slot] = 0
+        self._placed.append(slot)
         if refresh:
             self.refresh()
 
@@ -152,6 +170,10 @@ class Fleet:
 
     def refresh(self) -> None:
         """Derived columns anew, after ``state`` was written on the host."""
+        self._see()
+        self._events.host[self._placed] = 0.0
+        self._event_count.host[self._placed] = 0
+        self._placed.clear()
         for mirror in (self._state, self._events, self._event_count):
             mirror.push()
         wp.launch(
@@ -168,6 +190,7 @@ class Fleet:
         """Advance all active slots by ``steps`` physics steps."""
         self.push()
         self.launch(steps)
+        self._unseen = True
         for mirror in self._outputs:
             mirror.pull()
 
@@ -210,6 +233,12 @@ class Fleet:
             device=self._device,
             block_dim=_BLOCK,
         )
+
+    def faulty(self) -> np.ndarray:
+        """Which slots cannot go on, bool [S]; :meth:`fault` says why."""
+        fine = np.isfinite(self.state).all(axis=2) & (self.state[..., COLUMN["fault"]] == 0.0)
+        found: np.ndarray = ~fine.all(axis=1)
+        return found
 
     def fault(self, slot: int) -> str:
         """Why a slot cannot go on, or nothing."""

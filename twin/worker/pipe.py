@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from typing import BinaryIO
 
 from msgspec import Struct
@@ -46,7 +47,8 @@ class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
     """Engine built and stack connected."""
 
-    shared_frames: bool
+    transport: str
+    """How large arrays reach the stack, see :data:`twin.fabric.drive.Transport`."""
 
 
 class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
@@ -100,7 +102,16 @@ class Unpacker:
         return messages
 
 
-def send(stream: BinaryIO, message: Struct) -> None:
-    """Write one message and flush."""
-    stream.write(pack(message))
-    stream.flush()
+class Upstream:
+    """Where a simulator writes to its worker, from any thread."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def send(self, message: Struct) -> None:
+        """Write one message, whole."""
+        data = memoryview(pack(message))
+        with self._lock:
+            while data:  # an unbuffered pipe may take less than all of it
+                data = data[self._stream.write(data) :]

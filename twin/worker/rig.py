@@ -98,6 +98,7 @@ class RigProcess:
                 *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
             ],
+            environment=_threads() if lease.case.placement == "inline" else None,
             log=self._log,
             pipe_output=True,
         )
@@ -188,12 +189,14 @@ class RigProcess:
         if self._lease.case.foreign is not None:
             foreign = msgspec.json.encode(self._lease.case.foreign).decode()
             arguments += ["--foreign", foreign]
+        if self._lease.case.placement == "inline":
+            return  # the simulator has it in its own process
         if self._lease.case.placement == "node":
             self._announce(arguments)
             return
         self._stack = spawn(
             [sys.executable, "-m", "devkit", "host", *arguments],
-            environment={name: os.environ.get(name, "1") for name in THREADS},
+            environment=_threads(),
             log=self._stack_log,
         )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
@@ -259,6 +262,10 @@ class RigProcess:
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
         self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
+
+
+def _threads() -> dict[str, str]:
+    return {name: os.environ.get(name, "1") for name in THREADS}
 
 
 def _resident_bytes(pid: int) -> int:

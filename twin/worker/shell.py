@@ -259,7 +259,8 @@ class Worker:
             case (_, RecorderEnded(detail)):
                 _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []
-            case (_, Built()):
+            case (_, Built(transport)):
+                _log(f"rig ready, frames by {transport}")
                 return core.on_rig_ready()
             case (_, Progress(tokens, ticks)):
                 return core.on_progress(tokens, ticks, now)

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
@@ -34,6 +34,7 @@ from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer, lay_out
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.pipe import (
@@ -48,17 +49,24 @@ from twin.worker.pipe import (
     Listening,
     Progress,
     Unpacker,
-    send,
+    Upstream,
 )
+from twin.worker.profile import LoopLog
+from twin.worker.results import Ended, ResultWriter
 from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
     from twin.engine import Engine
     from twin.sensors.data import SensorData
+    from twin.worker.inline import InlineStack
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
+
+TRANSPORT_VARIABLE = "TWIN_TRANSPORT"
+"""Environment variable: the best way for frames to reach the stack that may be tried, ``device``
+(the default), ``memory`` or ``bytes``; for comparisons."""
 
 VIEW_GRACE_S = 2.0
 """Longest time for the view feed to hand over what it holds, at the end [s]."""
@@ -105,27 +113,35 @@ class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
     def __init__(
-        self, bus: Bus, rig: str, slots: int, device: str, out: BinaryIO, feed: Feed
+        self, bus: Bus, rig: str, slots: int, device: str, out: Upstream, feed: Feed
     ) -> None:
         self._bus = bus
         self._feed = feed
         self._rig = rig
         self._device = device
-        self._out = out
+        self._upward = out
+        self._results = ResultWriter(lambda result: self._upward.send(Done(result)))
         self._orders = Orders(0)
         self._slots: list[_Slot | None] = [None] * slots
         self._waiting: list[Lease] = []
         self._seq = 0
         self._reported_s = 0.0
+        self._log = LoopLog(rig, device, slots)
+        self._inline: InlineStack | None = None
+        self._handles: dict[str, bytes] = {}
 
     def run(self) -> None:
         """Build when told, then exchange and step for ever."""
         order = self._orders.next(None)
         assert isinstance(order, Build)
         self._build(order.lease.case)
+        settle()
         while True:
-            self._take_orders(block=not self._busy() and not self._waiting)
+            idle = not self._busy() and not self._waiting
+            self._take_orders(block=idle)
+            self._log.watch.lap("idle" if idle else "orders")
             self._refill()
+            self._log.watch.lap("refill")
             if self._busy():
                 self._tick()
 
@@ -139,15 +155,32 @@ class Simulator:
         slots = len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
-        shared = case.placement == "worker" and size > 0
-        self._frames = frames = FrameBuffer(size) if shared else None
+        best = os.environ.get(TRANSPORT_VARIABLE, "device") if case.placement == "worker" else ""
+        shared = best in ("device", "memory") and size > 0
+        frames = FrameBuffer(size) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
-        self._engine = Engine(case, slots, self._device, buffers)
-        self._end = SimulatorEnd(self._bus, self._rig, slots, self._frames)
+        self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
+        if case.placement == "inline":
+            from twin.worker.inline import InlineStack
+
+            self._inline = InlineStack(case, slots)
+            self._log.transport = "inline"
+        else:
+            self._meet(slots, frames, best)
+        self._upward.send(Built(self._log.transport))
+
+    def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> None:
+        """Wait for the stack, and agree on how frames travel."""
+        from twin.fabric import cuda  # needs Warp only where a GPU is
+
+        probe = cuda.offer(self._device) if best == "device" else None
+        self._end = SimulatorEnd(
+            self._bus, self._rig, slots, frames, probe=probe, device=self._device
+        )
         self._end.handshake(self._on_wait)
-        send(self._out, Built(shared_frames=self._end.shared))
+        self._log.transport = self._end.transport
 
     def _take_orders(self, *, block: bool) -> None:
         while (order := self._orders.next(0.2 if block else 0)) is not None:
@@ -160,6 +193,7 @@ class Simulator:
                 # The recorder is still reading; the worker cuts the lifeline when it has it all.
                 self._orders.next(None)
             block = False
+        self._results.check()
         self._report()
 
     def _abandon(self, token: int) -> None:
@@ -185,8 +219,13 @@ class Simulator:
 
     def _tick(self) -> None:
         started_s = time.monotonic()
+        watch = self._log.watch
+        self._log.begin_tick()
+        active = int(self._engine.active.sum())
         sensed = self._engine.sense()
-        sensors = self._outgoing(sensed)
+        frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
+        sensors = [] if self._inline else self._outgoing(sensed)
+        watch.lap("frames")
         episodes = self._episodes()
         tick = Tick(
             v=SCHEMA_VERSION,
@@ -195,29 +234,37 @@ class Simulator:
             token=self._tokens(),
             tick=self._engine.tick.tolist(),
             sim_time_ns=self._engine.sim_time_ns.tolist(),
-            sensors=[sensor.name for sensor in sensors],
+            sensors=list(sensed),
             episodes=len(episodes),
         )
-        answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        watch.lap("messages")
+        if self._inline:
+            self._engine.wait()
+            answer = self._inline.exchange(tick, sensed, episodes)
+        else:
+            answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        self._log.exchanged(answer)
         self._seq += 1
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
         commands = self._checked(answer.commands)
+        watch.lap("messages")
         self._feed.tick(self._engine, sensed, commands)
+        watch.lap("view")
         ended = self._engine.step(commands)
         self._account(answer, time.monotonic() - started_s)
         for finished in ended:
             slot = self._slots[finished.slot]
             assert slot is not None
             self._feed.end(finished)
-            # Late: this module imports Parquet only after the engine is warm.
-            from twin.worker.attempt import write_attempt
-
-            result = write_attempt(slot.lease, finished, time.monotonic() - slot.started_s)
-            result = structs.replace(result, perception=slot.perception, rig_wall_s=slot.rig_wall_s)
             self._slots[finished.slot] = None
-            send(self._out, Done(result))
+            self._results.put(
+                Ended(slot.lease, finished, slot.started_s, slot.perception, slot.rig_wall_s)
+            )
+        watch.lap("results")
+        self._log.end_tick(active, frames, self._engine.control_period_ns)
+        self._log.write(now=not self._busy())
 
     def _account(self, answer: Commands, wall_s: float) -> None:
         """What the tick took: for the report, never for a KPI."""
@@ -233,29 +280,56 @@ class Simulator:
         return [slot.lease.token if slot else 0 for slot in self._slots]
 
     def _outgoing(self, sensed: dict[str, SensorData]) -> list[Outgoing]:
-        cases = [slot.lease.case.id if slot else "" for slot in self._slots]
-        active = [slot is not None for slot in self._slots]
-        outgoing = []
-        for name, data in sensed.items():
+        common = Frame(
+            v=SCHEMA_VERSION,
+            type="",
+            seq=self._seq,
+            active=[slot is not None for slot in self._slots],
+            case=[slot.lease.case.id if slot else "" for slot in self._slots],
+            token=self._tokens(),
+            tick=self._engine.tick.tolist(),
+            sim_time_ns=self._engine.sim_time_ns.tolist(),
+            dtype="",
+            shape=[],
+            encoding="",
+        )
+        on_gpu = self._end.transport == "device"
+        if on_gpu:
+            self._engine.wait()
+        return [self._frame(name, data, common, on_gpu=on_gpu) for name, data in sensed.items()]
+
+    def _frame(self, name: str, data: SensorData, common: Frame, *, on_gpu: bool) -> Outgoing:
+        """One message; an array in shared memory has no payload."""
+        handle, offset, payload = b"", -1, b""
+        if on_gpu and data.device is not None:
+            handle = self._handle(name, data.device)
+            dtype, shape = np.dtype(data.device.__cuda_array_interface__["typestr"]), data.shape
+        else:
             values = np.ascontiguousarray(data.values)
-            shared = name in self._offsets and self._end.shared
-            frame = Frame(
-                v=SCHEMA_VERSION,
-                type=name,
-                seq=self._seq,
-                active=active,
-                case=cases,
-                token=self._tokens(),
-                tick=self._engine.tick.tolist(),
-                sim_time_ns=self._engine.sim_time_ns.tolist(),
-                dtype=values.dtype.newbyteorder("<").str,
-                shape=list(values.shape),
-                encoding=topics.sensor_topic(name).type,
-                count=[] if data.count is None else data.count.tolist(),
-                offset=self._offsets[name] if shared else -1,
-            )
-            outgoing.append(Outgoing(name, frame, b"" if shared else values.tobytes()))
-        return outgoing
+            dtype, shape = values.dtype, values.shape
+            if name in self._offsets and self._end.transport != "bytes":
+                offset = self._offsets[name]
+            else:
+                payload = values.tobytes()
+        frame = structs.replace(
+            common,
+            type=name,
+            dtype=dtype.newbyteorder("<").str,
+            shape=list(shape),
+            encoding=topics.sensor_topic(name).type,
+            count=[] if data.count is None else data.count.tolist(),
+            offset=offset,
+            handle=handle,
+        )
+        return Outgoing(name, frame, payload)
+
+    def _handle(self, name: str, array: Any) -> bytes:
+        """The handle of an array that stays where it is."""
+        if name not in self._handles:
+            from twin.fabric.cuda import handle_of
+
+            self._handles[name] = handle_of(array)
+        return self._handles[name]
 
     def _episodes(self) -> list[Episode]:
         return [
@@ -270,17 +344,18 @@ class Simulator:
         for command in commands:
             if 0 <= command.slot < len(by_slot):
                 by_slot[command.slot] = command
+        ticks = self._engine.tick.tolist()
         for index, slot in enumerate(self._slots):
             if slot is None:
                 by_slot[index] = None
                 continue
-            command = by_slot[index]
-            if command is None:
+            given = by_slot[index]
+            if given is None:
                 raise InfrastructureError(f"stack: no command for case {slot.lease.case.id}")
-            if command.token != slot.lease.token or command.tick != self._engine.tick[index]:
+            if given.token != slot.lease.token or given.tick != ticks[index]:
                 raise InfrastructureError(
-                    f"stack: command of case {slot.lease.case.id} is for tick {command.tick}, "
-                    f"expected {self._engine.tick[index]}"
+                    f"stack: command of case {slot.lease.case.id} is for tick {given.tick}, "
+                    f"expected {ticks[index]}"
                 )
         return by_slot
 
@@ -289,17 +364,17 @@ class Simulator:
         self._report()
 
     def _report(self) -> None:
+        self._log.write()
         now = time.monotonic()
         if now - self._reported_s < PROGRESS_PERIOD_S or not self._busy():
             return
         self._reported_s = now
         running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
-        send(
-            self._out,
+        self._upward.send(
             Progress(
                 tokens=[slot.lease.token for _, slot in running],
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
-            ),
+            )
         )
 
 
@@ -351,27 +426,27 @@ def run_simulator(
     bind_to_parent()
     leave_signals_to_the_parent()
     # Whatever prints by mistake must not end up between the messages.
-    out = os.fdopen(os.dup(1), "wb", buffering=0)
+    out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)
     bus = None
     try:
         bus = open_bus("peer", listen=[listen], namespace=namespace, key=key)
         feed = open_feed(rig, slots, view)
-        send(out, Listening(bus.endpoints[0], feed.endpoint))
+        out.send(Listening(bus.endpoints[0], feed.endpoint))
         Simulator(bus, rig, slots, device, out, feed).run()
     except TwinError as error:
-        send(out, Broken("crash", str(error)))
+        out.send(Broken("crash", str(error)))
         return error.exit_code
     except MemoryError as error:
-        send(out, Broken("out_of_memory", f"out of memory {error}".strip()))
+        out.send(Broken("out_of_memory", f"out of memory {error}".strip()))
         return 3
     except ValueError as error:
         # What the engine refuses: one line, for people.
-        send(out, Broken("crash", str(error)))
+        out.send(Broken("crash", str(error)))
         return 3
     except Exception as error:
         sys.excepthook(*sys.exc_info())
-        send(out, Broken("crash", f"{type(error).__name__}: {error}"))
+        out.send(Broken("crash", f"{type(error).__name__}: {error}"))
         return 3
     finally:
         if bus is not None:

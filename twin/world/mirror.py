@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.fabric import cuda
+
 
 class Mirror:
     """A NumPy array ``host`` and its Warp twin ``device``; allocated once.
@@ -20,10 +22,20 @@ class Mirror:
         dtype: Any,
         device: wp.Device,
         host: np.ndarray | None = None,
+        *,
+        large: bool = False,
     ) -> None:
         """``dtype`` is a Warp scalar, vector or struct type; the array starts as zeros.
 
-        Vectors are further axes of the host array. ``host``: memory that becomes the host array.
+        Vectors are further axes of the host array.
+
+        Args:
+            shape: of both.
+            dtype: of the device's array.
+            device: where it is computed with.
+            host: memory that becomes the host array.
+            large: worth copying at full speed (the host's pages are pinned) and sharing with
+                another process (allocated outside Warp's pool, which has no handles).
         """
         inner = getattr(dtype, "_shape_", ())
         if hasattr(dtype, "numpy_dtype"):
@@ -31,21 +43,27 @@ class Mirror:
         else:
             numpy_type = wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
         self.host: np.ndarray = np.zeros((*shape, *inner), numpy_type) if host is None else host
+        self._view = wp.array(
+            ptr=self.host.ctypes.data, shape=shape, dtype=dtype, device="cpu", copy=False
+        )
         self._shared = device.is_cpu
         if self._shared:
-            self.device = wp.array(
-                ptr=self.host.ctypes.data, shape=shape, dtype=dtype, device=device, copy=False
-            )
+            self.device = self._view
+        elif large:
+            with wp.ScopedMempool(device, False):
+                self.device = wp.zeros(shape, dtype=dtype, device=device)
+            self._pages = cuda.pin(self.host, device.context)
         else:
             self.device = wp.zeros(shape, dtype=dtype, device=device)
 
     def push(self) -> None:
         """Host -> device."""
-        if not self._shared:
-            self.device.assign(self.host)
+        if not self._shared and self.device.size:
+            wp.copy(self.device, self._view)
 
     def pull(self) -> np.ndarray:
         """Device -> host; returns the host array."""
-        if not self._shared:
-            self.host[...] = self.device.numpy()
+        if not self._shared and self.device.size:
+            wp.copy(self._view, self.device)
+            wp.synchronize_stream(self.device.device.stream)
         return self.host

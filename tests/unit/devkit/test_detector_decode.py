@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from devkit import detector_decode
 from devkit.detector_decode import Selection, decode, suppress
 from devkit.detector_description import BoxHead, DetectorDescription, GridHead
 
@@ -231,3 +232,21 @@ def test_finished_boxes_in_columns_without_objectness():
     assert len(left.image) > 10
     for image in (0, 1):
         assert left.of(image) == right.of(image)
+
+
+@pytest.mark.parametrize("pairs_max", [1, 7, 40, 1 << 18])
+def test_suppression_in_blocks_is_that_of_one_box_after_the_other(monkeypatch, pairs_max):
+    monkeypatch.setattr(detector_decode, "PAIRS_MAX", pairs_max)
+    rng = np.random.default_rng(5)
+    for count in (0, 1, 2, 20):
+        box = np.concatenate([rng.uniform(0, 20, (count, 2)), rng.uniform(0, 12, (count, 2))], 1)
+        corners = np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], 1)
+        group = rng.integers(0, 2, count)
+        kept: list[int] = []
+        for index in range(count):
+            if all(
+                group[other] != group[index] or overlap(corners[other], corners[index]) <= 0.3
+                for other in kept
+            ):
+                kept.append(index)
+        assert detector_decode.suppress(box, group, 0.3).tolist() == kept

@@ -68,7 +68,7 @@ class Sim:
         self.colliders, self.cars = self.world.colliders, self.world.cars
         self.placement = Still().at(np.zeros(2))
         self.camera_sites, self.lidar_sites = [], []
-        self.recorder = Recorder()
+        self.recorder = Recorder(2)
 
     def sensed(self):
         """Camera and boxes; the lidar's second ray found nothing, its third is too far away."""
@@ -87,13 +87,13 @@ class Sim:
 
     def step(self, feed, token=5, camera=True):
         command = self.command(token)
-        self.recorder.add(int(self.tick[0]), int(self.sim_time_ns[0]), self.state[0], command)
+        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [command], [None])
         feed.tick(self, self.sensed() if camera else {}, [command, None])
         self.tick[0] += 1
         self.sim_time_ns[0] += 50_000_000
 
     def finished(self):
-        self.recorder.add(int(self.tick[0]), int(self.sim_time_ns[0]), self.state[0], None)
+        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [None], [None])
         return SimpleNamespace(
             slot=0,
             outcome="verdict",
@@ -101,7 +101,7 @@ class Sim:
             passed=True,
             reasons=[],
             scalars={"ticks": 3},
-            table=self.recorder.table(),
+            table=self.recorder.of(0).table(),
         )
 
 

@@ -1,0 +1,83 @@
+"""Where local workers compute: numbers, GPUs, cores of their own."""
+
+import pytest
+
+from conductor.places import (
+    GPU_SLOTS_MAX,
+    Asked,
+    Place,
+    gpu_slots,
+    on_cpu,
+    on_gpus,
+    parse_workers,
+    ranges,
+)
+from twin.fabric.errors import UsageError
+
+
+def test_what_the_option_says():
+    assert parse_workers(None) == Asked()
+    assert parse_workers("0") == Asked(count=0)
+    assert parse_workers("12") == Asked(count=12)
+    assert parse_workers("cuda") == Asked(per_gpu=1)
+    assert parse_workers("2xcuda") == Asked(per_gpu=2)
+
+
+@pytest.mark.parametrize("text", ["", "gpu", "-1", "1.5", "0xcuda", "2xcpu", "cuda:0", "99999"])
+def test_anything_else_is_refused_in_one_line(text):
+    with pytest.raises(UsageError, match="expected a number, cuda") as refused:
+        parse_workers(text)
+    assert "\n" not in str(refused.value)
+
+
+def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
+    sockets = [range(8), range(8), range(8, 15)]
+    places = on_gpus(["cuda:0", "cuda:1", "cuda:2"], sockets, 1)
+    assert places == [
+        Place("cuda:0", (0, 1, 2, 3)),
+        Place("cuda:1", (4, 5, 6, 7)),
+        Place("cuda:2", (8, 9, 10, 11, 12, 13, 14)),
+    ]
+    twice = on_gpus(["cuda:0", "cuda:1"], [range(9), range(9)], 2)
+    assert [place.device for place in twice] == ["cuda:0", "cuda:0", "cuda:1", "cuda:1"]
+    assert sorted(core for place in twice for core in place.cores) == list(range(9))
+    assert places[0].options() == ("--device", "cuda:0", "--cores", "0-3")
+
+
+def test_too_few_cores_are_not_divided():
+    assert on_gpus(["cuda:0", "cuda:1"], [range(3), range(3)], 1) == [
+        Place("cuda:0"),
+        Place("cuda:1"),
+    ]
+    assert Place("cuda:0").options() == ("--device", "cuda:0")
+
+
+def test_workers_on_the_cpu():
+    assert on_cpu("cpu", 3, 2, 100, 1) == [Place("cpu")] * 3
+    assert on_cpu("cpu", 0, 2, 100, 1) == []
+    assert len(on_cpu("cpu", None, 4, 100, 1)) == 4
+    assert len(on_cpu("cpu", None, 64, 100, 1)) == 8
+    assert len(on_cpu("cpu", None, 64, 5, 2)) == 3
+    assert len(on_cpu("cpu", None, 64, 1, 16)) == 1
+
+
+@pytest.mark.parametrize(
+    ("left", "workers", "fit", "slots"),
+    [
+        (256, 1, None, 256),
+        (256, 2, None, 128),
+        (257, 2, 1000, 129),
+        (10_000, 4, None, GPU_SLOTS_MAX),
+        (256, 1, 100, 100),
+        (256, 1, 0, 1),
+        (1, 4, None, 1),
+    ],
+)
+def test_slots_of_a_gpu(left, workers, fit, slots):
+    assert gpu_slots(left, workers, fit) == slots
+
+
+def test_ranges_of_cores():
+    assert ranges([8, 0, 1, 2, 3]) == "0-3,8"
+    assert ranges([5]) == "5"
+    assert ranges([]) == ""

@@ -1,0 +1,78 @@
+"""Results are written in order on a thread; what keeps one from it reaches the loop."""
+
+import queue
+import threading
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from msgspec import structs
+
+from conductor.source import load
+from schemas.campaign import expand
+from schemas.messages import Lease, PerceptionCost
+from schemas.wire import decode, encode
+from twin.engine import Finished
+from twin.fabric.errors import TwinError
+from twin.kpi.recorder import Recorder
+from twin.vehicle.state import COLUMN
+from twin.worker.profile import LoopLog, LoopProfile
+from twin.worker.results import Ended, ResultWriter
+
+
+def ended(folder: Path, token: int) -> Ended:
+    recorder = Recorder(1)
+    state = np.zeros((1, len(COLUMN)))
+    recorder.add([0], np.array([token]), np.array([0]), state, [None], [None])
+    finished = Finished(0, "verdict", "pass", True, [], {}, recorder.of(0).table())
+    lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
+    return Ended(lease, finished, 0.0, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
+
+
+def test_they_come_in_order_and_their_files_are_there(tmp_path):
+    told: queue.Queue = queue.Queue()
+    writer = ResultWriter(told.put)
+    for token in range(5):
+        writer.put(ended(tmp_path, token))
+    results = [told.get(timeout=30) for _ in range(5)]
+    assert [result.token for result in results] == list(range(5))
+    assert all((tmp_path / result.attempt_dir / "kpi.parquet").exists() for result in results)
+    assert {result.rig_wall_s for result in results} == {0.25}
+    assert results[0].perception.frames == 3
+
+
+def test_a_folder_that_cannot_be_written_ends_the_loop(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    writer = ResultWriter(lambda _: pytest.fail("it was not written"))
+    writer.put(ended(blocked, 0))
+    with pytest.raises(TwinError, match="Not a directory"):
+        until_refused(writer)
+
+
+def until_refused(writer: ResultWriter) -> None:
+    """The first look after it has failed raises."""
+    for _ in range(100_000):
+        writer.check()
+        threading.Event().wait(0.001)
+
+
+def test_the_profile_of_a_loop_has_its_last_tick(tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_PROFILE", str(tmp_path))
+    log = LoopLog("r", "cpu", 4)
+    log.transport = "memory"
+    log.write(now=True)
+    assert not list(tmp_path.iterdir()), "nothing has happened yet"
+    for active in (4, 3, 2):
+        log.begin_tick()
+        log.watch.lap("physics")
+        log.end_tick(active, 2 * active, 50_000_000)
+    counted = dict(log.watch.seconds)
+    log.watch.lap("idle")
+    log.write(now=True)
+    found = msgspec.json.decode((tmp_path / "r.json").read_bytes(), type=LoopProfile)
+    assert (found.ticks, found.frames, found.sim_s) == (3, 18, pytest.approx(0.45))
+    assert found.first_tick_s <= found.full_s < found.last_tick_s
+    assert found.seconds == counted, "what comes after the last tick is no part of the loop"
+    assert decode(encode(structs.replace(found)), LoopProfile) == found

@@ -1,0 +1,61 @@
+"""``twin bench campaign``: its options, and what it prints."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import typer
+
+from twin.bench.campaign import Request, as_json, lines, measure
+from twin.fabric.errors import UsageError
+from twin.fabric.software import device_class
+
+SLOTS_MAX = 4096
+
+
+def show(
+    campaign: str,
+    slots: str,
+    device: str,
+    cases: int | None,
+    workers: str,
+    out: Path | None,
+    *,
+    as_text: bool,
+    check: bool,
+) -> None:
+    """Run the campaign once per number of slots, then print.
+
+    Raises:
+        UsageError: an option or the campaign cannot be used.
+        typer.Exit: with --check, a target was missed or fingerprints differ.
+    """
+    counts = _counts(slots)
+    device_class(device)  # refuses one that is not here
+    if not device.startswith("cuda"):
+        print("no GPU: the same on the CPU, without targets", file=sys.stderr)
+    with tempfile.TemporaryDirectory(prefix="twin-bench-") as temporary:
+        request = Request(campaign, device, out or Path(temporary), cases, workers)
+        rows = [measure(request, count) for count in counts]
+    print("\n".join(lines(rows)) if as_text else json.dumps(as_json(request, rows), indent=1))
+    missed = [f"{row.slots} slots: {', '.join(m)}" for row in rows if (m := row.missed(device))]
+    # The targets are those of the largest number of slots that was asked for.
+    missed = missed[-1:] if missed and rows[-1].missed(device) else []
+    if len({row.fingerprint for row in rows}) > 1:
+        missed.append("fingerprints differ between numbers of slots")
+    if check and missed:
+        print(f"twin: below target: {'; '.join(missed)}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _counts(text: str) -> list[int]:
+    try:
+        counts = [int(part) for part in text.split(",")]
+    except ValueError:
+        counts = []
+    if not counts or min(counts) < 1 or max(counts) > SLOTS_MAX:
+        raise UsageError(f"--slots {text}: expected numbers from 1 to {SLOTS_MAX}, as in 1,8,64")
+    return counts

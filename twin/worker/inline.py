@@ -1,0 +1,77 @@
+"""The stack in the simulator's own process (``autonomy.placement: inline``).
+
+The same arrays go to the same stack as through the drive plane, and the same commands come back;
+what is saved is the message, the other process and its wake-up. A stack that dies takes its
+simulator with it, which the worker treats alike.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from schemas.campaign import Case
+from schemas.messages import Commands, Episode, Tick
+from twin.fabric.drive import Incoming
+from twin.fabric.errors import InfrastructureError
+from twin.sensors.data import SensorData
+
+HOST = "devkit.host:Inline"
+"""What runs a stack in this process, by name: the simulator does not import `devkit`."""
+
+
+class InlineStack:
+    """Answers ticks as :meth:`twin.fabric.drive.SimulatorEnd.exchange` does."""
+
+    def __init__(self, case: Case, slots: int) -> None:
+        """Load the stack of ``case``.
+
+        Raises:
+            InfrastructureError: it cannot be loaded; one line.
+        """
+        module, _, name = HOST.partition(":")
+        host = getattr(importlib.import_module(module), name)
+        self._host: Any = host(case.stack, slots, case.parameters)
+
+    def exchange(
+        self, tick: Tick, sensed: dict[str, SensorData], episodes: list[Episode]
+    ) -> Commands:
+        """The commands for one seq.
+
+        Raises:
+            InfrastructureError: the stack cannot go on.
+        """
+        device_frames = self._host.takes_device_frames
+        incoming = Incoming(
+            tick,
+            episodes,
+            {
+                name: InlineFrame(data)
+                if device_frames and data.device is not None
+                else np.ascontiguousarray(data.values)
+                for name, data in sensed.items()
+            },
+            {name: data.count for name, data in sensed.items() if data.count is not None},
+        )
+        answer: Commands = self._host.answer(incoming)
+        if answer.error:
+            raise InfrastructureError(f"stack: {answer.error}")
+        return answer
+
+
+class InlineFrame:
+    """An array in the GPU's memory, as :class:`twin.fabric.cuda.DeviceFrame` of another process."""
+
+    def __init__(self, data: SensorData) -> None:
+        self._data = data
+        assert data.device is not None
+        interface: dict[str, Any] = data.device.__cuda_array_interface__
+        self.__cuda_array_interface__ = interface
+        self.shape = tuple(interface["shape"])
+        self.dtype = np.dtype(interface["typestr"])
+
+    def host(self) -> np.ndarray:
+        """The values in the host's memory."""
+        return self._data.values
