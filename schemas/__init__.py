@@ -7,5 +7,6 @@ DRIVE_MINOR = 1
 """Minor version of the drive plane: it rises when messages gain keys that may be left out. Unknown
 keys are ignored, so both ends of another minor version understand each other.
 
-0: the first one. 1: ``Ready.minor``, ``Command.handbrake``, the sensor ``pose``.
+0: the first one. 1: ``Ready.minor``, ``Command.handbrake``, the sensor ``pose``, frames in GPU
+memory.
 """
