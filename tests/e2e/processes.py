@@ -20,7 +20,7 @@ import psutil
 
 T = TypeVar("T")
 MARK = "TWIN_TEST_MARK"
-PATIENCE_S = 120.0
+PATIENCE_S = 240.0
 """Longest wait for a fact; generous, for machines that are shared and slow."""
 
 
