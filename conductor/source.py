@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from conductor.repository import with_repository
 from schemas.assets import asset_digest, file_digest, is_path
 from schemas.campaign import Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
@@ -64,6 +65,7 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
     campaign, mistakes = check(data, path.parent)
     if campaign is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+    campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
     return msgspec.structs.replace(campaign, files=_digests(campaign))
@@ -132,8 +134,9 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
     campaign = _with_absolute_models(campaign, folder or Path())
     mistakes = _missing_files(cases) or _missing_mounts(cases)
     mistakes += _missing_models(campaign, cases)
+    mistakes += _missing_image(campaign)
     module = campaign.autonomy.stack.split(":")[0]
-    if not _importable(module):
+    if not campaign.autonomy.command and not _importable(module):
         mistakes.append(
             Mistake(
                 "autonomy.stack",
@@ -142,6 +145,14 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
             )
         )
     return (None, mistakes) if mistakes else (campaign, [])
+
+
+def _missing_image(campaign: Campaign) -> list[Mistake]:
+    """An image that is a path; a name is the runtime's business."""
+    image = campaign.autonomy.image
+    if image is None or image.runtime == "podman" or Path(image.path).exists():
+        return []
+    return [Mistake("autonomy.image.path", f"{image.path}: no such file or folder")]
 
 
 def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:

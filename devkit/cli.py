@@ -9,10 +9,13 @@ import json
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
+from devkit.check_command import check
 from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
 from devkit.training_commands import evaluate, train
+from schemas.foreign import Foreign
 from twin.fabric.cli import KeyOption, make_app, run
 from twin.fabric.errors import UsageError
 
@@ -25,6 +28,7 @@ app.command("detect")(detect)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("parity")(parity)
+app.command("check")(check)
 
 
 @app.command()
@@ -35,6 +39,9 @@ def host(
     slots: Annotated[int, typer.Option(min=1, help="Slots of the rig.")] = 1,
     stack: Annotated[str, typer.Option(help="Stack under test, module:Class.")] = "",
     parameters: Annotated[str, typer.Option(help="Stack parameters as JSON.")] = "{}",
+    foreign: Annotated[
+        str, typer.Option(help="Command of a stack in a process of its own, as JSON.")
+    ] = "",
     key: KeyOption = None,
     join: Annotated[
         Path | None,
@@ -48,7 +55,7 @@ def host(
     found = load_key(key) if key else None
     if join is not None:
         raise typer.Exit(run_join(join, found))
-    if not (connect and rig and stack):
+    if not (connect and rig and (stack or foreign)):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
     try:
         values = json.loads(parameters)
@@ -56,7 +63,12 @@ def host(
         raise UsageError(f"--parameters: not JSON: {error}") from None
     if not isinstance(values, dict):
         raise UsageError("--parameters: expected a JSON object, e.g. '{\"cruise_speed_mps\": 8}'")
-    raise typer.Exit(run_host(HostOptions(connect, rig, namespace, slots, stack, values, found)))
+    try:
+        command = msgspec.json.decode(foreign, type=Foreign) if foreign else None
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"--foreign: {error}") from None
+    options = HostOptions(connect, rig, namespace, slots, stack, values, found, command)
+    raise typer.Exit(run_host(options))
 
 
 def main() -> None:

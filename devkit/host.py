@@ -14,8 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from devkit.bridges import ScriptBridge
+from devkit.foreign import Script, drive_variables, end_descendants, run_command
+from devkit.foreign import watch_lifeline as watch_script_lifeline
+from devkit.foreign_place import placed
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
+from schemas.foreign import Foreign
 from schemas.messages import Commands
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
@@ -50,10 +55,14 @@ class HostOptions:
     parameters: dict[str, Any]
     key: Key | None = None
     """The fabric's key, for a simulator that listens with TLS."""
+    foreign: Foreign | None = None
+    """A command to start: the stack itself, or what ``stack`` is the bridge to."""
 
 
 def run_host(options: HostOptions) -> int:
     """Serve one rig until the process is ended or the simulator goes away."""
+    if options.foreign is not None:
+        return _run_foreign(options, options.foreign)
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
     if supervised:
@@ -61,6 +70,31 @@ def run_host(options: HostOptions) -> int:
         leave_signals_to_the_parent()
     else:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    return _run_stack(options, None)
+
+
+def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
+    """A stack, or the script behind a bridge, in a process of its own."""
+    variables = drive_variables(
+        connect=options.connect,
+        namespace=options.namespace,
+        rig=options.rig,
+        slots=options.slots,
+        parameters=options.parameters,
+        key=str(options.key.path) if options.key else "",
+    )
+    command, folder = placed(foreign)
+    script = Script(command, variables, folder)
+    if not options.stack:
+        return run_command(script)
+    watch_script_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
+    try:
+        return _run_stack(options, script)
+    finally:
+        end_descendants()
+
+
+def _run_stack(options: HostOptions, script: Script | None) -> int:
     bus = open_bus(
         "peer",
         connect=[options.connect],
@@ -75,6 +109,8 @@ def run_host(options: HostOptions) -> int:
         except StackError as error:
             raise InfrastructureError(str(error)) from None
         try:
+            if isinstance(stack, ScriptBridge):
+                stack.attach(script)
             serve(link, stack)
         finally:
             stack.close()

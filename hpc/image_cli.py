@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from hpc.enter import enter
+from twin.fabric.cli import Output, OutputOption
 
 Source = Annotated[
     Path | None,
@@ -26,6 +30,7 @@ def add_commands(app: typer.Typer) -> None:
     image.command("build")(build_image)
     app.add_typer(image)
     app.command("bundle")(bundle)
+    app.command("enter", context_settings={"allow_interspersed_args": False})(enter)
     fetch = typer.Typer(
         name="fetch",
         help="Fetch what a campaign needs from the internet; compute nodes have none.",
@@ -101,6 +106,7 @@ def fetch_repository(
         str, typer.Option(help="Shell command to run in the files once, e.g. a build.")
     ] = "",
     cache: Cache = Path("inputs"),
+    output: OutputOption = Output.human,
 ) -> None:
     """Fetch a repository, read-only, and print its folder.
 
@@ -110,7 +116,12 @@ def fetch_repository(
     from hpc.inputs import Repository
     from hpc.inputs import fetch_repository as fetch
 
-    print(fetch(Repository(url, ref, setup), cache).folder)
+    found = fetch(Repository(url, ref, setup), cache)
+    if output is Output.json:
+        facts = {"folder": str(found.folder), "commit": found.commit, "key": found.key}
+        print(json.dumps(facts))
+    else:
+        print(found.folder)
 
 
 def fetch_image(

@@ -5,6 +5,7 @@ system::
 
     CACHE/repositories/<key>/tree/      the files, read-only; beside them input.json: their origin
     CACHE/images/<sha256>.sif           an image, read-only
+    CACHE/repositories/<key>.log        what a set-up command said that failed
     CACHE/mirrors/<url's digest>.git    bare clones; a commit they hold needs no network again
 
 A key is the digest of the content (git's tree id) and of the set-up command, so a branch that moved
@@ -36,6 +37,9 @@ from twin.fabric.files import write_atomic
 
 TIMEOUT_S = 1800.0
 """Longest a transfer or a set-up command may take [s]."""
+
+LINES = 5
+"""Lines of a failed set-up command in its error; all of them are in its log."""
 
 _COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
 _REFERENCE = re.compile(r"(docker|oras|library|https?)://\S+")
@@ -184,7 +188,8 @@ def _make(repository: Repository, mirror: Path, commit: str, entry: Path, alone:
         if (tree / ".gitmodules").exists():
             _run(["git", "submodule", "--quiet", "update", "--init", "--recursive"], what, tree)
         if repository.setup:
-            _run(["sh", "-c", repository.setup], f"{what}: setup {repository.setup!r}", tree)
+            log = entry.parent / f"{entry.name}.log"
+            _run(["sh", "-c", repository.setup], f"{what}: setup {repository.setup!r}", tree, log)
         shutil.rmtree(tree / ".git")
         facts = {**asdict(repository), "commit": commit, "key": entry.name}
         write_atomic(folder / "input.json", json.dumps(facts, indent=1).encode() + b"\n")
@@ -222,8 +227,8 @@ def _git(*arguments: str) -> str:
     return done.stdout.strip()
 
 
-def _run(words: Sequence[str], what: str, folder: Path) -> None:
-    """Run a command; a failure is one line with its last words."""
+def _run(words: Sequence[str], what: str, folder: Path, log: Path | None = None) -> None:
+    """Run a command; a failure is one line with its last words, all of them are in ``log``."""
     # Nobody is there to be asked for a password.
     variables = {**os.environ, "GIT_TERMINAL_PROMPT": "0"}
     try:
@@ -246,7 +251,14 @@ def _run(words: Sequence[str], what: str, folder: Path) -> None:
         raise InfrastructureError(f"{what}: not done after {TIMEOUT_S:.0f} s") from None
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise UsageError(f"{what}: {said[-1] if said else f'exit code {done.returncode}'}")
+        ended = f"{what}: {said[-1] if said else f'exit code {done.returncode}'}"
+        if log is None:
+            raise UsageError(ended)
+        log.write_text(f"$ {words[-1]}\n{done.stdout}{done.stderr}exit code {done.returncode}\n")
+        last = " | ".join(line.strip() for line in said[-LINES:])
+        raise UsageError(
+            f"{what}: exit code {done.returncode}: {last}; all that it said is in {log}"
+        )
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.environment import Environment, environment_mistakes
+from schemas.foreign import BRIDGES, Bridge, Foreign, Image, Repository, Word
 from schemas.lens import EFFECTS, Effect
 from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
@@ -118,11 +119,31 @@ class Autonomy(_Spec, frozen=True):
 
     stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
     """Entry point ``module:Class``."""
+    command: list[Word] = []
+    """Command line of a stack in a process of its own, instead of ``stack``; it finds the rig in
+    its environment."""
+    bridge: Bridge = "none"
+    """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
+    Simulator; ``parameters`` are those of the bridge."""
+    repository: Repository | None = None
+    """Git repository that holds the command."""
+    image: Image | None = None
+    """Container in which the command runs."""
+    slots: Annotated[int, Meta(ge=0, le=4096)] = 0
+    """Most cases that the stack drives at once; 0: one for a command, for a class as many as the
+    worker has slots."""
     placement: Literal["worker", "inline", "node"] = "worker"
     """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
     simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Delay between a frame and the effect of its command, in sim time [ms]."""
+    latency_jitter_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
+    """Longest further delay, drawn evenly for every command from the case's own stream [ms]."""
+    rate_hz: Annotated[int, Meta(ge=0, le=500)] = 0
+    """Commands per second that take effect, a divisor of `control_hz`; the last one stays in force
+    between them; 0: all [Hz]."""
+    drop: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Share of the commands that get lost, drawn from the case's own stream [-]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
     perception: dict[Name, Perception] = msgspec.field(
@@ -219,8 +240,16 @@ class Case(_Spec, frozen=True, kw_only=True):
     sensors: Sensors = Sensors()
     environment: Environment = Environment()
     stack: str
+    """Entry point; empty for a command that speaks the drive plane itself."""
+    foreign: Foreign | None = None
+    """The stack's own process; None: a class alone."""
+    slots: int = 0
+    """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "inline", "node"]
     latency_ms: int
+    latency_jitter_ms: int = 0
+    rate_hz: int = 0
+    drop: float = 0.0
     parameters: dict[str, bool | int | float | str]
     model: str
     """Name of the perception variant."""
@@ -246,6 +275,10 @@ class Case(_Spec, frozen=True, kw_only=True):
         """The cameras that see, the main one first."""
         return [self.camera, *self.cameras] if self.render else []
 
+    def rig_slots(self, offered: int) -> int:
+        """Slots of its rig on a worker that offers so many."""
+        return min(self.slots, offered) if self.slots else offered
+
     def simulator_files(self) -> dict[str, str]:
         """Digests of the files that the simulator reads: scene and vehicle."""
         names = (self.scenario.scene, self.scenario.vehicle)
@@ -263,11 +296,17 @@ _SECTIONS: dict[str, type[Struct]] = {
     "scenario": Scenario,
     "camera": Camera,
     "environment": Environment,
+    "autonomy": Autonomy,
     **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
 }
+_DELAYS = ("latency_ms", "latency_jitter_ms", "rate_hz", "drop")
+"""What a matrix may vary of the section ``autonomy``."""
+
 _NO_AXES = (
     *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
+    # Which stack it is decides which cases may share a rig.
+    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in _DELAYS),
 )
 
 
@@ -346,7 +385,9 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
-    if not campaign.render and campaign.autonomy.stack == Autonomy().stack:
+    mistakes += _driver_mistakes(campaign)
+    own = not campaign.autonomy.command
+    if own and not campaign.render and campaign.autonomy.stack == Autonomy().stack:
         driver = f"off: stack {campaign.autonomy.stack} drives by a camera; name another"
         mistakes.append(Mistake("render", driver))
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
@@ -448,9 +489,11 @@ def _case(
     mistakes += found
     environment, found = _section(campaign.environment, "environment", point, where, memo)
     mistakes += found
+    autonomy, found = _section(campaign.autonomy, "autonomy", point, where, memo)
+    mistakes += found
     if mistakes:
         return None, mistakes
-    mistakes = _rates(campaign, camera, sensors)
+    mistakes = _rates(campaign, camera, sensors, autonomy)
     if mistakes:
         return None, mistakes
     return (
@@ -467,9 +510,12 @@ def _case(
             lidars=campaign.lidars,
             sensors=sensors,
             environment=environment,
-            stack=campaign.autonomy.stack,
+            **_driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
-            latency_ms=campaign.autonomy.latency_ms,
+            latency_ms=autonomy.latency_ms,
+            latency_jitter_ms=autonomy.latency_jitter_ms,
+            rate_hz=autonomy.rate_hz,
+            drop=autonomy.drop,
             parameters=campaign.autonomy.parameters,
             model=str(model),
             perception=variants[str(model)],
@@ -493,7 +539,54 @@ def _case(
     )
 
 
-def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake]:
+def _driver(autonomy: Autonomy) -> dict[str, Any]:
+    """What a case says about the process that drives it."""
+    if not autonomy.command:
+        return {"stack": autonomy.stack, "slots": autonomy.slots}
+    return {
+        "stack": BRIDGES.get(autonomy.bridge, ""),
+        "foreign": Foreign(
+            command=autonomy.command,
+            bridge=autonomy.bridge,
+            repository=autonomy.repository,
+            image=autonomy.image,
+        ),
+        "slots": autonomy.slots or 1,
+    }
+
+
+def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
+    """A stack is a class or a command, and a bridge has what its messages hold."""
+    autonomy = campaign.autonomy
+    mistakes = []
+    if autonomy.command and autonomy.stack != Autonomy().stack:
+        mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
+    if autonomy.command and autonomy.placement == "inline":
+        mistakes.append(Mistake("autonomy.placement", "inline is for a class, not for a command"))
+    for name in ("repository", "image"):
+        if getattr(autonomy, name) is not None and not autonomy.command:
+            mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))
+    if autonomy.bridge == "none":
+        return mistakes
+    if not autonomy.command:
+        mistakes.append(Mistake("autonomy.bridge", "needs the command that starts the script"))
+    if autonomy.slots > 1:
+        mistakes.append(Mistake("autonomy.slots", f"given {autonomy.slots}, a bridge drives 1"))
+    off = [name for name in ("encoders", "imu", "pose") if not getattr(campaign.sensors, name).on]
+    if off:
+        wanted = ", ".join(f"{name}: {{}}" for name in off)
+        mistakes.append(Mistake("sensors", f"the bridge sends them; add {wanted}"))
+    names = {campaign.camera.name, *(camera.name for camera in campaign.cameras)}
+    if not campaign.render or not {"front_left", "front_right"} <= names:
+        mistakes.append(
+            Mistake("cameras", "the bridge sends pictures of front_left and front_right; add them")
+        )
+    return mistakes
+
+
+def _rates(
+    campaign: Campaign, camera: Camera, sensors: Sensors, autonomy: Autonomy
+) -> list[Mistake]:
     """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
     mistakes = []
     control_hz = campaign.control_hz
@@ -505,6 +598,9 @@ def _rates(campaign: Campaign, camera: Camera, sensors: Sensors) -> list[Mistake
     rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
     rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
     rates.update((f"sensors.{name}", hz) for name, hz in sensors.rates(control_hz).items())
+    if autonomy.rate_hz and control_hz % autonomy.rate_hz:
+        allowed = f"given {autonomy.rate_hz}, allowed: a divisor of control_hz {control_hz}"
+        mistakes.append(Mistake("autonomy.rate_hz", allowed))
     mistakes += [
         Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")
         for name, hz in rates.items()

@@ -42,7 +42,7 @@ def rig_key(case: Case) -> str:
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
         *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
-        case.keep,
+        *(case.foreign, case.slots, case.keep),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -77,6 +77,8 @@ def _rig_key(case: Case) -> str:
         "view": case.view,
         "keep": case.keep,
         "render": case.render,
+        "foreign": msgspec.to_builtins(case.foreign),
+        "slots": case.slots,
     }
     return digest([_canonical(shared)])[:16]
 

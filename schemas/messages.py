@@ -79,6 +79,11 @@ IMU_COLUMNS = (
 y left, z up."""
 
 
+POSE_COLUMNS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+"""Columns of the true pose, float64 [S, 7]: the middle of the rear axle in the world, and the
+rotation that takes vehicle axes to world axes."""
+
+
 class Frame(Struct, frozen=True):
     """Attachment of a raw sensor array; lists are indexed by slot, inactive slots hold zeros."""
 
@@ -244,6 +249,8 @@ class Command(Struct, frozen=True):
     detections: list[Detection] = []
     sensors: SensorErrors | None = None
     """None: the errors of the sensors stay as they are."""
+    handbrake: float = 0.0
+    """0 to 1; since 1.1."""
 
 
 class Commands(Struct, frozen=True):
@@ -260,9 +267,15 @@ class Commands(Struct, frozen=True):
     """From the last sensor message to this answer; for benches, never a KPI [s]."""
 
 
+_COMMAND_RANGES = (
+    *(("throttle", 0, 1), ("brake", 0, 1), ("steering_rad", -1.5, 1.5)),
+    *(("handbrake", 0, 1),),
+)
+
+
 def command_mistake(command: Command) -> str:
     """What is wrong with a command's values, or an empty string."""
-    for name, low, high in (("throttle", 0, 1), ("brake", 0, 1), ("steering_rad", -1.5, 1.5)):
+    for name, low, high in _COMMAND_RANGES:
         value = getattr(command, name)
         if not low <= value <= high:
             return f"command {name} is {value}, allowed: {low} to {high}"
@@ -301,6 +314,8 @@ class Ready(Struct, frozen=True):
     """The stack opened the handle and takes frames in the GPU's memory."""
     seen: bool = False
     """The other side's ``ready`` has arrived."""
+    minor: int = 0
+    """Minor version of the drive plane that this side speaks, see :data:`schemas.DRIVE_MINOR`."""
 
 
 # --- control plane ------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What a campaign file says about the car's own sensors: encoders, GNSS and IMU.
+"""What a campaign file says about the car's own sensors: encoders, GNSS, IMU and the true pose.
 
 A sensor is there if the section ``sensors`` names it: ``sensors: {gnss: {}, imu: {hz: 10}}``. Every
 amplitude is one standard deviation (1 sigma) unless it says otherwise; 0 switches that error off,
@@ -110,12 +110,22 @@ class Imu(_Spec, frozen=True):
     """Correlation time of the biases [s]."""
 
 
+class Pose(_Spec, frozen=True):
+    """Where the car is and how it stands, without errors: for protocols that send it, and tests."""
+
+    on: bool = True
+    """Whether it is there."""
+    hz: ControlRate = 0
+    """Readings per second, a divisor of the control rate; 0: the control rate [Hz]."""
+
+
 class Sensors(_Spec, frozen=True):
     """The section ``sensors``: a sensor that is not named is not there."""
 
     encoders: Encoders = Encoders(on=False)
     gnss: Gnss = Gnss(on=False)
     imu: Imu = Imu(on=False)
+    pose: Pose = Pose(on=False)
 
     def rates(self, control_hz: int) -> dict[str, int]:
         """Name -> rate of every sensor that is on, in the order of the fields [Hz]."""

@@ -38,6 +38,7 @@ ENVIRONMENT = Topic(
 ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True, False)
 GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True, False)
 IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True, False)
+POSE = Topic("drive/{rig}/sensor/pose", "array", "POSE_COLUMNS [S,7] float64", True, False)
 EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True, False)
 TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True, False)
 COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True, True)
@@ -89,6 +90,7 @@ TOPICS: tuple[Topic, ...] = (
     ENCODERS,
     GNSS,
     IMU,
+    POSE,
     EPISODE,
     TICK,
     COMMAND,

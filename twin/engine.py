@@ -16,6 +16,7 @@ from schemas.assets import asset_digest
 from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, command_mistake
+from twin.command_delay import Delays
 from twin.fabric.frames import Channel
 from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
@@ -66,14 +67,17 @@ class _Run:
 
     case: Case
     environment: CaseEnvironment
-    delay: int
-    """Latency of its commands, in physics steps."""
     pending: deque[tuple[int, Command]] = field(default_factory=deque)
     """Commands with the physics step from which they are in force."""
+    delays: Delays = field(init=False)
+    """Between command and effect."""
     lights: Lights = _NO_LIGHTS
     """Lamps in force."""
     lane: LaneProgress | None = None
     """Of a case of lane keeping."""
+
+    def __post_init__(self) -> None:
+        self.delays = Delays(self.case)
 
 
 class Engine(Steerable):
@@ -199,8 +203,7 @@ class Engine(Steerable):
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
         self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
-        delay = -(-case.latency_ms * 1_000_000 // PHYSICS_STEP_NS)
-        self._runs[slot] = _Run(case, environment, delay)
+        self._runs[slot] = _Run(case, environment)
         self._recorder.begin(slot)
         self._limits.begin(slot, case.scenario)
         if case.scenario.type == "lane_keeping":
@@ -366,8 +369,7 @@ class Engine(Steerable):
     def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
         """Work out which commands are in force in the coming period, and from which step.
 
-        Commands come once per period and all wait equally long, so at most one takes over inside a
-        period.
+        Of several that arrive within one period the newest counts.
         """
         vehicles = self._vehicles
         first_steps = self.sim_time_ns // PHYSICS_STEP_NS
@@ -377,15 +379,17 @@ class Engine(Steerable):
         vehicles.switch_step[which] = self._steps
         slots, asked, switches = [], [], []
         for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
-            run.pending.append((first_step + run.delay, command))
+            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
             while run.pending and run.pending[0][0] < first_step + self._steps:
                 step, current = run.pending.popleft()
                 slots.append(slot)
-                asked.append((current.throttle, current.brake, current.steering_rad))
+                asked.append(
+                    (current.throttle, current.brake, current.steering_rad, current.handbrake)
+                )
                 switches.append(step - first_step)
                 run.lights = current.lights
         if slots:
-            vehicles.commands[slots, 0, 1, :3] = asked
+            vehicles.commands[slots, 0, 1, :4] = asked
             vehicles.switch_step[slots] = switches
 
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:

@@ -20,6 +20,7 @@ _LABELS = {
 _UNITS = {
     "_mps": "m/s",
     "_deg": "deg",
+    "_ms": "ms",
     "_m": "m",
     "_s": "s",
     "camera.width": "px",
@@ -39,7 +40,8 @@ def axis_value(case: Case, axis: str) -> Any:
     if axis == "time_of_day":
         return f"{case.time_of_day_min // 60:02}:{case.time_of_day_min % 60:02}"
     value: Any = case
-    for part in axis.split("."):
+    # A case holds what it needs of the section autonomy itself.
+    for part in axis.removeprefix("autonomy.").split("."):
         value = getattr(value, part)
     return value
 

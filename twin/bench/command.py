@@ -177,6 +177,29 @@ def lidar(
 
 
 @app.command()
+def drive(
+    ticks: Annotated[int, typer.Option(min=10, help="Ticks of a round.")] = 1000,
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 below a target.")] = False,
+) -> None:
+    """Lockstep ticks per second of simulator and stack, beside the AutoDRIVE bridge.
+
+    One slot, two pictures of 640x360 and 32 x 1024 points with every tick, nothing rendered, a
+    stack that looks at nothing. Targets: 300 ticks/s, and 20 times the bridge in the same run.
+    """
+    from twin.bench import drive as bench
+
+    found = bench.measure(ticks)
+    if output is Output.json:
+        print(json.dumps(bench.as_json(found), indent=1))
+    else:
+        print("\n".join(bench.lines(found)))
+    if check and found.missed:
+        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+@app.command()
 def campaign(
     campaign: Annotated[str, typer.Argument(help="Shipped campaign or path of a file.")],
     slots: Annotated[

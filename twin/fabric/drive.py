@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
-from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode, encode
+from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
@@ -33,6 +33,9 @@ READY_PERIOD_S = 0.05
 
 RESEND_S = 1.0
 """A seq without commands is published again after this long [s]."""
+
+WAITING_MAX = 1000
+"""Most messages of the stack that wait for the simulator."""
 
 FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
@@ -102,8 +105,21 @@ class SimulatorEnd:
         self.resent = 0
         """Seqs published again."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._inbox.put)
-        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._inbox.put)
+        self._fault = ""
+        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
+
+    def _take(self, sample: Sample) -> None:
+        """Keep a message of the stack; one that is hostile must not fill our memory."""
+        if len(sample.payload) > MESSAGE_BYTES_MAX:
+            size = len(sample.payload)
+            self._fault = (
+                f"stack: message of {size} bytes, at most {MESSAGE_BYTES_MAX} are accepted"
+            )
+        elif self._inbox.qsize() >= WAITING_MAX:
+            self._fault = f"stack: more than {WAITING_MAX} messages wait; one answers a tick"
+        else:
+            self._inbox.put(sample)
 
     def handshake(self, on_wait: Callable[[], None]) -> None:
         """Repeat ``ready`` until the stack answers; ``on_wait`` may raise to give up."""
@@ -116,6 +132,7 @@ class SimulatorEnd:
             frames=self._frames.path if self._frames else "",
             frames_bytes=self._frames.size if self._frames else 0,
             nonce=self._frames.nonce if self._frames else "",
+            minor=DRIVE_MINOR,
             gpu=self._device,
             gpu_handle=self._probe.handle if self._probe else b"",
             gpu_nonce=self._probe.nonce if self._probe else "",
@@ -126,7 +143,10 @@ class SimulatorEnd:
             on_wait()
             if sample is None or not sample.key.endswith("/control/stack"):
                 continue
-            answer: Ready = decode(sample.payload, Ready)
+            try:
+                answer: Ready = decode(sample.payload, Ready)
+            except WireError as error:
+                raise InfrastructureError(f"stack: {error}") from None
             if answer.seen:
                 self.transport = "memory" if answer.shared else "bytes"
                 if answer.on_gpu and self._probe is not None:
@@ -147,6 +167,8 @@ class SimulatorEnd:
         sent = time.monotonic()
         while True:
             sample = self._receive(min(0.1, self._resend_s))
+            if self._fault:
+                raise InfrastructureError(self._fault)
             if sample is None:
                 on_wait()
                 if time.monotonic() - sent >= self._resend_s:
@@ -156,7 +178,10 @@ class SimulatorEnd:
                 continue
             if not sample.key.endswith("/command"):
                 continue  # a late ready
-            commands: Commands = decode(sample.payload, Commands)
+            try:
+                commands: Commands = decode(sample.payload, Commands)
+            except WireError as error:
+                raise InfrastructureError(f"stack: {error}") from None
             if commands.error:
                 raise InfrastructureError(f"stack: {commands.error}")
             if commands.seq == seq:
@@ -356,5 +381,6 @@ class StackEnd:
             shared=self._map is not None,
             on_gpu=bool(self._gpu),
             seen=seen,
+            minor=DRIVE_MINOR,
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))

@@ -13,6 +13,7 @@ from schemas.messages import SensorErrors
 from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver
 from twin.sensors.imu import InertialUnit
+from twin.sensors.pose import TruePose
 from twin.world.scene import Origin
 
 
@@ -50,6 +51,8 @@ class SensorSuite:
             self._sensors["gnss"] = SatelliteReceiver(case, origin, slots, device)
         if "imu" in wanted:
             self._sensors["imu"] = InertialUnit(case, slots, device)
+        if "pose" in wanted:
+            self._sensors["pose"] = TruePose(case, slots)
         self.needs_truth = bool(wanted)
         """:meth:`read` needs the vehicles' truth."""
         self.period = math.lcm(*(sensor.every for sensor in self._sensors.values()))

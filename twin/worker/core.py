@@ -5,7 +5,7 @@ The shell (:mod:`twin.worker.shell`) feeds events with the time and carries out 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -131,6 +131,8 @@ class Rig:
     """The running rig."""
 
     key: str
+    slots: int
+    """Cases that it drives at once."""
     ready: bool = False
 
 
@@ -175,9 +177,14 @@ class Core:
 
     # --- events -----------------------------------------------------------------------------
 
-    def on_time(self, now_ns: int) -> list[Effect]:
-        """Time has passed: stalled rigs, heartbeats, requests."""
-        effects = self._stalled(now_ns) + self._drained(now_ns)
+    def on_time(self, now_ns: int, said: Callable[[], str] = str) -> list[Effect]:
+        """Time has passed: stalled rigs, heartbeats, requests.
+
+        Args:
+            now_ns: the time [ns].
+            said: the last words of the stack, asked for when a rig stalled.
+        """
+        effects = self._stalled(now_ns, said) + self._drained(now_ns)
         if self.phase == "left" or self.asking:
             return effects
         request = self._request(now_ns)
@@ -411,7 +418,8 @@ class Core:
             return 0
         if any(held.lease.alone for held in self.held.values()):
             return 0
-        return self.hello.slots - len(self.held)
+        slots = self.rig.slots if self.rig else self.hello.slots
+        return max(0, slots - len(self.held))
 
     def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
         if reply.error:
@@ -481,9 +489,16 @@ class Core:
                 assert not self.held, "a lease of another rig came while cases were running"
                 effects.append(StopRig())
                 self.rig = None
+            slots = lease.case.rig_slots(self.hello.slots)
+            if len(self.held) >= slots:
+                # Asked for before its rig was known: a stack may drive fewer cars than we have.
+                why = f"the stack drives {slots} at once"
+                self.ended.append(self._end_of(lease.token, Held(lease), "released", why))
+                self.ask_at_ns = now_ns
+                continue
             self.held[lease.token] = Held(lease, moved_ns=now_ns)
             if self.rig is None:
-                self.rig = Rig(key)
+                self.rig = Rig(key, slots)
                 effects.append(StartRig(lease))
             elif self.rig.ready:
                 effects.append(AssignLease(lease))
@@ -497,13 +512,13 @@ class Core:
                 self.ask_at_ns = now_ns
         return effects
 
-    def _stalled(self, now_ns: int) -> list[Effect]:
+    def _stalled(self, now_ns: int, said: Callable[[], str]) -> list[Effect]:
         for held in self.held.values():
             deadline_ns = int(held.lease.case.deadline_s * SECOND_NS)
             if now_ns - held.moved_ns >= deadline_ns:
                 detail = (
                     f"case {held.lease.case.id}: no progress for {held.lease.case.deadline_s:g} s "
-                    f"at tick {max(held.progress, 0)}"
+                    f"at tick {max(held.progress, 0)}{said()}"
                 )
                 return self.on_rig_died("deadline", detail, now_ns)
         return []

@@ -17,12 +17,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import msgspec
 import psutil
 
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
+from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
@@ -35,6 +37,9 @@ STOPPED_GRACE_S = 0.5
 
 FILE_GRACE_S = 1.0
 """After that: longest wait for it to finish its files without the rest [s]."""
+
+FOREIGN_GRACE_S = 5.0
+"""Longest wait for the end of everything that a foreign stack started [s]."""
 
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
@@ -69,6 +74,7 @@ class RigProcess:
         self._options = options
         self._lease = lease
         self._inbox = inbox
+        self._slots = lease.case.rig_slots(options.slots)
         self._id = secrets.token_hex(8)
         self._stopped = False
         self._lock = threading.Lock()
@@ -90,7 +96,7 @@ class RigProcess:
             [
                 *(sys.executable, "-m", "twin", "sim"),
                 *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
-                *("--slots", str(options.slots), "--device", options.device),
+                *("--slots", str(self._slots), "--device", options.device),
                 *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
             ],
@@ -137,14 +143,21 @@ class RigProcess:
             self._stopped = True
         self._finish_recordings()
         for child in (self._simulator, self._stack, self._recorder):
-            if child is not None:
+            if child is None:
+                continue
+            if child is not self._stack or self._lease.case.foreign is None:
                 child.kill()  # nothing of value is in there: results are on disk
-                end(child)
+            # What keeps watch over a foreign stack has to end all that the stack started.
+            end(child, FOREIGN_GRACE_S)
         if self._announced is not None:
             self._announced.unlink(missing_ok=True)
         self._log.close()
         self._stack_log.close()
         self._recorder_log.close()
+
+    def stack_words(self) -> str:
+        """The last lines of a foreign stack's log; a class says its reason by itself."""
+        return "" if self._lease.case.foreign is None else last_lines(self._stack_log)
 
     def _write(self, data: bytes) -> None:
         assert self._simulator.stdin is not None
@@ -172,9 +185,12 @@ class RigProcess:
         """The simulator listens: start the stack, or announce the rig to a remote one."""
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
-            *("--slots", str(self._options.slots), "--stack", self._lease.case.stack),
+            *("--slots", str(self._slots), "--stack", self._lease.case.stack),
             *("--parameters", json.dumps(self._lease.case.parameters), *self._key),
         ]
+        if self._lease.case.foreign is not None:
+            foreign = msgspec.json.encode(self._lease.case.foreign).decode()
+            arguments += ["--foreign", foreign]
         if self._lease.case.placement == "inline":
             return  # the simulator has it in its own process
         if self._lease.case.placement == "node":
@@ -243,7 +259,11 @@ class RigProcess:
             tail = last_lines(log)
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
-        self._inbox.put((self, RigDied("crash", f"{detail}: {tail}" if tail else detail)))
+        foreign = self._lease.case.foreign
+        # A bridge says so if another rig of this host is at its port: nobody's fault.
+        waits = name == "stack" and foreign and foreign.bridge != "none"
+        reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
+        self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
 
 
 def _threads() -> dict[str, str]:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Beat, Hello, Next, Reply, Request
 from schemas.view import ViewMode
@@ -233,7 +235,7 @@ class Worker:
         if self._rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
             self._memory_at_ns = now + MEMORY_PERIOD_NS
             self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
-        self._carry_out(self._core.on_time(now))
+        self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
         self._resources.work = work_of(map(self._delivery.localized, leases))
 
@@ -267,11 +269,21 @@ class Worker:
             case (_, Steered(result, changes)):
                 return core.on_steered(result, changes, now)
             case (_, Done(result)):
+                if result.outcome == "failed" and (words := self._stack_words()):
+                    reasons = [*result.reasons, words.lstrip("; ")]
+                    result = structs.replace(result, reasons=reasons)
                 return core.on_done(result, now)
-            case (_, Broken(reason, detail)) | (_, RigDied(reason, detail)):
+            case (_, Broken(reason, detail)):
+                return core.on_rig_died(reason, detail + self._stack_words(), now)
+            case (_, RigDied(reason, detail)):
                 return core.on_rig_died(reason, detail, now)
             case _:
                 return []
+
+    def _stack_words(self) -> str:
+        """What a stack of another process said last, to be added to a reason."""
+        said = self._rig.stack_words() if self._rig else ""
+        return f"; the stack's log ends: {said}" if said else ""
 
     def _carry_out(self, effects: list[decisions.Effect]) -> None:
         assert self._delivery is not None

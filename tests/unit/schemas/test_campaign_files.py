@@ -151,7 +151,7 @@ def test_unreadable_files(tmp_path):
 
 
 def test_shipped_campaigns_are_the_papers():
-    assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16", "lane-loop"}
+    assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16", "lane-loop", "latency-study"}
     campaign = load("aeb-256")
     cases = expand(campaign)
     assert len(cases) == len({c.id for c in cases}) == 256

@@ -519,3 +519,34 @@ def test_a_steered_case_goes_back_uncharged_also_when_it_takes_its_rig_along():
     core.on_touched(2, Touch(5, "pose", 1), 0)
     core.on_rig_died("crash", "signal 11", 0)
     assert core.ended[-1].reason == "intervened"
+
+
+def test_a_stack_that_drives_one_car_gets_one_case_at_a_time():
+    """Asked for two before the stack was known: the second is given back, uncharged."""
+    core, request = joined(slots=2)
+    single = [msgspec.structs.replace(case, slots=1) for case in CASES]
+    leases = [lease(token, single[token - 1]) for token in (1, 2)]
+    assert core.on_reply(request, reply(seq=1, leases=leases), 0) == [StartRig(leases[0])]
+    assert core.on_rig_ready() == [AssignLease(leases[0])]
+    (ask,) = core.on_time(0)
+    assert [(e.token, e.reason) for e in ask.request.ended] == [(2, "released")]
+    assert ask.request.held == [1]
+    assert ask.request.k == 0
+    core.on_reply(ask.request, reply(seq=2), 0)
+    core.on_done(result(1), SECOND_NS)
+    (ask,) = core.on_time(SECOND_NS)
+    assert ask.request.k == 1  # the rig waits for one, not for two
+
+
+def test_the_last_words_of_a_stack_are_asked_for_when_it_hangs():
+    core = working(tokens=(1,))
+    asked = []
+
+    def said():
+        asked.append(1)
+        return "; the stack's log ends: hm"
+
+    core.on_time(4 * SECOND_NS, said)
+    assert not asked
+    core.on_time(5 * SECOND_NS, said)
+    assert core.ended[0].detail.endswith("at tick 0; the stack's log ends: hm")

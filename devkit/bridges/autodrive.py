@@ -1,0 +1,216 @@
+"""The AutoDRIVE Simulator's part, played for an unmodified script of the AutoDRIVE devkit.
+
+The script is the Socket.IO server; the bridge connects to it as the AutoDRIVE Simulator does and
+exchanges one pair of ``Bridge`` events per tick, in lockstep. A script knows no new cases: it is
+started anew for each, so that no case depends on the one before.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import socket
+import sys
+import time
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from msgspec import Meta, Struct
+
+from devkit.bridges import ScriptBridge
+from devkit.bridges.autodrive_fields import FieldError, asks_for_weather, command, telemetry
+from devkit.bridges.socketio import SocketClient, SocketError, connect
+from devkit.foreign import Script
+from devkit.stack import Observation
+from schemas.lidar import POINT_COLUMNS
+from schemas.messages import Command, Episode
+from schemas.validation import convert_all
+from twin.fabric.errors import InfrastructureError, UnfinishedError
+
+EVENT = "Bridge"
+"""The one event of the protocol, in both directions."""
+
+LOOK_S = 0.2
+"""How often the script is looked at while it is waited for [s]."""
+
+POINT = np.dtype(
+    {
+        "names": ["x_m", "y_m", "z_m", "intensity", "ring"],
+        "formats": ["<f4", "<f4", "<f4", "<f4", "<u2"],
+        "offsets": [0, 4, 8, 16, 20],
+        "itemsize": 24,
+    }
+)
+"""A point as the devkit's ROS bridges take it apart."""
+
+
+class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of the bridge, under ``autonomy.parameters``."""
+
+    host: str = "127.0.0.1"
+    """Where the script listens."""
+    port: Annotated[int, Meta(ge=1, le=65_535)] = 4567
+    """Its port; one rig of a host uses it at a time."""
+    start_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
+    """Longest time until it listens [s]."""
+    answer_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
+    """Longest time until it answers an event [s]."""
+    steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.62
+    """Angle of the road wheels at a steering command of 1; opencav's limit [rad]."""
+    ticks_per_rev: Annotated[float, Meta(gt=0, le=1e6)] = 44.0
+    """Encoder ticks per revolution: ``sensors.encoders.ppr`` x ``cgr``."""
+    jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 75
+    """Of the pictures; 75 is what Unity's encoder uses."""
+    aeb_brake: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    """Braking as hard as this counts as emergency braking."""
+
+
+class AutodriveBridge(ScriptBridge):
+    """One car, driven by a script that waits for the AutoDRIVE Simulator."""
+
+    def __init__(self, slots: int, **parameters: Any) -> None:
+        """See :class:`BridgeParameters`."""
+        super().__init__(slots)
+        if slots != 1:
+            raise ValueError(f"given {slots} slots: the bridge drives one car; set slots: 1")
+        if importlib.util.find_spec("websockets") is None:
+            raise ValueError("no package websockets: pip install 'drivetwin[autodrive]'")
+        found, mistakes = convert_all(parameters, BridgeParameters)
+        if found is None:
+            raise ValueError(mistakes[0].line("autonomy.parameters"))
+        self._given = found
+        self._where = f"{found.host}:{found.port}"
+        self._turn: socket.socket | None = None
+        self._script: Script | None = None
+        self._client: SocketClient | None = None
+        self._episode: Episode | None = None
+        self._rows: dict[str, np.ndarray] = {}
+        self._images: dict[str, bytes] = {}
+        self._points = b""
+        self._said_weather = False
+
+    def attach(self, script: Script | None) -> None:
+        """Start ``script`` when it is our turn."""
+        self._turn = _take_turn(self._given.port)
+        self._script = script
+        if script is not None:
+            script.start()
+
+    def reset(self, slot: int, episode: Episode) -> None:
+        """A new case: a new script, which knows nothing of the last one."""
+        if self._client is not None:
+            self._client.close()
+            if self._script is not None:
+                self._script.restart()
+        try:
+            self._client = connect(
+                *(self._given.host, self._given.port, self._given.start_s),
+                self._check_script,
+            )
+        except SocketError as error:
+            raise InfrastructureError(
+                f"script at {self._where}: {error}; it has to serve Socket.IO there"
+            ) from None
+        assert slot == 0, "the only slot there is"
+        self._episode = episode
+        self._rows, self._images, self._points = {}, {}, b""
+
+    def step(self, observation: Observation) -> list[Command]:
+        """One exchange with the script."""
+        slots = observation.active_slots()
+        if not slots:
+            return []
+        assert self._client is not None
+        self._look(observation, slots[0])
+        tick = int(observation.tick[slots[0]])
+        fields = telemetry(self._rows, self._images, self._points, self._given.ticks_per_rev)
+        try:
+            self._client.emit(EVENT, fields)
+            data = self._answer()
+            answer = command(
+                *(data, slots[0], int(observation.token[slots[0]]), tick),
+                *(self._given.steering_max_rad, self._given.aeb_brake),
+            )
+        except (SocketError, FieldError) as error:
+            self._check_script()  # its own end says more than that of the connection
+            raise InfrastructureError(f"script at {self._where}: {error}, at tick {tick}") from None
+        if asks_for_weather(data) and not self._said_weather:
+            self._said_weather = True
+            print("the script's time and weather are ignored: the case decides", file=sys.stderr)
+        return [answer]
+
+    def close(self) -> None:
+        """Leave the script, and the port to the next rig."""
+        if self._client is not None:
+            self._client.close()
+        if self._turn is not None:
+            self._turn.close()
+
+    def _answer(self) -> Any:
+        """The script's next ``Bridge`` event.
+
+        Raises:
+            SocketError: none came in time.
+        """
+        assert self._client is not None
+        until_s = time.monotonic() + self._given.answer_s
+        while (left_s := until_s - time.monotonic()) > 0:
+            received = self._client.receive(min(LOOK_S, left_s))
+            if received is None:
+                self._check_script()
+                continue
+            event, data = received
+            if event == EVENT:
+                return data
+        raise SocketError(f"no answer to '{EVENT}' within {self._given.answer_s:g} s")
+
+    def _check_script(self) -> None:
+        if self._script is not None:
+            self._script.check()
+
+    def _look(self, observation: Observation, slot: int) -> None:
+        """Keep the last reading of every sensor: the script gets all of them every time."""
+        for name in ("vehicle", "encoders", "imu", "pose"):
+            if name in observation.sensors:
+                self._rows[name] = observation.sensors[name][slot]
+        assert self._episode is not None
+        for site in self._episode.cameras:
+            if site.message in observation.sensors:
+                self._images[site.name] = self._jpeg(observation.sensors[site.message][slot])
+        for lidar in self._episode.lidars[:1]:
+            if lidar.message in observation.sensors:
+                rows = observation.sensors[lidar.message][slot]
+                self._points = _points(rows, lidar.columns)
+
+    def _jpeg(self, rgb: np.ndarray) -> bytes:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, self._given.jpeg_quality]
+        done, data = cv2.imencode(".jpg", rgb[..., ::-1], quality)
+        assert done, "OpenCV could not write a JPEG"
+        return bytes(data)
+
+
+def _points(rows: np.ndarray, columns: int) -> bytes:
+    """The returns of a lidar, :data:`POINT` each."""
+    found = np.flatnonzero(~np.isnan(rows[:, POINT_COLUMNS.index("x_m")]))
+    points = np.zeros(len(found), POINT)
+    for name in ("x_m", "y_m", "z_m", "intensity"):
+        points[name] = rows[found, POINT_COLUMNS.index(name)]
+    points["ring"] = found // columns
+    return points.tobytes()
+
+
+def _take_turn(port: int) -> socket.socket:
+    """Only one rig of a host may use a port: a script listens where it always does.
+
+    The name of a socket is a lock that leaves nothing behind.
+
+    Raises:
+        UnfinishedError: another rig has it.
+    """
+    turn = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        turn.bind(f"\0drivetwin-bridge-{port}")
+    except OSError:
+        turn.close()
+        raise UnfinishedError(f"port {port} is used by another rig of this host") from None
+    return turn

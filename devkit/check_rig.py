@@ -1,0 +1,227 @@
+"""A rig without a simulator: a real stack process, and our end of its lockstep."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgpack
+import msgspec
+import numpy as np
+
+from devkit.check_frames import Drive, episode_of, sense
+from schemas import SCHEMA_VERSION, topics
+from schemas.campaign import Case
+from schemas.messages import Command, Commands, Episode, Frame, Tick
+from schemas.wire import decode
+from twin.fabric.bus import Bus, Sample
+from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.zenoh_bus import open_bus
+
+RESEND_S = 0.5
+"""A seq without an answer is published again after this long [s]."""
+
+END_S = 5.0
+"""Longest wait for the end of everything that a stack started [s]."""
+
+
+def _warm(_tick: int) -> bool:
+    """No fault, every time counts."""
+    return False
+
+
+class Faulty:
+    """The bus, with messages of one tick lost, changed or sent twice."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self.lose = ""
+        """Name of a sensor whose next message is lost."""
+        self.change_tick = False
+        """The next tick has keys of a later minor version."""
+        self.lost = 0
+        self.changed = 0
+
+    def publish(
+        self, key: str, payload: bytes, attachment: bytes = b"", *, block: bool = False
+    ) -> None:
+        """Publish, unless a fault is due."""
+        if self.lose and key.endswith(f"/sensor/{self.lose}"):
+            self.lose = ""
+            self.lost += 1
+            return
+        if self.change_tick and key.endswith("/tick"):
+            self.change_tick = False
+            self.changed += 1
+            plain = msgpack.unpackb(payload)
+            payload = msgpack.packb({**plain, "moon_phase": [0.5], "later": {"minor": 99}})
+        self._bus.publish(key, payload, attachment, block=block)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bus, name)
+
+
+class CheckRig:
+    """One stack process with S slots; exchanges ticks with it."""
+
+    def __init__(
+        self, case: Case, slots: int, bus: Bus, rig: str, child: subprocess.Popen[bytes], log: Any
+    ) -> None:
+        self._case, self._slots, self._rig = case, slots, rig
+        self._child, self._log = child, log
+        self.bus = Faulty(bus)
+        self._end = SimulatorEnd(self.bus, rig, slots, None, resend_s=RESEND_S)  # type: ignore[arg-type]
+        self._answers: list[bytes] = []
+        bus.subscribe(topics.COMMAND.key.format(rig=rig), self._keep)
+        self._seq = 0
+        self._token = 0
+        self._last: tuple[Tick, list[Outgoing]] | None = None
+        self.wall_s: list[float] = []
+        """What every exchange took, those without a fault [s]."""
+
+    def _keep(self, sample: Sample) -> None:
+        self._answers.append(sample.payload)
+
+    def handshake(self, timeout_s: float) -> None:
+        """Wait until the stack is ready."""
+        self._end.handshake(self._patience(timeout_s, "does not say that it is ready"))
+
+    def drive(
+        self,
+        drives: list[Drive | None],
+        ticks: int,
+        timeout_s: float,
+        before: Callable[[int], bool] = _warm,
+    ) -> list[list[Command]]:
+        """New cases in all slots, ``ticks`` long.
+
+        Args:
+            drives: one per slot, None: stays empty.
+            ticks: how many.
+            timeout_s: longest wait for an answer [s].
+            before: runs before each tick; true: a fault was set up, so its time does not count.
+
+        Returns:
+            The commands of every tick, by slot.
+        """
+        tokens = []
+        for _ in drives:
+            self._token += 1
+            tokens.append(self._token)
+        return [self._exchange(drives, tokens, t, timeout_s, before(t)) for t in range(ticks)]
+
+    def repeat(self, timeout_s: float) -> tuple[bytes, bytes]:
+        """Publish the last seq once more; the answer before, and the one to the repeat."""
+        assert self._last is not None
+        wait = self._patience(timeout_s, "does not answer a repeated seq")
+        tick, sensors = self._last
+        self._end.exchange(tick.seq, tick, sensors, [], wait)
+        while len(found := self._answers_to(tick.seq)) < 2:
+            wait()
+            time.sleep(0.001)  # they are on their way to us twice, on two subscriptions
+        return found[0], found[1]
+
+    def _answers_to(self, seq: int) -> list[bytes]:
+        return [data for data in self._answers if decode(data, Commands).seq == seq]
+
+    def _exchange(
+        self,
+        drives: list[Drive | None],
+        tokens: list[int],
+        tick: int,
+        timeout_s: float,
+        faulty: bool,
+    ) -> list[Command]:
+        episodes = [
+            episode_of(self._case, drive, slot, tokens[slot], self._seq)
+            for slot, drive in enumerate(drives)
+            if drive is not None and tick == 0
+        ]
+        message, sensors = self._messages(drives, tokens, tick, episodes)
+        started_s = time.monotonic()
+        wait = self._patience(timeout_s, f"does not answer tick {tick}")
+        answer = self._end.exchange(self._seq, message, sensors, episodes, wait)
+        if not faulty:
+            self.wall_s.append(time.monotonic() - started_s)
+        self._last = message, sensors
+        self._seq += 1
+        return sorted(answer.commands, key=lambda command: command.slot)
+
+    def _messages(
+        self, drives: list[Drive | None], tokens: list[int], tick: int, episodes: list[Episode]
+    ) -> tuple[Tick, list[Outgoing]]:
+        period_ns = 1_000_000_000 // self._case.control_hz
+        active = [drive is not None for drive in drives]
+        each: dict[str, Any] = {
+            "v": SCHEMA_VERSION,
+            "seq": self._seq,
+            "active": active,
+            "token": [token if on else 0 for token, on in zip(tokens, active, strict=True)],
+            "tick": [tick if on else 0 for on in active],
+            "sim_time_ns": [tick * period_ns if on else 0 for on in active],
+        }
+        outgoing = []
+        for name, (values, count) in sense(self._case, drives, tick).items():
+            array = np.ascontiguousarray(values)
+            frame = Frame(
+                **each,
+                type=name,
+                case=[drive.case if drive else "" for drive in drives],
+                dtype=array.dtype.newbyteorder("<").str,
+                shape=list(array.shape),
+                encoding=topics.sensor_topic(name).type,
+                count=count or [],
+            )
+            outgoing.append(Outgoing(name, frame, array.tobytes()))
+        names = [sensor.name for sensor in outgoing]
+        return Tick(**each, sensors=names, episodes=len(episodes)), outgoing
+
+    def _patience(self, timeout_s: float, what: str) -> Callable[[], None]:
+        until_s = time.monotonic() + timeout_s
+
+        def wait() -> None:
+            code = self._child.poll()
+            if code is not None:
+                raise InfrastructureError(f"stack {how_it_ended(code)}{self._words()}")
+            if time.monotonic() > until_s:
+                raise InfrastructureError(f"stack {what} within {timeout_s:g} s{self._words()}")
+
+        return wait
+
+    def _words(self) -> str:
+        said = last_lines(self._log)
+        return f": {said}" if said else ""
+
+
+@contextlib.contextmanager
+def running(case: Case, slots: int, timeout_s: float) -> Iterator[CheckRig]:
+    """A stack process that is ready, and its end afterwards."""
+    rig = secrets.token_hex(4)
+    namespace = f"check/{rig}"
+    bus = open_bus("peer", listen=[LOOPBACK], namespace=namespace)
+    with tempfile.TemporaryFile() as log:
+        arguments = [
+            *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", namespace),
+            *("--slots", str(slots), "--stack", case.stack),
+            *("--parameters", json.dumps(case.parameters)),
+        ]
+        if case.foreign is not None:
+            arguments += ["--foreign", msgspec.json.encode(case.foreign).decode()]
+        child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
+        try:
+            found = CheckRig(case, slots, bus, rig, child, log)
+            found.handshake(timeout_s)
+            yield found
+        finally:
+            end(child, END_S)
+            bus.close()

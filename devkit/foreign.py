@@ -1,0 +1,242 @@
+"""A stack in a process of its own: started, watched, and ended with all that it started.
+
+A foreign stack knows nothing of lifelines. So a process of ours stands above it: it adopts what
+the stack leaves behind (PR_SET_CHILD_SUBREAPER), and when its lifeline is cut or the stack ends, it
+ends every descendant. A stack that forks without end is stopped at ``PROCESSES_MAX``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import psutil
+
+from schemas import DRIVE_MINOR, SCHEMA_VERSION
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.process import PARENT_VARIABLE, how_it_ended
+
+PROCESSES_MAX = 256
+"""Most processes that a foreign stack may run at once."""
+
+LOOK_S = 0.2
+"""How often they are counted [s]."""
+
+ROUNDS_MAX = 100
+"""How often descendants are looked for while they are ended; new ones may appear meanwhile."""
+
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+
+
+def drive_variables(
+    *,
+    connect: str,
+    namespace: str,
+    rig: str,
+    slots: int,
+    parameters: Mapping[str, Any],
+    key: str = "",
+) -> dict[str, str]:
+    """What a foreign stack finds in its environment; documented in docs/drive-plane.md."""
+    return {
+        "TWIN_DRIVE_CONNECT": connect,
+        "TWIN_DRIVE_NAMESPACE": namespace,
+        "TWIN_DRIVE_RIG": rig,
+        "TWIN_DRIVE_SLOTS": str(slots),
+        "TWIN_DRIVE_VERSION": f"{SCHEMA_VERSION}.{DRIVE_MINOR}",
+        "TWIN_DRIVE_KEY": key,
+        "TWIN_STACK_PARAMETERS": json.dumps(dict(parameters)),
+    }
+
+
+class Script:
+    """A command of somebody else, and everything it starts."""
+
+    def __init__(
+        self, command: Sequence[str], variables: Mapping[str, str], folder: str | None = None
+    ) -> None:
+        """Say what it is.
+
+        Args:
+            command: words of the command line.
+            variables: added to this process's environment.
+            folder: working folder; None: ours.
+        """
+        self._folder = folder
+        self._command = list(command)
+        self._variables = dict(variables)
+        self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
+
+    def start(self) -> None:
+        """Start it, in a session of its own.
+
+        Raises:
+            InfrastructureError: there is no such command, or it may not be run.
+        """
+        libc = ctypes.CDLL(None, use_errno=True)
+        libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        environment = {**os.environ, **self._variables}
+        environment.pop(PARENT_VARIABLE, None)
+        if self._folder is not None:  # files of a repository are read-only, also for root
+            environment["PYTHONDONTWRITEBYTECODE"] = "1"
+
+        def bind() -> None:
+            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+        try:
+            self._child = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                # What it prints goes where our own messages go: into the rig's log.
+                stdout=sys.stderr.fileno(),
+                stderr=sys.stderr.fileno(),
+                env=environment,
+                cwd=self._folder,
+                start_new_session=True,
+                preexec_fn=bind,  # no thread of ours runs yet that could hold a lock
+            )
+        except OSError as error:
+            raise InfrastructureError(
+                f"stack command {self._command[0]!r}: {error.strerror or error}; give a command "
+                "that the worker finds on its PATH, or an absolute path"
+            ) from None
+        _OWN.add(self._child.pid)
+
+    def check(self) -> None:
+        """Do nothing while it runs as it should.
+
+        Raises:
+            InfrastructureError: it has ended, or it runs too many processes.
+        """
+        code = self._child.poll()
+        if code is not None:
+            raise InfrastructureError(f"command {self.name!r} ended: {how_it_ended(code)}")
+        if len(_descendants()) > PROCESSES_MAX:
+            raise InfrastructureError(
+                f"command {self.name!r} runs more than {PROCESSES_MAX} processes"
+            )
+
+    def wait(self) -> int:
+        """Wait for its end; the exit code.
+
+        Raises:
+            InfrastructureError: it runs too many processes.
+        """
+        while True:
+            try:
+                return self._child.wait(LOOK_S)
+            except subprocess.TimeoutExpired:
+                self.check()
+
+    def end(self) -> None:
+        """End it and what it started; what left its session ends with this process."""
+        _end(self._family)
+        self._child.wait()
+
+    def _family(self) -> list[psutil.Process]:
+        own = self._child.pid
+        return [p for p in _descendants() if p.pid == own or _session(p) == own]
+
+    def restart(self) -> None:
+        """End it and start it again, as if for the first time."""
+        self.end()
+        self.start()
+
+
+def run_command(script: Script) -> int:
+    """Run a foreign stack to its end, or to the end of our lifeline; its exit code."""
+    script.start()
+    watch_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
+    try:
+        code = script.wait()
+    finally:
+        end_descendants()
+    if code < 0:  # as if it had been our own end, so that the worker tells the signal
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with contextlib.suppress(OSError, ValueError):
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    return code if code >= 0 else 128 - code
+
+
+def watch_lifeline(*, supervised: bool) -> None:
+    """End everything when the worker is gone, or when asked to if there is none."""
+    if not supervised:
+        signal.signal(signal.SIGTERM, lambda *_: _leave())
+        return
+    # The scheduler may signal everybody at once; the worker decides.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def wait() -> None:
+        while os.read(0, 65536):
+            pass
+        _leave()
+
+    threading.Thread(target=wait, name="lifeline", daemon=True).start()
+
+
+def end_descendants() -> None:
+    """Kill every process below this one."""
+    _end(_descendants)
+
+
+def _end(look: Callable[[], list[psutil.Process]]) -> None:
+    """Kill what is found until nothing is: first stop them, so that none starts another."""
+    for _ in range(ROUNDS_MAX):
+        found = look()
+        if not found:
+            return
+        for process in found:
+            _signal(process, signal.SIGSTOP)
+        for process in found:
+            _signal(process, signal.SIGKILL)
+        psutil.wait_procs(found, timeout=1.0)
+
+
+def _descendants() -> list[psutil.Process]:
+    found = []
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+            else:
+                _reap(process.pid)
+    return found
+
+
+def _session(process: psutil.Process) -> int:
+    with contextlib.suppress(ProcessLookupError):
+        return os.getsid(process.pid)
+    return 0
+
+
+def _reap(pid: int) -> None:
+    """An orphan that we adopted; those of ``subprocess`` are waited for there."""
+    with contextlib.suppress(ChildProcessError, psutil.Error):
+        if psutil.Process(pid).ppid() == os.getpid() and pid not in _OWN:
+            os.waitpid(pid, os.WNOHANG)
+
+
+_OWN: set[int] = set()
+"""Processes that are waited for by their ``Popen``."""
+
+
+def _signal(process: psutil.Process, number: int) -> None:
+    with contextlib.suppress(psutil.Error):
+        process.send_signal(number)
+
+
+def _leave() -> None:
+    end_descendants()
+    os._exit(0)

@@ -1,0 +1,71 @@
+"""The command ``hpc enter``: run a command inside a container image, as the same process."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hpc.container import COMMANDS, RUNTIMES, Container, Runtime, prefix, preparation
+from twin.fabric.errors import InfrastructureError, UsageError
+
+
+def enter(
+    command: Annotated[list[str], typer.Argument(help="Command line, after `--`.")],
+    container: Annotated[str, typer.Option(help="Image: an absolute path, or podman's name.")],
+    runtime: Annotated[
+        str, typer.Option(help=f"{', '.join(RUNTIMES)}, or auto: the first that is installed.")
+    ] = "auto",
+    bind: Annotated[
+        list[str] | None, typer.Option(help="Absolute folder that is seen inside as outside.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option(help="Working folder, bound as well; default: this one.")
+    ] = None,
+    gpus: Annotated[bool, typer.Option("--gpus", help="Let the NVIDIA driver in.")] = False,
+) -> None:
+    """Run a command inside a container image; its exit code is the command's."""
+    from hpc.commands import become
+
+    inside = str((folder or Path()).absolute())
+    given = Container(
+        image=container,
+        runtime=found_runtime(runtime),
+        binds=(*(bind or []), inside),
+        folder=inside,
+        gpus=gpus,
+    )
+    os.environ.setdefault("USER", getpass.getuser())  # charliecloud does not start without
+    # ch-run shows it as /tmp, and what is bound may lie below the real one.
+    os.environ.pop("TMPDIR", None)
+    for words in preparation(given):
+        done = subprocess.run(words, capture_output=True, text=True)
+        if done.returncode:
+            said = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
+            raise InfrastructureError(f"container {container}: {words[0]}: {said}")
+    become(*prefix(given), *command)
+
+
+def found_runtime(given: str) -> Runtime:
+    """The runtime that is meant, which must be installed.
+
+    Raises:
+        UsageError: no such runtime, or none is installed.
+    """
+    if given != "auto":
+        for runtime in RUNTIMES:
+            if runtime == given:
+                return runtime
+        raise UsageError(f"--runtime {given!r}: allowed are auto, {', '.join(RUNTIMES)}")
+    for runtime in RUNTIMES:
+        if shutil.which(COMMANDS[runtime]):
+            return runtime
+    raise UsageError(
+        f"no container runtime on this machine: none of {', '.join(COMMANDS.values())}; load its "
+        "module or install one"
+    )

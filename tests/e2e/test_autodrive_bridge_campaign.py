@@ -1,0 +1,51 @@
+"""Unmodified scripts in the manner of the AutoDRIVE devkit drive cases to standstill."""
+
+import json
+
+import pyarrow.parquet as parquet
+import pytest
+from autodrive_environments import SCRIPT, environment_of_2020, missing_today, python_3_8, today
+from foreign_campaigns import campaign
+from processes import outcomes
+
+SECTIONS = {
+    "scenario": {
+        "ego_start_m": 30,
+        "ego_speed_mps": 5,
+        "duration_s": 12,
+        "standstill_s": 0.5,
+    },
+    "camera": {"width": 64, "height": 36, "hz": 10},
+    "cameras": [{"name": "front_left", "width": 64, "height": 36, "hz": 10}],
+    "sensors": {"encoders": {}, "imu": {}, "pose": {}},
+    "matrix": {"repeat": [0, 1]},
+}
+
+
+def drive(marked, folder, name, python, workers):
+    autonomy = {"bridge": "autodrive", "command": [*python, str(SCRIPT)]}
+    path = campaign(folder, name, autonomy, **SECTIONS)
+    done = marked.run(
+        *("conductor", "run", str(path), "--workers", workers, "--output", "json"),
+        *("--out", str(folder / f"run-{name}")),
+    )
+    assert done.returncode == 0, done.stderr
+    assert all(c["outcome"] == "verdict" for c in outcomes(folder / f"run-{name}").values())
+    (kpi,) = (folder / f"run-{name}").glob("cases/repeat_0/attempt-*/kpi.parquet")
+    speeds = parquet.read_table(kpi)["speed_mps"].to_pylist()
+    assert max(speeds) > 3.0
+    assert abs(speeds[-1]) < 0.01
+    return json.loads(done.stdout)["fingerprint"]
+
+
+@pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
+def test_scripts_of_2020_and_of_today_drive_to_standstill(marked, tmp_path):
+    """With the same values: the protocol's generation is no part of a verdict."""
+    # Two workers and one port: they take turns.
+    now = drive(marked, tmp_path, "today", [today()], "2")
+    old = python_3_8()
+    if old is None:
+        pytest.skip("no Python 3.8 on this machine; python-socketio of today passed")
+    # Packages of another Python must not be found by this one.
+    python = ["env", "-u", "PYTHONPATH", environment_of_2020(old, tmp_path / "environment")]
+    assert drive(marked, tmp_path, "of-2020", python, "1") == now

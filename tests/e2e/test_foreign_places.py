@@ -1,0 +1,118 @@
+"""Stacks in a git repository and in a container: the same values as the same stack right here."""
+
+import json
+import shutil
+import subprocess
+
+import pytest
+from container_images import missing, python_folders, shell_image
+from foreign_campaigns import CLIENT, campaign, python
+from processes import outcomes
+
+from hpc.container import COMMANDS
+
+MATRIX = {"matrix": {"weather": ["clear", "heavy_fog"]}}
+
+
+def git(folder, *words):
+    who = ("-c", "user.name=t", "-c", "user.email=t@example.org")
+    subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A bare clone of a repository that holds the client."""
+    source = tmp_path / "source"
+    source.mkdir()
+    shutil.copy(CLIENT, source / "client.py")
+    (source / "build.sh").write_text("mkdir bin && cp client.py bin/stack.py && echo built\n")
+    git(source, "init", "--quiet", "--initial-branch", "main")
+    git(source, "add", ".")
+    git(source, "commit", "--quiet", "--message", "first")
+    git(tmp_path, "clone", "--quiet", "--bare", "source", "stack.git")
+    shutil.rmtree(source)
+    return tmp_path / "stack.git"
+
+
+def run(marked, path, *options):
+    done = marked.run(
+        *("conductor", "run", str(path), "--workers", "1", "--output", "json"),
+        *("--out", str(path.parent / f"run-{path.stem}"), *options),
+    )
+    return done, path.parent / f"run-{path.stem}"
+
+
+def fingerprint(marked, path):
+    done, _ = run(marked, path)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["fingerprint"]
+
+
+def test_a_stack_in_a_repository(marked, bare, tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    repository = {"url": str(bare), "ref": "main", "setup": "sh build.sh"}
+    driver = {"command": [*python("bin/stack.py")], "repository": repository}
+    here = campaign(tmp_path, "here", {"command": python(CLIENT)}, **MATRIX)
+    there = campaign(tmp_path, "there", driver, **MATRIX)
+    first = fingerprint(marked, there)
+    assert first == fingerprint(marked, here)
+    (entry,) = (tmp_path / "cache/repositories").glob("*/tree")
+    made_ns = entry.stat().st_mtime_ns
+    assert not (entry / "bin/stack.py").stat().st_mode & 0o222
+    # Once fetched, it is found without the repository, by its commit.
+    commit = json.loads((entry.parent / "input.json").read_text())["commit"]
+    bare.rename(tmp_path / "gone.git")
+    again = campaign(
+        *(tmp_path, "again", {**driver, "repository": {**repository, "ref": commit}}), **MATRIX
+    )
+    assert fingerprint(marked, again) == first
+    assert entry.stat().st_mtime_ns == made_ns
+
+
+def test_a_repository_that_cannot_be_used_is_told_at_once(marked, bare, tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    setup = "echo step one; echo step two; echo no compiler here >&2; exit 3"
+    for name, change, lines in (
+        ("setup", {"setup": setup}, ("exit code 3: no compiler here; all that it said is in",)),
+        ("ref", {"ref": "mian"}, ("no branch, tag or commit 'mian'", "main")),
+        ("url", {"url": str(tmp_path / "nothing.git")}, ("does not exist",)),
+    ):
+        repository = {"url": str(bare), "ref": "main", **change}
+        path = campaign(tmp_path, name, {"command": ["x"], "repository": repository})
+        done, _ = run(marked, path)
+        assert done.returncode == 2, done.stderr
+        for line in ("autonomy.repository: ", *lines):
+            assert line in done.stderr
+    (log,) = (tmp_path / "cache/repositories").glob("*.log")
+    text = log.read_text()
+    assert "step one\nstep two\nno compiler here\nexit code 3\n" in text
+
+
+@pytest.mark.parametrize("runtime", ["charliecloud", "apptainer"])
+def test_a_stack_in_a_container(marked, tmp_path, runtime, monkeypatch):
+    if reason := missing(COMMANDS[runtime]):
+        pytest.skip(reason)
+    monkeypatch.setenv("APPTAINER_USERNS", "1")  # what an ordinary user gets anyway
+    image = {
+        "path": str(shell_image(tmp_path / "image")),
+        "runtime": runtime,
+        "binds": [*python_folders(), str(CLIENT.parent)],
+    }
+    here = campaign(tmp_path, "here", {"command": python(CLIENT)}, **MATRIX)
+    inside = campaign(tmp_path, "inside", {"command": python(CLIENT), "image": image}, **MATRIX)
+    assert fingerprint(marked, inside) == fingerprint(marked, here)
+
+
+def test_images_that_cannot_be_used_have_their_reason(marked, tmp_path):
+    driver = {"command": ["x"], "image": {"path": str(tmp_path / "no.sif")}}
+    done, _ = run(marked, campaign(tmp_path, "missing", driver))
+    assert done.returncode == 2
+    assert "autonomy.image.path: " in done.stderr
+    assert "no.sif: no such file or folder" in done.stderr
+    driver = {"command": ["x"], "image": {"path": "org/name:1", "runtime": "podman"}}
+    done, folder = run(marked, campaign(tmp_path, "podman", driver, attempts_max=1))
+    if not missing(COMMANDS["podman"]):
+        pytest.skip("podman is here; it would look for the image in the network")
+    assert done.returncode == 3
+    (case,) = outcomes(folder).values()
+    assert "`podman` cannot be run: No such file" in " ".join(case["reasons"])

@@ -1,0 +1,169 @@
+"""The AutoDRIVE bridge with real scripts: every way in which one may fail has its reason."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from devkit.bridges.autodrive import POINT, AutodriveBridge
+from devkit.bridges.autodrive_fields import FieldError, command, euler, telemetry
+from devkit.foreign import Script
+from devkit.stack import Observation
+from schemas.messages import CameraSite, Episode
+from schemas.perception import GroundTruthPerception
+from twin.fabric.errors import InfrastructureError, UnfinishedError
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "e2e"))
+
+from autodrive_environments import SCRIPT, missing_today
+
+needs_scripts = pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
+
+
+def site(name, message):
+    lens = {"width": 8, "height": 6, "hz": 10, "hfov_deg": 70.0}
+    return CameraSite(name, message, **lens, position_m=[], rotation_deg=[], lens=None)
+
+
+EPISODE = Episode(
+    v=1,
+    seq=0,
+    slot=0,
+    token=7,
+    case="c",
+    seed=1,
+    model="m",
+    perception=GroundTruthPerception(),
+    camera="front_right",
+    width=8,
+    height=6,
+    hfov_deg=70.0,
+    control_period_ns=50_000_000,
+    cameras=[site("front_right", "camera"), site("front_left", "camera.front_left")],
+)
+
+
+def observation(tick, *, pictures=True):
+    sensors = {
+        "vehicle": np.array([[3.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0]]),
+        "encoders": np.array([[1, 2, 44, -44]]),
+        "imu": np.array([[0.1, 0.0, 9.8, 0.0, 0.0, 0.01]]),
+        "pose": np.array([[1.0 * tick, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0]]),
+    }
+    if pictures:
+        image = np.full((1, 6, 8, 3), 90, np.uint8)
+        sensors |= {"camera": image, "camera.front_left": image}
+    each = {"token": np.array([7]), "tick": np.array([tick]), "sim_time_ns": np.array([0])}
+    return Observation(seq=tick, active=np.array([True]), sensors=sensors, counts={}, **each)
+
+
+def drive(mode, ticks, **parameters):
+    """Commands of a script, or the reason why there are none; and it is gone afterwards."""
+    script = Script([sys.executable, str(SCRIPT), mode], {})
+    bridge = AutodriveBridge(1, **{"answer_s": 5.0, **parameters})
+    try:
+        bridge.attach(script)
+        bridge.reset(0, EPISODE)
+        return [bridge.step(observation(t, pictures=t % 2 == 0))[0] for t in range(ticks)]
+    finally:
+        script.end()
+        bridge.close()
+
+
+@needs_scripts
+def test_one_exchange_per_tick_and_pictures_between_their_frames():
+    commands = drive("drive", 9)
+    assert [c.tick for c in commands] == list(range(9))
+    assert [c.throttle for c in commands] == [0.3] * 7 + [0.0] * 2  # stops after six metres
+    assert commands[-1].brake == 1.0
+    assert commands[-1].aeb
+    assert commands[-1].lights.indicators == 3
+    assert commands[0].lights.parking
+
+
+@needs_scripts
+@pytest.mark.parametrize(
+    ("mode", "reason"),
+    [
+        ("absent", "nobody listens after 3 s"),
+        ("http", "what listens there is no Socket.IO"),
+        ("slow", "no answer to 'Bridge' within 2 s, at tick 3"),
+        ("exit", "ended: exit code 5"),
+        ("garbage", "answered str instead of the fields of 'Bridge', at tick 3"),
+        ("missing", "answered without the field 'V1 Throttle', at tick 3"),
+        ("word", "V1 Steering is 'left', a number is needed, at tick 3"),
+        ("disconnect", "the script closed the connection|connection lost"),
+    ],
+)
+def test_every_failure_of_a_script_has_its_reason(mode, reason):
+    short = {"absent": {"start_s": 3.0}, "slow": {"answer_s": 2.0}}.get(mode, {})
+    with pytest.raises(InfrastructureError, match=reason) as raised:
+        drive(mode, 6, **short)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_command_that_does_not_exist_is_named():
+    with pytest.raises(InfrastructureError, match="'/no/such/script': No such file"):
+        Script(["/no/such/script"], {}).start()
+
+
+def test_two_rigs_of_a_host_do_not_meet_at_a_port():
+    pytest.importorskip("websockets")
+    first, second = AutodriveBridge(1, port=4999), AutodriveBridge(1, port=4999)
+    first.attach(None)
+    with pytest.raises(UnfinishedError, match="port 4999 is used by another rig"):
+        second.attach(None)
+    first.close()
+    second.attach(None)
+    second.close()
+
+
+def test_parameters_that_cannot_be_used_are_named():
+    pytest.importorskip("websockets")
+    with pytest.raises(ValueError, match="prot"):
+        AutodriveBridge(1, prot=4567)
+    with pytest.raises(ValueError, match="given 2 slots: the bridge drives one car"):
+        AutodriveBridge(2)
+
+
+def test_fields_hold_what_the_published_simulator_sends():
+    rows = {name: rows[0] for name, rows in observation(3).sensors.items() if "cam" not in name}
+    points = np.zeros(2, POINT).tobytes()
+    fields = telemetry(rows, {"front_left": b"a", "front_right": b"b"}, points, 44.0)
+    assert fields["V1 Encoder Ticks"] == "44 -44"
+    assert fields["V1 Encoder Angles"] == "6.283185307179586 -6.283185307179586"
+    assert fields["V1 Position"] == "3.0 2.0 0.0"
+    assert fields["V1 Orientation Quaternion"] == "0.0 0.0 0.0 1.0"
+    assert fields["V1 Steering"] == "0.1"
+    assert len(points) == 48
+    assert all(isinstance(value, str) for value in fields.values())
+
+
+def test_euler_angles_turn_left_about_the_vertical():
+    half = 0.5**0.5
+    assert euler([0.0, 0.0, half, half]) == pytest.approx([0.0, 0.0, np.pi / 2])
+    assert euler([half, 0.0, 0.0, half]) == pytest.approx([np.pi / 2, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"V1 Steering": "1.2"}, "V1 Steering is 1.2, allowed: -1 to 1"),
+        ({"V1 Headlights": "12"}, "V1 Headlights is 12, allowed: 0 to 11"),
+        ({"V1 Indicators": "1.5"}, "V1 Indicators is 1.5, allowed: 0 to 3"),
+        ({"V1 CoSim": "1"}, "V1 CoSim is set"),
+        ({"V1 Brake": None}, "V1 Brake is 'None', a number is needed"),
+    ],
+)
+def test_fields_out_of_range_are_refused(change, words):
+    answer = {"V1 Throttle": "0.2", "V1 Steering": "0.5", **change}
+    with pytest.raises(FieldError, match=re.escape(words)):
+        command(answer, 0, 7, 3, 0.6, 1.0)
+
+
+def test_steering_is_a_share_of_the_largest_angle():
+    found = command({"V1 Throttle": "0.2", "V1 Steering": "-0.5"}, 0, 7, 3, 0.6, 1.0)
+    assert found.steering_rad == -0.3
+    assert (found.slot, found.token, found.tick, found.handbrake) == (0, 7, 3, 0.0)

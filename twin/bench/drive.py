@@ -1,0 +1,282 @@
+"""Lockstep ticks per second of the drive plane, beside the AutoDRIVE bridge. No simulator.
+
+One slot, two pictures of 640x360 and a sweep of 32 x 1024 points with every tick, a stack that
+looks at nothing. Both peers get the same sensors from the same end of the lockstep; the bridge
+turns them into JPEG, base64 and JSON, as its protocol wants it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import secrets
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from schemas import SCHEMA_VERSION, topics
+from schemas.foreign import BRIDGES
+from schemas.lens import Lens
+from schemas.lidar import POINT_COLUMNS
+from schemas.messages import (
+    ENCODER_COLUMNS,
+    IMU_COLUMNS,
+    POSE_COLUMNS,
+    VEHICLE_COLUMNS,
+    CameraSite,
+    Episode,
+    Frame,
+    LidarSite,
+    Tick,
+)
+from schemas.perception import GroundTruthPerception
+from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.frames import Channel, FrameBuffer, lay_out
+from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.zenoh_bus import open_bus
+
+TARGET_TICKS_PER_S = 300.0
+TARGET_RATIO = 20.0
+ROUNDS = 3
+"""Of each peer, in turns; the median counts."""
+WIDTH, HEIGHT = 640, 360
+CHANNELS, COLUMNS = 32, 1024
+PATIENCE_S = 60.0
+"""Longest wait for an answer [s]."""
+PERIOD_NS = 50_000_000
+NEEDED = ("socketio", "eventlet", "websockets")
+"""Packages of the bridge and its script."""
+
+CHANNEL_LIST = (
+    Channel("camera", (1, HEIGHT, WIDTH, 3), "|u1"),
+    Channel("camera.front_left", (1, HEIGHT, WIDTH, 3), "|u1"),
+    Channel("lidar.roof", (1, CHANNELS * COLUMNS, len(POINT_COLUMNS)), "<f4"),
+)
+SMALL = {
+    "vehicle": (len(VEHICLE_COLUMNS), "<f8"),
+    "encoders": (len(ENCODER_COLUMNS), "<i8"),
+    "imu": (len(IMU_COLUMNS), "<f8"),
+    "pose": (len(POSE_COLUMNS), "<f8"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was measured."""
+
+    shared_ticks_per_s: float
+    """Pictures and points in shared memory, as beside a simulator."""
+    payload_ticks_per_s: float
+    """All of it over TCP, as from another host or to a stack that maps nothing."""
+    bridge_ticks_per_s: float | None
+    """None: its packages are not installed."""
+
+    @property
+    def ratio(self) -> float | None:
+        """Of the drive plane to the bridge."""
+        if self.bridge_ticks_per_s is None:
+            return None
+        return self.shared_ticks_per_s / self.bridge_ticks_per_s
+
+    @property
+    def missed(self) -> list[str]:
+        """Targets that were not reached."""
+        found = []
+        if self.shared_ticks_per_s < TARGET_TICKS_PER_S:
+            found.append(f"{self.shared_ticks_per_s:.0f} of {TARGET_TICKS_PER_S:.0f} ticks/s")
+        if self.ratio is not None and self.ratio < TARGET_RATIO:
+            found.append(f"{self.ratio:.1f} of {TARGET_RATIO:.0f} times the bridge")
+        return found
+
+
+def measure(ticks: int, rounds: int = ROUNDS) -> Found:
+    """Time all peers in turns.
+
+    Args:
+        ticks: of the drive plane per round; the bridge gets a hundredth.
+        rounds: how many turns.
+    """
+    with contextlib.ExitStack() as stack:
+        shared = stack.enter_context(_running("devkit.idle:IdleStack", shared=True))
+        payload = stack.enter_context(_running("devkit.idle:IdleStack", shared=False))
+        bridge = None
+        if all(importlib.util.find_spec(name) for name in NEEDED):
+            bridge = stack.enter_context(_running(BRIDGES["autodrive"], shared=True))
+        rates: dict[str, list[float]] = {"shared": [], "payload": [], "bridge": []}
+        for _ in range(rounds):
+            rates["shared"].append(shared.rate(ticks))
+            rates["payload"].append(payload.rate(ticks))
+            if bridge is not None:
+                rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
+    median = {name: statistics.median(each) for name, each in rates.items() if each}
+    return Found(median["shared"], median["payload"], median.get("bridge"))
+
+
+def lines(found: Found) -> list[str]:
+    """For people."""
+    size = f"2 x {WIDTH}x{HEIGHT} RGB and {CHANNELS} x {COLUMNS} points per tick, one slot"
+    shown = [
+        f"{found.shared_ticks_per_s:,.0f} lockstep ticks/s in shared memory "
+        f"(target {TARGET_TICKS_PER_S:.0f}); {size}",
+        f"{found.payload_ticks_per_s:,.0f} ticks/s as payload over TCP",
+    ]
+    if found.ratio is None:
+        return [*shown, f"no ratio: the bridge needs {', '.join(NEEDED)}"]
+    bridge = f"{found.bridge_ticks_per_s:,.1f} ticks/s through the AutoDRIVE bridge"
+    return [*shown, f"{bridge}: {found.ratio:.0f} times (target {TARGET_RATIO:.0f})"]
+
+
+def as_json(found: Found) -> dict[str, Any]:
+    """For programs."""
+    targets = {"target_ticks_per_s": TARGET_TICKS_PER_S, "target_ratio": TARGET_RATIO}
+    return {**asdict(found), "ratio": found.ratio, **targets}
+
+
+class _Peer:
+    """Our end of a rig without a simulator."""
+
+    def __init__(self, end: SimulatorEnd, buffer: FrameBuffer | None, check: Any) -> None:
+        self._end, self._check = end, check
+        rng = np.random.default_rng(1)
+        self._offsets, _ = lay_out(CHANNEL_LIST)
+        self._bytes = {}
+        for channel in CHANNEL_LIST:
+            values = (100 * rng.random(channel.shape)).astype(channel.dtype)
+            if buffer is not None:
+                buffer.array(channel, self._offsets[channel.name])[...] = values
+            self._bytes[channel.name] = values.tobytes()
+        self._seq = 0
+
+    def rate(self, ticks: int) -> float:
+        """Ticks per second; the first ticks of all are not counted."""
+        for _ in range(3):
+            self._exchange()
+        started_s = time.perf_counter()
+        for _ in range(ticks):
+            self._exchange()
+        return ticks / (time.perf_counter() - started_s)
+
+    def _exchange(self) -> None:
+        seq = self._seq
+        each: dict[str, Any] = {
+            "v": SCHEMA_VERSION,
+            "seq": seq,
+            "active": [True],
+            "token": [1],
+            "tick": [seq],
+            "sim_time_ns": [seq * PERIOD_NS],
+        }
+        sensors = [self._large(channel, each) for channel in CHANNEL_LIST]
+        sensors += [_small(name, *form, each) for name, form in SMALL.items()]
+        episodes = [_episode()] if seq == 0 else []
+        tick = Tick(**each, sensors=[s.name for s in sensors], episodes=len(episodes))
+        self._end.exchange(seq, tick, sensors, episodes, self._check)
+        self._seq += 1
+
+    def _large(self, channel: Channel, each: dict[str, Any]) -> Outgoing:
+        shared = self._end.shared
+        offset = self._offsets[channel.name] if shared else -1
+        frame = _frame(channel.name, channel.dtype, channel.shape, each, offset)
+        return Outgoing(channel.name, frame, b"" if shared else self._bytes[channel.name])
+
+
+def _small(name: str, columns: int, dtype: str, each: dict[str, Any]) -> Outgoing:
+    values = np.ones((1, columns), dtype)
+    return Outgoing(name, _frame(name, dtype, values.shape, each, -1), values.tobytes())
+
+
+def _frame(
+    name: str, dtype: str, shape: tuple[int, ...], each: dict[str, Any], offset: int
+) -> Frame:
+    encoding = topics.sensor_topic(name).type
+    given = {"type": name, "case": ["bench"], "dtype": dtype, "shape": list(shape)}
+    return Frame(**each, **given, encoding=encoding, offset=offset)
+
+
+@contextlib.contextmanager
+def _running(stack: str, *, shared: bool) -> Iterator[_Peer]:
+    """A stack process that is ready, and its end afterwards."""
+    rig = secrets.token_hex(4)
+    bus = open_bus("peer", listen=[LOOPBACK], namespace=f"bench/{rig}")
+    buffer = FrameBuffer(lay_out(CHANNEL_LIST)[1]) if shared else None
+    arguments = [
+        *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", f"bench/{rig}"),
+        *("--stack", stack, "--slots", "1"),
+    ]
+    if stack == BRIDGES["autodrive"]:
+        port = 20_000 + secrets.randbelow(10_000)
+        script = str(Path(__file__).with_name("drive_script.py"))
+        command = [sys.executable, script, str(port)]
+        arguments += ["--foreign", json.dumps({"command": command, "bridge": "autodrive"})]
+        arguments += ["--parameters", json.dumps({"port": port})]
+    with tempfile.TemporaryFile() as log:
+        child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
+
+        def check() -> None:
+            if (code := child.poll()) is not None:
+                raise InfrastructureError(f"{stack} {how_it_ended(code)}: {last_lines(log)}")
+
+        try:
+            link = SimulatorEnd(bus, rig, 1, buffer, resend_s=PATIENCE_S)
+            link.handshake(check)
+            yield _Peer(link, buffer, check)
+        finally:
+            end(child)
+            bus.close()
+            if buffer is not None:
+                buffer.close()
+
+
+def _episode() -> Episode:
+    names = {"front_right": "camera", "front_left": "camera.front_left"}
+    cameras = [
+        CameraSite(
+            name=name,
+            message=message,
+            width=WIDTH,
+            height=HEIGHT,
+            hz=20,
+            hfov_deg=70.0,
+            position_m=[2.0, 0.0, 1.3],
+            rotation_deg=[0.0, 0.0, 0.0],
+            lens=Lens(),
+        )
+        for name, message in names.items()
+    ]
+    lidar = LidarSite(
+        name="roof",
+        message="lidar.roof",
+        hz=20,
+        channels=CHANNELS,
+        columns=COLUMNS,
+        fields=list(POINT_COLUMNS),
+        position_m=[1.3, 0.0, 1.9],
+        rotation_deg=[0.0, 0.0, 0.0],
+    )
+    return Episode(
+        v=SCHEMA_VERSION,
+        seq=0,
+        slot=0,
+        token=1,
+        case="bench",
+        seed=1,
+        model="default",
+        perception=GroundTruthPerception(),
+        camera="front_right",
+        width=WIDTH,
+        height=HEIGHT,
+        hfov_deg=70.0,
+        control_period_ns=PERIOD_NS,
+        cameras=cameras,
+        lidars=[lidar],
+    )

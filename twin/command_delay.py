@@ -1,0 +1,59 @@
+"""When commands take effect: declared latency, its jitter, a slower stack, losses. In sim time.
+
+Draws are whole numbers from (case's stream, case tick): nothing depends on slots, order or load.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections import deque
+
+from schemas.campaign import Case
+from schemas.identity import stream_key
+from schemas.messages import Command
+from twin.vehicle.model import PHYSICS_STEP_NS
+
+_ONE = 1 << 64
+
+
+class Delays:
+    """The way of one case's commands."""
+
+    def __init__(self, case: Case) -> None:
+        self._latency_ns = case.latency_ms * 1_000_000
+        self._jitter_ns = case.latency_jitter_ms * 1_000_000
+        self._every = case.control_hz // case.rate_hz if case.rate_hz else 1
+        self._drop = int(case.drop * _ONE)
+        self._keys = {name: stream_key(case.seed, case.id, name) for name in ("latency", "drop")}
+
+    def send(
+        self, pending: deque[tuple[int, Command]], first_step: int, tick: int, command: Command
+    ) -> None:
+        """Put ``command`` on its way, unless it gets lost.
+
+        One that arrives before older ones makes them void: nobody obeys an old command after a
+        newer one.
+
+        Args:
+            pending: commands on their way with the physics steps of their arrival, ascending.
+            first_step: physics step at which it was given.
+            tick: case tick.
+            command: what was asked for.
+        """
+        if tick % self._every:
+            return
+        if self._drop and self._draw("drop", tick) < self._drop:
+            return
+        delay_ns = self._latency_ns
+        if self._jitter_ns:
+            delay_ns += self._draw("latency", tick) * (self._jitter_ns + 1) // _ONE
+        arrival = first_step - (-delay_ns // PHYSICS_STEP_NS)
+        while pending and pending[-1][0] >= arrival:
+            pending.pop()
+        pending.append((arrival, command))
+
+    def _draw(self, stream: str, tick: int) -> int:
+        """Evenly in 0 to 2^64 - 1."""
+        counter = struct.pack("<QQ", self._keys[stream], tick)
+        return int.from_bytes(hashlib.sha256(counter).digest()[:8], "little")

@@ -1,0 +1,38 @@
+"""The true pose: position and rotation as they are, for protocols that send them, and for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Case
+from schemas.messages import POSE_COLUMNS, SensorErrors
+from twin.sensors.truth import TRUTH
+
+_COLUMNS = [TRUTH.index(name) for name in POSE_COLUMNS]
+
+
+class TruePose:
+    """Poses of all slots, columns :data:`schemas.messages.POSE_COLUMNS`."""
+
+    def __init__(self, case: Case, slots: int) -> None:
+        self.every = case.control_hz // case.sensors.rates(case.control_hz)["pose"]
+        """Control periods between two readings."""
+        self._active = np.zeros(slots, np.bool_)
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case; it changes nothing about the truth."""
+        assert case.sensors.pose.on
+        self._active[slot] = True
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+        self._active[slot] = False
+
+    def modulate(self, slot: int, errors: SensorErrors) -> None:
+        """The truth has no errors."""
+
+    def read(self, truth: wp.array, tick: np.ndarray) -> np.ndarray:
+        """Poses float64 [S, 7]; zeros where inactive."""
+        assert len(tick) == len(self._active)
+        return np.where(self._active[:, None], truth.numpy()[:, _COLUMNS], 0.0)
