@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from processes import Marked, nothing_left, wait_for
 from test_conductor_restart import serve
-from test_steering import caught
+from test_hand_on_a_case import caught
 from unit.viewer.recorded_case import write
 from unit.viewer.view_messages import thumbnail
 

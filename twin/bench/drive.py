@@ -184,7 +184,7 @@ class _Peer:
         self._seq += 1
 
     def _large(self, channel: Channel, each: dict[str, Any]) -> Outgoing:
-        shared = self._end.shared
+        shared = self._end.transport == "memory"
         offset = self._offsets[channel.name] if shared else -1
         frame = _frame(channel.name, channel.dtype, channel.shape, each, offset)
         return Outgoing(channel.name, frame, b"" if shared else self._bytes[channel.name])
