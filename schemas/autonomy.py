@@ -7,7 +7,16 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.foreign import BRIDGES, Bridge, Foreign, Image, Repository, Word
+from schemas.foreign import (
+    BRIDGES,
+    PASSWORD,
+    Bridge,
+    Foreign,
+    Image,
+    Repository,
+    Word,
+    holds_password,
+)
 from schemas.names import Name
 from schemas.perception import GroundTruthPerception, Perception
 from schemas.sensors import Sensors
@@ -88,6 +97,8 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
     for name in ("repository", "image"):
         if getattr(autonomy, name) is not None and not autonomy.command:
             mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))
+    if autonomy.repository is not None and holds_password(autonomy.repository.url):
+        mistakes.append(Mistake("autonomy.repository.url", PASSWORD))
     mistakes += _bridge_mistakes(autonomy, sensors, seeing)
     if not autonomy.command and not seeing and autonomy.stack == Autonomy().stack:
         blind = f"off: stack {autonomy.stack} drives by a camera; name another"
