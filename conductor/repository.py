@@ -26,9 +26,9 @@ def with_repository(campaign: Campaign, shown: str) -> Campaign:
     repository = campaign.autonomy.repository
     if repository is None:
         return campaign
-    words = [sys.executable, "-m", "hpc", "fetch", "repository", repository.url]
+    words = [sys.executable, "-m", "hpc", "fetch", "repository"]
     words += ["--ref", repository.ref, "--setup", repository.setup, "--output", "json"]
-    words += ["--cache", str(cache_folder())]
+    words += ["--cache", str(cache_folder()), "--", repository.url]
     done = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode:
         said = done.stderr.strip().removeprefix("hpc: ") or f"exit code {done.returncode}"

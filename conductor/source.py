@@ -148,11 +148,23 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
 
 
 def _missing_image(campaign: Campaign) -> list[Mistake]:
-    """An image that is a path; a name is the runtime's business."""
+    """An image that is a path, and its folders; a name is the runtime's business."""
     image = campaign.autonomy.image
-    if image is None or image.runtime == "podman" or Path(image.path).exists():
+    if image is None:
         return []
-    return [Mistake("autonomy.image.path", f"{image.path}: no such file or folder")]
+    mistakes = [
+        Mistake(f"autonomy.image.binds[{index}]", f"given '{path}', allowed: an absolute path")
+        for index, path in enumerate(image.binds)
+        if not path.startswith("/")
+    ]
+    if image.runtime == "podman":
+        return mistakes
+    if not Path(image.path).exists():
+        mistakes.append(Mistake("autonomy.image.path", f"{image.path}: no such file or folder"))
+    elif not image.path.startswith("/"):
+        absolute = f"given '{image.path}', allowed: an absolute path, which all workers see"
+        mistakes.append(Mistake("autonomy.image.path", absolute))
+    return mistakes
 
 
 def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:

@@ -56,12 +56,15 @@ def case_of(stack: str, parameters: dict[str, Any]) -> Case:
     Raises:
         UsageError: none of them, or the file has mistakes.
     """
-    words = shlex.split(stack)
+    try:
+        words = shlex.split(stack)
+    except ValueError as error:
+        raise UsageError(f"STACK {stack!r}: {error}; close every quote") from None
     if not words:
         raise UsageError("STACK: give module:Class, a command line, or a campaign file")
     data: Any = {"campaign": "check", "matrix": {"weather": ["clear"]}}
     data["camera"] = {"width": 160, "height": 90, "hz": 10}
-    if stack.endswith((".yaml", ".yml")):
+    if stack.endswith((".yaml", ".yml")) and (len(words) == 1 or Path(stack).is_file()):
         if parameters:
             raise UsageError("--parameters: the campaign file has its own; change them there")
         try:
@@ -108,7 +111,7 @@ def _first_process(rig: CheckRig, slots: int, ticks: int, timeout_s: float, say:
     """Alone in slot 0; then another case; then the first again, with faults on the way."""
     alone: list[Drive | None] = [NEAR, *[None] * (slots - 1)]
     first = rig.drive(alone, ticks, timeout_s)
-    say("commands", *_well_formed(first))
+    say("commands", *_well_formed(first, rig.tokens[0]))
     say("units and ranges", *_in_range(first))
     rig.drive([FAR, *[None] * (slots - 1)], ticks // 2, timeout_s)
     repeats: list[bool] = []
@@ -125,7 +128,8 @@ def _first_process(rig: CheckRig, slots: int, ticks: int, timeout_s: float, say:
 
     again = rig.drive(alone, ticks, timeout_s, before)
     same = _difference(first, again)
-    same_until = _difference(first[:LOSE_AT], again[:LOSE_AT])
+    echoed, mistake = _well_formed(again, rig.tokens[0])
+    same_until = _difference(first[:LOSE_AT], again[:LOSE_AT]) or ("" if echoed else mistake)
     say(
         "forgets at reset",
         not same_until,
@@ -164,13 +168,15 @@ def _second_process(
     )
 
 
-def _well_formed(commands: _Commands) -> tuple[bool, str]:
+def _well_formed(commands: _Commands, token: int) -> tuple[bool, str]:
     for tick, given in enumerate(commands):
         slots = [command.slot for command in given]
         if slots != [0]:
             return False, f"tick {tick}: commands for slots {slots}, only 0 is active"
-        if given[0].tick != tick or given[0].token <= 0:
+        if given[0].tick != tick:
             return False, f"tick {tick}: the command is for tick {given[0].tick}"
+        if given[0].token != token:
+            return False, f"tick {tick}: token {given[0].token} instead of {token}; echo the tick's"
     return True, f"one per tick, slot, token and tick echoed, {len(commands)} ticks"
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -20,7 +21,7 @@ from devkit.check_frames import Drive, episode_of, sense
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Case
 from schemas.messages import Command, Commands, Episode, Frame, Tick
-from schemas.wire import decode
+from schemas.wire import WireError, decode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.endpoint import LOOPBACK
@@ -30,6 +31,9 @@ from twin.fabric.zenoh_bus import open_bus
 
 RESEND_S = 0.5
 """A seq without an answer is published again after this long [s]."""
+
+ANSWERS_MAX = 100
+"""Answers that are kept, to be compared with repeated ones."""
 
 END_S = 5.0
 """Longest wait for the end of everything that a stack started [s]."""
@@ -81,10 +85,12 @@ class CheckRig:
         self._child, self._log = child, log
         self.bus = Faulty(bus)
         self._end = SimulatorEnd(self.bus, rig, slots, None, resend_s=RESEND_S)  # type: ignore[arg-type]
-        self._answers: list[bytes] = []
+        self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._keep)
         self._seq = 0
-        self._token = 0
+        self._token = 1 << 32  # as in a campaign, and too large for 32 bits
+        self.tokens: list[int] = []
+        """Of the last drives, by slot."""
         self._last: tuple[Tick, list[Outgoing]] | None = None
         self.wall_s: list[float] = []
         """What every exchange took, those without a fault [s]."""
@@ -114,10 +120,8 @@ class CheckRig:
         Returns:
             The commands of every tick, by slot.
         """
-        tokens = []
-        for _ in drives:
-            self._token += 1
-            tokens.append(self._token)
+        tokens = self.tokens = [self._token + 1 + slot for slot in range(len(drives))]
+        self._token += len(drives)
         return [self._exchange(drives, tokens, t, timeout_s, before(t)) for t in range(ticks)]
 
     def repeat(self, timeout_s: float) -> tuple[bytes, bytes]:
@@ -132,7 +136,12 @@ class CheckRig:
         return found[0], found[1]
 
     def _answers_to(self, seq: int) -> list[bytes]:
-        return [data for data in self._answers if decode(data, Commands).seq == seq]
+        found = []
+        for data in tuple(self._answers):
+            with contextlib.suppress(WireError):  # the exchange says what is wrong with it
+                if decode(data, Commands).seq == seq:
+                    found.append(data)
+        return found
 
     def _exchange(
         self,

@@ -90,6 +90,9 @@ class Script:
             environment["PYTHONDONTWRITEBYTECODE"] = "1"
 
         def bind() -> None:
+            # What we ignore it would ignore as well, with all that it starts.
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
             libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
@@ -103,7 +106,7 @@ class Script:
                 env=environment,
                 cwd=self._folder,
                 start_new_session=True,
-                preexec_fn=bind,  # no thread of ours runs yet that could hold a lock
+                preexec_fn=bind,  # system calls only: a thread of ours may hold any lock
             )
         except OSError as error:
             raise InfrastructureError(
@@ -154,9 +157,8 @@ class Script:
 
 
 def run_command(script: Script) -> int:
-    """Run a foreign stack to its end, or to the end of our lifeline; its exit code."""
+    """Run a foreign stack to its end; its exit code."""
     script.start()
-    watch_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
     try:
         code = script.wait()
     finally:

@@ -35,9 +35,9 @@ def placed(foreign: Foreign) -> tuple[list[str], str | None]:
 
 def fetched(repository: Repository) -> str:
     """The folder of its files, read-only; nothing is done if they are there already."""
-    words = [sys.executable, "-m", "hpc", "fetch", "repository", repository.url]
+    words = [sys.executable, "-m", "hpc", "fetch", "repository"]
     words += ["--ref", repository.ref, "--setup", repository.setup, "--output", "json"]
-    words += ["--cache", str(cache_folder())]
+    words += ["--cache", str(cache_folder()), "--", repository.url]
     done = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode:
         raise InfrastructureError(done.stderr.strip().removeprefix("hpc: ") or "hpc fetch failed")

@@ -83,13 +83,12 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         parameters=options.parameters,
         key=str(options.key.path) if options.key else "",
     )
-    command, folder = placed(foreign)
-    script = Script(command, variables, folder)
-    if not options.stack:
-        return run_command(script)
+    # From here on nothing outlives the worker: neither a fetch of files nor what runs in them.
     watch_script_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
     try:
-        return _run_stack(options, script)
+        command, folder = placed(foreign)
+        script = Script(command, variables, folder)
+        return _run_stack(options, script) if options.stack else run_command(script)
     finally:
         end_descendants()
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import os
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +30,7 @@ def enter(
     gpus: Annotated[bool, typer.Option("--gpus", help="Let the NVIDIA driver in.")] = False,
 ) -> None:
     """Run a command inside a container image; its exit code is the command's."""
-    from hpc.commands import become
+    from hpc.commands import become, call
 
     inside = str((folder or Path()).absolute())
     given = Container(
@@ -40,14 +40,14 @@ def enter(
         folder=inside,
         gpus=gpus,
     )
-    os.environ.setdefault("USER", getpass.getuser())  # charliecloud does not start without
+    with contextlib.suppress(KeyError):  # not every number has a name
+        os.environ.setdefault("USER", getpass.getuser())  # charliecloud does not start without
     # ch-run shows it as /tmp, and what is bound may lie below the real one.
     os.environ.pop("TMPDIR", None)
     for words in preparation(given):
-        done = subprocess.run(words, capture_output=True, text=True)
-        if done.returncode:
-            said = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
-            raise InfrastructureError(f"container {container}: {words[0]}: {said}")
+        done = call(*words)
+        if done.code:
+            raise InfrastructureError(f"container {container}: {words[0]}: {done.last_words}")
     become(*prefix(given), *command)
 
 

@@ -17,6 +17,7 @@ does not, both do the work and the second rename loses, which is as good.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import fcntl
 import hashlib
@@ -25,12 +26,16 @@ import os
 import re
 import secrets
 import shutil
+import signal
 import stat
 import subprocess
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import IO
 
+from schemas.foreign import PASSWORD, holds_password
 from schemas.identity import digest
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 from twin.fabric.files import write_atomic
@@ -38,8 +43,13 @@ from twin.fabric.files import write_atomic
 TIMEOUT_S = 1800.0
 """Longest a transfer or a set-up command may take [s]."""
 
+OUTPUT_BYTES_MAX = 1 << 20
+"""Of a set-up command's output, and of its errors, the last are kept [bytes]."""
+
 LINES = 5
-"""Lines of a failed set-up command in its error; all of them are in its log."""
+"""Lines of a failed set-up command in its error; more of them are in its log."""
+
+_PR_SET_PDEATHSIG = 1
 
 _COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
 _REFERENCE = re.compile(r"(docker|oras|library|https?)://\S+")
@@ -61,6 +71,8 @@ class Repository:
     """Shell command that is run in the files once, e.g. ``pip install --target deps .``."""
 
     def __post_init__(self) -> None:
+        if holds_password(self.url):
+            raise UsageError(f"repository url: {PASSWORD}")
         for name, value in (("url", self.url), ("ref", self.ref)):
             if not value or value.startswith("-") or re.search(r"[\x00-\x20\x7f]", value):
                 raise UsageError(
@@ -228,21 +240,11 @@ def _git(*arguments: str) -> str:
 
 
 def _run(words: Sequence[str], what: str, folder: Path, log: Path | None = None) -> None:
-    """Run a command; a failure is one line with its last words, all of them are in ``log``."""
+    """Run a command; a failure is one line with its last words, more of them are in ``log``."""
     # Nobody is there to be asked for a password.
     variables = {**os.environ, "GIT_TERMINAL_PROMPT": "0"}
     try:
-        done = subprocess.run(
-            list(words),
-            cwd=folder,
-            env=variables,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=TIMEOUT_S,
-            check=False,
-        )
+        done = (_fetched if log is None else _set_up)(list(words), folder, variables)
     except FileNotFoundError:
         raise InfrastructureError(
             f"{what}: no command {words[0]} on this machine; load its module or install it"
@@ -256,9 +258,59 @@ def _run(words: Sequence[str], what: str, folder: Path, log: Path | None = None)
             raise UsageError(ended)
         log.write_text(f"$ {words[-1]}\n{done.stdout}{done.stderr}exit code {done.returncode}\n")
         last = " | ".join(line.strip() for line in said[-LINES:])
-        raise UsageError(
-            f"{what}: exit code {done.returncode}: {last}; all that it said is in {log}"
+        raise UsageError(f"{what}: exit code {done.returncode}: {last}; what it said is in {log}")
+
+
+def _fetched(
+    words: list[str], folder: Path, variables: Mapping[str, str]
+) -> subprocess.CompletedProcess[str]:
+    """Run a tool that we know."""
+    return subprocess.run(
+        words,
+        cwd=folder,
+        env=variables,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+
+
+def _set_up(
+    words: list[str], folder: Path, variables: Mapping[str, str]
+) -> subprocess.CompletedProcess[str]:
+    """Run somebody's command; what it started ends with it, in time, and with Ctrl-C.
+
+    Its output goes to files: nothing waits for a process that it left behind with a pipe.
+    """
+    libc = ctypes.CDLL(None)
+    bind = libc.prctl  # looked up here: between fork and exec no lock may be asked for
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        child = subprocess.Popen(
+            words,
+            cwd=folder,
+            env=variables,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,
+            preexec_fn=lambda: bind(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0),
         )
+        try:
+            code = child.wait(TIMEOUT_S)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+        return subprocess.CompletedProcess(words, code, _tail(out), _tail(err))
+
+
+def _tail(file: IO[bytes]) -> str:
+    """The last of what was said."""
+    file.seek(max(0, file.seek(0, os.SEEK_END) - OUTPUT_BYTES_MAX))
+    return file.read().decode("utf-8", "replace")
 
 
 @contextlib.contextmanager

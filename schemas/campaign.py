@@ -13,8 +13,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.autonomy import DELAYS, Autonomy, driver, driver_mistakes
 from schemas.environment import Environment, environment_mistakes
-from schemas.foreign import BRIDGES, Bridge, Foreign, Image, Repository, Word
+from schemas.foreign import Foreign
 from schemas.lens import EFFECTS, Effect
 from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
@@ -112,44 +113,6 @@ _OF_TYPE = {
     "lane_keeping": ("distance_m", "lateral_limit_m", "lateral_rms_limit_m"),
 }
 """Keys of the scenario that only one type looks at."""
-
-
-class Autonomy(_Spec, frozen=True):
-    """The stack under test and its perception variants."""
-
-    stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
-    """Entry point ``module:Class``."""
-    command: list[Word] = []
-    """Command line of a stack in a process of its own, instead of ``stack``; it finds the rig in
-    its environment."""
-    bridge: Bridge = "none"
-    """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
-    Simulator; ``parameters`` are those of the bridge."""
-    repository: Repository | None = None
-    """Git repository that holds the command."""
-    image: Image | None = None
-    """Container in which the command runs."""
-    slots: Annotated[int, Meta(ge=0, le=4096)] = 0
-    """Most cases that the stack drives at once; 0: one for a command, for a class as many as the
-    worker has slots."""
-    placement: Literal["worker", "inline", "node"] = "worker"
-    """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
-    simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
-    latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
-    """Delay between a frame and the effect of its command, in sim time [ms]."""
-    latency_jitter_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
-    """Longest further delay, drawn evenly for every command from the case's own stream [ms]."""
-    rate_hz: Annotated[int, Meta(ge=0, le=500)] = 0
-    """Commands per second that take effect, a divisor of `control_hz`; the last one stays in force
-    between them; 0: all [Hz]."""
-    drop: Annotated[float, Meta(ge=0, le=1)] = 0.0
-    """Share of the commands that get lost, drawn from the case's own stream [-]."""
-    parameters: dict[str, bool | int | float | str] = {}
-    """Keyword arguments of the stack class."""
-    perception: dict[Name, Perception] = msgspec.field(
-        default_factory=lambda: {"default": GroundTruthPerception()}
-    )
-    """Perception variants by name; the matrix axis ``model`` chooses one."""
 
 
 Tag = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=-]{0,62}$")]
@@ -299,14 +262,11 @@ _SECTIONS: dict[str, type[Struct]] = {
     "autonomy": Autonomy,
     **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
 }
-_DELAYS = ("latency_ms", "latency_jitter_ms", "rate_hz", "drop")
-"""What a matrix may vary of the section ``autonomy``."""
-
 _NO_AXES = (
     *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
     # Which stack it is decides which cases may share a rig.
-    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in _DELAYS),
+    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in DELAYS),
 )
 
 
@@ -385,11 +345,8 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         *((f"cameras[{i}]", more) for i, more in enumerate(campaign.cameras)),
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
-    mistakes += _driver_mistakes(campaign)
-    own = not campaign.autonomy.command
-    if own and not campaign.render and campaign.autonomy.stack == Autonomy().stack:
-        driver = f"off: stack {campaign.autonomy.stack} drives by a camera; name another"
-        mistakes.append(Mistake("render", driver))
+    seeing = [campaign.camera.name, *(c.name for c in campaign.cameras)] if campaign.render else []
+    mistakes += driver_mistakes(campaign.autonomy, campaign.sensors, seeing)
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -510,7 +467,7 @@ def _case(
             lidars=campaign.lidars,
             sensors=sensors,
             environment=environment,
-            **_driver(campaign.autonomy),
+            **driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
             latency_ms=autonomy.latency_ms,
             latency_jitter_ms=autonomy.latency_jitter_ms,
@@ -537,51 +494,6 @@ def _case(
         ),
         [],
     )
-
-
-def _driver(autonomy: Autonomy) -> dict[str, Any]:
-    """What a case says about the process that drives it."""
-    if not autonomy.command:
-        return {"stack": autonomy.stack, "slots": autonomy.slots}
-    return {
-        "stack": BRIDGES.get(autonomy.bridge, ""),
-        "foreign": Foreign(
-            command=autonomy.command,
-            bridge=autonomy.bridge,
-            repository=autonomy.repository,
-            image=autonomy.image,
-        ),
-        "slots": autonomy.slots or 1,
-    }
-
-
-def _driver_mistakes(campaign: Campaign) -> list[Mistake]:
-    """A stack is a class or a command, and a bridge has what its messages hold."""
-    autonomy = campaign.autonomy
-    mistakes = []
-    if autonomy.command and autonomy.stack != Autonomy().stack:
-        mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
-    if autonomy.command and autonomy.placement == "inline":
-        mistakes.append(Mistake("autonomy.placement", "inline is for a class, not for a command"))
-    for name in ("repository", "image"):
-        if getattr(autonomy, name) is not None and not autonomy.command:
-            mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))
-    if autonomy.bridge == "none":
-        return mistakes
-    if not autonomy.command:
-        mistakes.append(Mistake("autonomy.bridge", "needs the command that starts the script"))
-    if autonomy.slots > 1:
-        mistakes.append(Mistake("autonomy.slots", f"given {autonomy.slots}, a bridge drives 1"))
-    off = [name for name in ("encoders", "imu", "pose") if not getattr(campaign.sensors, name).on]
-    if off:
-        wanted = ", ".join(f"{name}: {{}}" for name in off)
-        mistakes.append(Mistake("sensors", f"the bridge sends them; add {wanted}"))
-    names = {campaign.camera.name, *(camera.name for camera in campaign.cameras)}
-    if not campaign.render or not {"front_left", "front_right"} <= names:
-        mistakes.append(
-            Mistake("cameras", "the bridge sends pictures of front_left and front_right; add them")
-        )
-    return mistakes
 
 
 def _rates(

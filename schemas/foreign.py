@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -29,6 +30,18 @@ class Repository(Struct, frozen=True, forbid_unknown_fields=True):
     """Branch, tag or commit; replaced by the commit when the campaign is loaded."""
     setup: str = ""
     """Shell command that is run in the files once, such as a build; read-only afterwards."""
+
+
+PASSWORD = "has a user or password in it; leave it out, git's credential helper or ssh knows it"
+
+
+def holds_password(url: str) -> bool:
+    """Whether a repository's address has a password or token in it, which all logs would show.
+
+    The user of ``ssh`` is none.
+    """
+    found = re.match(r"([a-z+]+)://([^/@]*)@", url, re.IGNORECASE)
+    return found is not None and (found[1].lower().startswith("http") or ":" in found[2])
 
 
 class Image(Struct, frozen=True, forbid_unknown_fields=True):

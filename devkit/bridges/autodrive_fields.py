@@ -131,7 +131,7 @@ def _number(data: Mapping[str, Any], name: str, default: float | None = None) ->
         return default
     try:
         return float(data[name])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise FieldError(f"{name} is {str(data[name])[:40]!r}, a number is needed") from None
 
 

@@ -28,6 +28,9 @@ RETRY_S = 0.1
 LISTEN_S = 1.0
 """How long a server of unknown generation may take to say that we are connected [s]."""
 
+PING_S_MIN = 0.5
+"""Shortest time between pings, whatever a script asks for [s]."""
+
 MESSAGE_BYTES_MAX = 1 << 20
 """Largest message that a script may send [bytes]."""
 
@@ -112,7 +115,7 @@ class SocketClient:
         elif packet[:2] == MESSAGE + EVENT:
             try:
                 event, *data = json.loads(packet[2:].lstrip("0123456789"))
-            except ValueError:
+            except (TypeError, ValueError):
                 raise SocketError(f"sent {packet[:60]!r}, no event of Socket.IO") from None
             self._inbox.put_nowait((str(event), data[0] if data else None))
 
@@ -153,9 +156,11 @@ def connect(host: str, port: int, timeout_s: float, on_wait: Callable[[], None])
             raise SocketError(f"what listens there is no Socket.IO ({_words(error)})") from None
         try:
             return _join(connection, max(0.1, until_s - time.monotonic()))
-        except SocketError:
+        except Exception as error:
             connection.close()
-            raise
+            if isinstance(error, SocketError):
+                raise
+            raise SocketError(f"connection lost ({_words(error)})") from None
 
 
 def _open(url: str, timeout_s: float) -> Any:
@@ -195,7 +200,8 @@ def _join(connection: Any, timeout_s: float) -> SocketClient:
                 raise SocketError(f"sent {first[:20]!r} instead of a welcome")
     if generation == 4:
         connection.send(MESSAGE + JOIN)
-    return SocketClient(connection, pings_s=interval_s / 2 if generation == 3 else None)
+    pings_s = max(PING_S_MIN, interval_s / 2)
+    return SocketClient(connection, pings_s=pings_s if generation == 3 else None)
 
 
 def _words(error: BaseException) -> str:

@@ -19,6 +19,7 @@ class Rules(Stack):
         self.broken = broken
         self.steps = [0] * slots
         self.all = 0
+        self.tokens = {}
 
     def reset(self, slot, episode):
         if self.broken != "memory":
@@ -40,7 +41,10 @@ class Rules(Stack):
         if self.broken == "raise" and self.steps[slot] == 4:
             raise ValueError("no idea what to do")
         tick = int(observation.tick[slot]) + (self.broken == "tick")
-        return Command(slot, int(observation.token[slot]), tick, throttle, 0.0, 0.0)
+        if self.steps[slot] == 1 and slot not in self.tokens:
+            self.tokens[slot] = int(observation.token[slot])
+        token = self.tokens[slot] if self.broken == "token" else int(observation.token[slot])
+        return Command(slot, token, tick, throttle, 0.0, 0.0)
 '''
 
 
@@ -57,7 +61,7 @@ def test_a_broken_rule_is_named(marked, tmp_path, monkeypatch):
     (tmp_path / "rules.py").write_text(STACKS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     said = {}
-    for broken in ("none", "clock", "memory", "slot", "range", "tick", "raise"):
+    for broken in ("none", "clock", "memory", "slot", "range", "tick", "token", "raise"):
         given = json.dumps({"broken": broken})
         done, found = run(marked, "rules:Rules", "--parameters", given)
         assert done.returncode == (0 if broken == "none" else 1), done.stderr
@@ -69,6 +73,8 @@ def test_a_broken_rule_is_named(marked, tmp_path, monkeypatch):
     assert set(said["slot"]) == {"deterministic"}
     assert said["range"] == {"units and ranges": "tick 3: command throttle is 1.5, allowed: 0 to 1"}
     assert "tick 0: the command is for tick 1" in said["tick"]["commands"]
+    assert set(said["token"]) == {"forgets at reset"}
+    assert "; echo the tick's" in said["token"]["forgets at reset"]
     assert "ValueError: no idea what to do" in said["raise"]["answers"]
 
 
@@ -103,6 +109,7 @@ def test_what_cannot_be_checked_is_bad_input(marked, tmp_path):
     path.write_text("campaign: c\nautonomy: {bridge: autodrive, comand: [x]}\nmatrix: {}\n")
     for words, line in (
         (("no.yaml",), "no.yaml: "),
+        (("run 'this",), "No closing quotation"),
         ((str(path),), "autonomy.comand"),
         (("gap:Stack", "--parameters", "[]"), "expected a JSON object"),
     ):

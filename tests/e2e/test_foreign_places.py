@@ -73,7 +73,7 @@ def test_a_repository_that_cannot_be_used_is_told_at_once(marked, bare, tmp_path
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
     setup = "echo step one; echo step two; echo no compiler here >&2; exit 3"
     for name, change, lines in (
-        ("setup", {"setup": setup}, ("exit code 3: no compiler here; all that it said is in",)),
+        ("setup", {"setup": setup}, ("exit code 3: no compiler here; what it said is in",)),
         ("ref", {"ref": "mian"}, ("no branch, tag or commit 'mian'", "main")),
         ("url", {"url": str(tmp_path / "nothing.git")}, ("does not exist",)),
     ):

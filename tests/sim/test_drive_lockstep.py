@@ -10,9 +10,17 @@ import pytest
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import GroundTruthPerception
-from schemas.messages import Command, Commands, Episode, Frame, Tick
+from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
+from schemas.wire import MESSAGE_BYTES_MAX, encode
 from twin.fabric import cuda
-from twin.fabric.drive import Outgoing, SimulatorEnd, StackEnd
+from twin.fabric.drive import (
+    WAITING_BYTES_MAX,
+    WAITING_MAX,
+    Outgoing,
+    SimulatorEnd,
+    StackEnd,
+)
+from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
 
@@ -172,3 +180,63 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
     expected = [b"probe", b"picture"] if takes else []
     assert OtherMemory.opened == expected, "once each, and only where it is of use"
     frames.close()
+
+
+def held():
+    """A simulator's end, and a stack that says what a test wants."""
+    hub = Hub(seed=1)
+    return hub, SimulatorEnd(hub.open(), "r", SLOTS, None, resend_s=0.02), hub.open()
+
+
+def answer_to(seq):
+    return encode(Commands(v=SCHEMA_VERSION, seq=seq, commands=[]))
+
+
+def test_a_stack_that_only_says_what_nobody_asked_for_does_not_hide_the_time():
+    """``on_wait`` ends the exchange, though there is always another message."""
+    hub, simulator, stack = held()
+    hub.run()
+    stop = threading.Event()
+
+    def talk():
+        while not stop.wait(0.005):  # seldom enough to be no flood
+            stack.publish("drive/r/command", answer_to(6))
+
+    def give_up():
+        raise TimeoutError
+
+    talker = threading.Thread(target=talk, daemon=True)
+    talker.start()
+    try:
+        with pytest.raises(TimeoutError):
+            simulator.exchange(7, tick(7, 0), [], [], give_up)
+    finally:
+        stop.set()
+        talker.join()
+        hub.stop()
+
+
+def test_many_readies_are_no_flood():
+    """A stack says that it is ready every 50 ms while a first frame is drawn."""
+    hub, simulator, stack = held()
+    ready = Ready(v=SCHEMA_VERSION, role="stack", rig="r", slots=SLOTS)
+    for _ in range(WAITING_MAX + 1):
+        stack.publish("drive/r/control/stack", encode(ready))
+    stack.publish("drive/r/command", answer_to(7))
+    hub.deliver()
+    assert simulator.exchange(7, tick(7, 0), [], [], lambda: None).seq == 7
+
+
+@pytest.mark.parametrize("key", ["command", "control/stack"])
+def test_messages_that_wait_have_a_size(key):
+    hub, simulator, stack = held()
+    count = WAITING_BYTES_MAX // MESSAGE_BYTES_MAX + 2
+    payload = bytes(MESSAGE_BYTES_MAX + (key != "command"))
+    for _ in range(count):
+        stack.publish(f"drive/r/{key}", payload)
+    hub.deliver()
+    said = f"more than {WAITING_BYTES_MAX} bytes wait" if key == "command" else "message of"
+    with pytest.raises(InfrastructureError, match=said):
+        simulator.exchange(7, tick(7, 0), [], [], lambda: None)
+    with pytest.raises(InfrastructureError, match=said):
+        simulator.handshake(lambda: None)

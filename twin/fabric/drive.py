@@ -37,6 +37,15 @@ RESEND_S = 1.0
 WAITING_MAX = 1000
 """Most messages of the stack that wait for the simulator."""
 
+WAITING_BYTES_MAX = 64 << 20
+"""Most bytes of the stack that wait for the simulator."""
+
+READY_WAITING_MAX = 10
+"""A stack's ``ready`` is left out while so many messages wait: it says so again and again."""
+
+LOOK_S = 0.1
+"""How often the simulator looks around while it waits for the stack [s]."""
+
 FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
 
@@ -104,10 +113,17 @@ class SimulatorEnd:
         """What the stack took of what it was offered."""
         self.resent = 0
         """Seqs published again."""
-        bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._inbox.put)
         self._fault = ""
+        # Each counted by one thread: what arrived, and what was looked at [bytes].
+        self._arrived, self._read = 0, 0
+        bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._take_ready)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
+
+    def _take_ready(self, sample: Sample) -> None:
+        """Keep a ``ready``, unless many wait as they do while the first frame is drawn."""
+        if self._inbox.qsize() < READY_WAITING_MAX or len(sample.payload) > MESSAGE_BYTES_MAX:
+            self._take(sample)
 
     def _take(self, sample: Sample) -> None:
         """Keep a message of the stack; one that is hostile must not fill our memory."""
@@ -118,7 +134,10 @@ class SimulatorEnd:
             )
         elif self._inbox.qsize() >= WAITING_MAX:
             self._fault = f"stack: more than {WAITING_MAX} messages wait; one answers a tick"
+        elif self._arrived - self._read > WAITING_BYTES_MAX:
+            self._fault = f"stack: more than {WAITING_BYTES_MAX} bytes wait; one answers a tick"
         else:
+            self._arrived += len(sample.payload)
             self._inbox.put(sample)
 
     def handshake(self, on_wait: Callable[[], None]) -> None:
@@ -141,6 +160,8 @@ class SimulatorEnd:
             self._bus.publish(key, encode(offer))
             sample = self._receive(READY_PERIOD_S)
             on_wait()
+            if self._fault:
+                raise InfrastructureError(self._fault)
             if sample is None or not sample.key.endswith("/control/stack"):
                 continue
             try:
@@ -164,14 +185,18 @@ class SimulatorEnd:
     ) -> Commands:
         """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise."""
         self._publish(tick, sensors, episodes)
-        sent = time.monotonic()
+        sent = looked = time.monotonic()
         while True:
-            sample = self._receive(min(0.1, self._resend_s))
+            sample = self._receive(min(LOOK_S, self._resend_s))
             if self._fault:
                 raise InfrastructureError(self._fault)
-            if sample is None:
+            now = time.monotonic()
+            # Also beside a stack that says a lot and never what it was asked for.
+            if sample is None or now - looked >= LOOK_S:
                 on_wait()
-                if time.monotonic() - sent >= self._resend_s:
+                looked = now
+            if sample is None:
+                if now - sent >= self._resend_s:
                     self.resent += 1
                     self._publish(tick, sensors, episodes)
                     sent = time.monotonic()
@@ -200,9 +225,11 @@ class SimulatorEnd:
 
     def _receive(self, timeout_s: float) -> Sample | None:
         try:
-            return self._inbox.get(timeout=timeout_s)
+            sample = self._inbox.get(timeout=timeout_s)
         except queue.Empty:
             return None
+        self._read += len(sample.payload)
+        return sample
 
 
 @dataclass(slots=True)

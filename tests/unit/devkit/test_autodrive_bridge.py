@@ -1,7 +1,9 @@
 """The AutoDRIVE bridge with real scripts: every way in which one may fail has its reason."""
 
 import re
+import signal
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +106,48 @@ def test_every_failure_of_a_script_has_its_reason(mode, reason):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("packets", "reason"),
+    [
+        (['0{"pingInterval": 25000, "maxPayload": 1}', "425"], "no event of Socket.IO"),
+        (['0{"pingInterval": 25000}'], "connection lost"),
+    ],
+)
+def test_a_server_that_says_nonsense_or_leaves_has_its_reason(packets, reason):
+    server = pytest.importorskip("websockets.sync.server")
+    from devkit.bridges.socketio import SocketError, connect
+
+    def receive_all(client):
+        while True:
+            client.receive(0.1)
+
+    def talk(connection):
+        for packet in packets:
+            connection.send(packet)
+        if "425" in packets:
+            connection.recv()
+
+    with server.serve(talk, "127.0.0.1", 0) as serving:
+        threading.Thread(target=serving.serve_forever, daemon=True).start()
+        port = serving.socket.getsockname()[1]
+        with pytest.raises(SocketError, match=reason):
+            receive_all(connect("127.0.0.1", port, 5.0, lambda: None))
+        serving.shutdown()
+
+
+def test_a_script_does_not_ignore_the_signals_that_we_ignore(tmp_path):
+    said = tmp_path / "said"
+    ignored = f"grep SigIgn /proc/self/status > {said}"
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        script = Script(["sh", "-c", ignored], {})
+        script.start()
+        assert script.wait() == 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not int(said.read_text().split()[1], 16) & 1 << (signal.SIGTERM - 1)
+
+
 def test_a_command_that_does_not_exist_is_named():
     with pytest.raises(InfrastructureError, match="'/no/such/script': No such file"):
         Script(["/no/such/script"], {}).start()
@@ -155,6 +199,7 @@ def test_euler_angles_turn_left_about_the_vertical():
         ({"V1 Indicators": "1.5"}, "V1 Indicators is 1.5, allowed: 0 to 3"),
         ({"V1 CoSim": "1"}, "V1 CoSim is set"),
         ({"V1 Brake": None}, "V1 Brake is 'None', a number is needed"),
+        ({"V1 Throttle": 10**400}, "V1 Throttle is '1000"),
     ],
 )
 def test_fields_out_of_range_are_refused(change, words):

@@ -11,8 +11,9 @@ import pytest
 import devkit.stack
 from devkit.aeb import AebStack
 from devkit.stack import Observation, Stack, StackError, load_stack
-from schemas.campaign import Autonomy, GroundTruthPerception
+from schemas.autonomy import Autonomy
 from schemas.messages import Command, Episode
+from schemas.perception import GroundTruthPerception
 
 
 @pytest.fixture

@@ -151,6 +151,54 @@ def test_a_setup_that_fails(bare, cache):
     assert list((cache / "repositories").glob("[!.]*/tree")) == []
 
 
+def ended(pid):
+    """Whether a process is gone, or would be if somebody waited for it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_nothing_of_a_setup_outlives_it(bare, cache, tmp_path, monkeypatch, late):
+    """Neither what it leaves behind, which holds its output open, nor what comes too late."""
+    setup = f"sleep 600 & echo $! > {tmp_path}/pid"
+    given = Repository(str(bare), "main", f"{setup}; wait" if late else setup)
+    if late:
+        fetch_repository(Repository(str(bare), "main"), cache)  # git has its time
+        monkeypatch.setattr(inputs, "TIMEOUT_S", 2.0)
+        with pytest.raises(InfrastructureError, match="not done after 2 s"):
+            fetch_repository(given, cache)
+    else:
+        assert fetch_repository(given, cache).folder.is_dir()
+    pid = int((tmp_path / "pid").read_text())
+    while not ended(pid):
+        pass  # the signal is on its way
+    assert not leftovers(cache)
+
+
+def test_a_setup_that_says_too_much_keeps_its_last_words(bare, cache, monkeypatch):
+    monkeypatch.setattr(inputs, "OUTPUT_BYTES_MAX", 100)
+    setup = "yes | head -c 1000000; echo the end; exit 4"
+    with pytest.raises(UsageError, match=r"exit code 4: .*the end; what"):
+        fetch_repository(Repository(str(bare), "main", setup), cache)
+    (log,) = (cache / "repositories").glob("*.log")
+    assert log.stat().st_size < 300
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["https://me:secret@example.org/x.git", "https://secret@example.org/x", "ssh://a:secret@b/c"],
+)
+def test_passwords_do_not_get_into_logs(url):
+    with pytest.raises(UsageError, match="user or password") as raised:
+        Repository(url, "main")
+    assert "secret" not in one_line(raised)
+    Repository("ssh://git@example.org/x.git", "main")
+    Repository("git@example.org:x.git", "main")
+    Repository("https://example.org/a@b", "main")
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

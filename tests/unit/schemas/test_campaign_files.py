@@ -263,3 +263,19 @@ def test_what_is_kept_of_recordings_is_no_part_of_a_case_but_of_its_rig():
 
 def test_views_without_a_recorder():
     assert [mode.unrecorded for mode in ViewMode] == ["none", "live", "none", "live"]
+
+
+def test_paths_of_a_container_are_absolute(tmp_path, monkeypatch):
+    (tmp_path / "stack.sif").touch()
+    monkeypatch.chdir(tmp_path)
+    image = "{path: stack.sif, binds: [/data, ./d]}"
+    path = tmp_path / "c.yaml"
+    path.write_text(
+        f"campaign: c\nmatrix: {{weather: [clear]}}\nautonomy: {{command: [x], image: {image}}}\n"
+    )
+    with pytest.raises(UsageError) as raised:
+        load(str(path))
+    assert [line.split(": ", 1)[1] for line in str(raised.value).splitlines()] == [
+        "autonomy.image.binds[1]: given './d', allowed: an absolute path",
+        "autonomy.image.path: given 'stack.sif', allowed: an absolute path, which all workers see",
+    ]

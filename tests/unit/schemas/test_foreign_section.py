@@ -49,6 +49,11 @@ def test_a_bridge_is_a_stack_of_ours_with_a_command():
         ({"image": {"path": "/i"}}, {}, "autonomy.image: needs the command"),
         ({"repository": {"url": "u"}}, {}, "autonomy.repository: needs the command"),
         ({"command": ["x"], "repository": {}}, {}, "autonomy.repository"),
+        (
+            {"command": ["x"], "repository": {"url": "https://token@example.org/x.git"}},
+            {},
+            "autonomy.repository.url: has a user or password in it",
+        ),
         ({"command": ["x"], "image": {"path": "/i", "runtime": "docker"}}, {}, "docker"),
         (
             {"command": ["x"], "bridge": "autodrive", "slots": 2},

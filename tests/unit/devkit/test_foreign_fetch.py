@@ -1,0 +1,47 @@
+"""The files of a stack are fetched where it runs, and nothing of that outlives the worker."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from devkit.foreign_place import fetched
+from schemas.foreign import Repository
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.process import end, spawn
+
+
+def ended(pid):
+    """Whether a process is gone, or would be if somebody waited for it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+def test_a_fetch_ends_with_its_worker(tmp_path):
+    who = ("-c", "user.name=t", "-c", "user.email=t@example.org")
+    subprocess.run(["git", *who, "init", "-q", tmp_path / "source"], check=True)
+    words = ["git", *who, "commit", "-q", "--allow-empty", "-m", "one"]
+    subprocess.run(words, cwd=tmp_path / "source", check=True)
+    told = tmp_path / "told"
+    os.mkfifo(told)
+    setup = f"echo $$ > {told}; exec sleep 600"
+    foreign = {"command": ["x"], "repository": {"url": str(tmp_path / "source"), "setup": setup}}
+    words = [*("--connect", "tcp/127.0.0.1:1", "--rig", "r"), "--foreign", json.dumps(foreign)]
+    host = spawn(
+        [sys.executable, "-m", "devkit", "host", *words],
+        environment={"TWIN_CACHE": str(tmp_path / "cache")},
+    )
+    pid = int(told.read_text())  # the set-up runs
+    end(host, 30.0)
+    while not ended(pid):
+        pass  # the signal is on its way
+
+
+def test_an_address_is_no_option():
+    with pytest.raises(InfrastructureError, match="leading '-'"):
+        fetched(Repository(url="--help"))
