@@ -108,6 +108,14 @@ def committed(folder: Path) -> int:
     return len(list(folder.glob("cases/*/attempt-*/kpi.parquet")))
 
 
+def complete(folder: Path) -> bool:
+    """Every case has an outcome, as the conductor's file says."""
+    try:
+        return bool(json.loads((folder / "outcomes.json").read_text())["complete"])
+    except FileNotFoundError:
+        return False
+
+
 def outcomes(folder: Path) -> dict[str, dict[str, object]]:
     """Cases of a finished campaign."""
     cases: dict[str, dict[str, object]] = json.loads((folder / "outcomes.json").read_text())[

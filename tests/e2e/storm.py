@@ -17,7 +17,7 @@ from typing import Any
 
 import psutil
 import yaml
-from processes import PATIENCE_S, Marked, wait_for
+from processes import PATIENCE_S, Marked, complete, wait_for
 
 import conductor
 from conductor.facts import Committed, LateAttempt, WorkerJoined
@@ -161,10 +161,7 @@ class Storm:
 
     def complete(self) -> bool:
         """Every case has an outcome, as the conductor's file says."""
-        try:
-            return bool(json.loads((self.campaign / "outcomes.json").read_text())["complete"])
-        except FileNotFoundError:
-            return False
+        return complete(self.campaign)
 
     def finish(self) -> None:
         """Thaw everything, then end workers and conductor in good order."""

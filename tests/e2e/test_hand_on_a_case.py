@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from processes import MARK, committed, outcomes, wait_for
+from processes import MARK, committed, complete, outcomes, wait_for
 from test_conductor_restart import serve
 
 from conductor.fingerprint import fingerprint
@@ -70,7 +70,7 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
         assert asyncio.run(_async_look(state, name)).changes == case.state.changes
         wait_for(lambda: "no verdict" in marked.run(*explain).stdout, "the word of it")
         case.resume()
-        wait_for(lambda: (campaign / "outcomes.json").exists(), "the end of the campaign")
+        wait_for(lambda: complete(campaign), "the end of the campaign")
         with pytest.raises(TwinError, match=r"ended|does not run|does not answer"):
             case.pause()
     told = marked.run(*explain).stdout
