@@ -27,7 +27,7 @@ from schemas.wire import decode, encode
 from twin.engine import Engine
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.memory_bus import Hub
-from twin.fabric.steering import Attempt, find, find_in_rig
+from twin.fabric.steering import Attempt, carry_out, find, find_in_rig
 from twin.worker.hand import DRIVE_SILENCE_S
 from twin.worker.steering import REQUEST_BYTES_MAX, WAITING_MAX, Steering
 from twin.worker.steering_journal import read_journal
@@ -212,6 +212,12 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
         with pytest.raises(UsageError, match="case 'c' does not run in this rig; running: a, b"):
             find_in_rig(viewer, "rig", case="c")
         found = find(viewer, "b")
+        wrong = [SetPace(1000.0), SetEnvironment("fog"), SetPace(2.0)]
+        with pytest.raises(UsageError, match=r"allowed.*; done before it: pace at tick 0$"):
+            list(carry_out(found, wrong))
+        with pytest.raises(UsageError, match="a case's name: given 'b/\\*'"):
+            find(viewer, "b/*")
+        assert found.do(Look()).state.pace == 1000.0
         assert (found.state.paused, found.state.token) == (True, 8)
         with pytest.raises(UsageError, match="that attempt has ended"):
             Attempt(viewer, "test", "b", 5).do(Pause())
