@@ -162,6 +162,8 @@ class Simulator:
             self._results.drain(RESULT_GRACE_S)
             # What could not be written is no case that is over.
             self._upward.send(Progress([], [], ended=self._results.tokens))
+            if self._inline is not None:
+                self._inline.close()
 
     def _loop(self) -> None:
         order = self._orders.next(None)

@@ -91,6 +91,7 @@ def test_a_simulator_that_breaks_tells_first_what_was_over(tmp_path, monkeypatch
     read, write = os.pipe()
     simulator = Simulator.__new__(Simulator)
     go_on = threading.Event()
+    simulator._inline = None
     simulator._upward = Upstream(os.fdopen(write, "wb", buffering=0))
 
     def tell(lease_ended, result):
