@@ -12,6 +12,9 @@ from schemas.messages import Release, Result
 
 DETAIL_CHARS_MAX = 2000
 """Longest reason kept of an attempt [characters]."""
+STEERED_MAX = 16
+"""After so many attempts that a hand has steered a case stays unresolved: they are uncharged, and a
+script that finds every new one would keep it for ever. A retry allows as many again."""
 LOSSES_ANYWAY = 4
 """So many times the usual number of losses quarantine a case even if others died as well."""
 
@@ -131,6 +134,11 @@ def _emit_end(
     )
     if not case.live and len(case.charges) >= campaign.campaign.attempts_max:
         _quarantine(turn, lease, case, _told("charged attempt", case.charges))
+    elif not case.live and reason == "intervened" and len(case.steered) % STEERED_MAX == 0:
+        text = (
+            f"{len(case.steered)} attempts were steered by hand, the last one: {case.steered[-1]}"
+        )
+        _quarantine(turn, lease, case, text)
 
 
 def _judge_loss(turn: Turn, lease: LiveLease) -> None:

@@ -43,7 +43,7 @@ from schemas.validation import convert_all
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.errors import UsageError
-from twin.fabric.steering import Steered, find, find_in_rig, running
+from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
 from twin.fabric.zenoh_bus import Mode, open_bus
 
 T = TypeVar("T")
@@ -139,13 +139,15 @@ class Client:
         (``gnss_noise=3``, ``imu_bias=0``, ``gnss_dropout=True``), ``pace`` (a factor or ``"max"``).
 
         Raises:
-            UsageError: an unknown name or a value that is not allowed; one line.
+            UsageError: an unknown name or a value that is not allowed: nothing has changed; or the
+                simulator refuses one (no such weather, say): those of other kinds that went before
+                stay, and the line names them.
         """
         try:
             actions = actions_of(settings)
         except ValueError as error:
             raise UsageError(str(error)) from None
-        return [self.do(action).tick for action in actions][-1]
+        return [reply.tick for _, reply in carry_out(self, actions)][-1]
 
     def pause(self) -> int:
         """Stand still; ends by itself after ten minutes without a word."""

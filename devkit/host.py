@@ -175,6 +175,13 @@ class Inline:
             traceback.print_exc()
             return refusal(incoming.tick.seq, error)
 
+    def close(self) -> None:
+        """Release what the stack holds; one that cannot is no reason for anything."""
+        try:
+            self._stack.close()
+        except Exception:
+            traceback.print_exc()
+
 
 def step(stack: Stack, incoming: Incoming) -> list[Any]:
     """New episodes, then one step of the stack."""

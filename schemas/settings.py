@@ -68,7 +68,9 @@ def actions_of(settings: Mapping[str, Value]) -> list[Action]:
 
 
 def _environment(settings: Mapping[str, Value]) -> SetEnvironment | None:
-    weather = str(settings.get("weather", ""))
+    weather = settings.get("weather")
+    if weather is not None and (not weather or not isinstance(weather, str)):
+        raise ValueError(f"weather: given {weather!r}, expected a name such as heavy_rain")
     given = {key: _number(settings, key) for key in _INTENSITIES if key in settings}
     if weather and given:
         raise ValueError(f"weather and {', '.join(given)} exclude each other; give one of them")
@@ -81,7 +83,7 @@ def _environment(settings: Mapping[str, Value]) -> SetEnvironment | None:
         SetEnvironment,
         {
             "action": "environment",
-            "weather": weather,
+            "weather": weather or "",
             "conditions": given or None,
             "time_of_day_min": None if hour is None else 60.0 * hour,
         },
@@ -107,6 +109,8 @@ def _lights(text: str) -> Lights | None:
         if name not in allowed:
             raise ValueError(f"lights: given '{name}'; off, stack, or a sum of {'+'.join(allowed)}")
     turns = [_INDICATORS[name] for name in names if name in _INDICATORS]
+    if len(turns) > 1:
+        raise ValueError(f"lights: given '{text}', allowed: one of {', '.join(_INDICATORS)}")
     return Lights(
         **{name: True for name in names if name in _LAMPS}, indicators=turns[0] if turns else 0
     )
@@ -135,6 +139,8 @@ def _pace(value: Value) -> SetPace:
 
 def _number(settings: Mapping[str, Value], key: str) -> float:
     value = settings[key]
+    if isinstance(value, bool):
+        raise ValueError(f"{key}: given {str(value).lower()}, expected a number")
     try:
         number = float(value)
     except ValueError:

@@ -25,7 +25,7 @@ from schemas.interventions import (
 )
 from schemas.view import clock
 from twin.fabric.errors import UsageError
-from twin.fabric.steering import Steered, find
+from twin.fabric.steering import Steered, carry_out, find
 from twin.fabric.zenoh_bus import open_bus
 from viewer.live import LiveOptions
 from viewer.pedals import HELP, Pedals, keys
@@ -51,12 +51,11 @@ def steer(options: SteerOptions, actions: list[Action]) -> int:
     """Carry out actions one after the other; the exit code.
 
     Raises:
-        UsageError: no such case runs, or something cannot be done.
+        UsageError: no such case runs, or something cannot be done; what was done before it stays.
         InfrastructureError: nobody answers.
     """
     with attempt(options) as steered:
-        for action in actions:
-            reply = steered.do(action)
+        for action, reply in carry_out(steered, actions):
             if options.json or isinstance(action, Look):
                 continue
             print(f"{options.case}: {_told(action)} at tick {reply.tick}{_effect(action)}")

@@ -9,6 +9,8 @@ what was meant for one attempt never hits the next.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.interventions import Action, ControlReply, ControlRequest, HandState, Look
@@ -31,6 +33,7 @@ class Attempt:
     def __init__(self, bus: Bus, campaign: str, case: str, token: int, key: str = "") -> None:
         """``key``: where to ask; empty: where viewers do."""
         self.case = case
+        _check_names(campaign, case)
         self._bus = bus
         self._token = token
         self._key = key or topics.VIEW_CONTROL.key.format(campaign=campaign, case=case)
@@ -61,6 +64,32 @@ class Attempt:
             f"case {self.case}: its simulator does not answer any more; "
             "it may have ended: see conductor explain"
         )
+
+
+class Hands(Protocol):
+    """What does one action."""
+
+    def do(self, action: Action) -> ControlReply:
+        """See :meth:`Attempt.do`."""
+
+
+def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action, ControlReply]]:
+    """Actions one after the other, each with its answer; those before a refused one stay.
+
+    Raises:
+        UsageError: one is refused; the line says which were done before.
+        UnreachableError: the simulator does not answer any more; the same.
+    """
+    done: list[str] = []
+    for action in actions:
+        try:
+            reply = hands.do(action)
+        except (UsageError, UnreachableError) as error:
+            if not done:
+                raise
+            raise type(error)(f"{error}; done before it: {', '.join(done)}") from None
+        done.append(f"{action.__struct_config__.tag} at tick {reply.tick}")
+        yield action, reply
 
 
 class Steered:
@@ -97,6 +126,7 @@ def find(bus: Bus, case: str, campaign: str = "") -> Steered:
         UsageError: no such case runs, or its rig cannot be steered; one line that says why.
         InfrastructureError: nobody answers at all.
     """
+    _check_names(campaign, case)
     found = running(bus, campaign or "*", case)
     campaigns = sorted({state.campaign for state in found})
     if len(campaigns) > 1:
@@ -121,6 +151,13 @@ def find_in_rig(bus: Bus, rig: str, case: str = "", slot: int = -1) -> Steered:
             raise UsageError(f"rig {rig}: {reply.error}")
         return Steered(bus, reply.state, key)
     raise UnreachableError(f"rig {rig}: its simulator does not answer; check endpoint and rig")
+
+
+def _check_names(campaign: str, case: str) -> None:
+    """They become parts of a key; one that is a pattern would mean somebody else's case as well."""
+    for what, name in (("a campaign", campaign), ("a case", case)):
+        if wrong := sorted(set(name) & set("*$?#/")):
+            raise UsageError(f"{what}'s name: given '{name}', not allowed: {' '.join(wrong)}")
 
 
 def _ask(bus: Bus, key: str, request: ControlRequest) -> list[ControlReply]:

@@ -307,12 +307,23 @@ class _ZenohBus:
         return replies[0].ok.payload.to_bytes()
 
     def gather(self, key: str, payload: bytes, timeout_s: float) -> list[bytes]:
-        replies = self._get(key, payload, timeout_s)
+        # By default one reply per key survives: a case that runs twice answers twice on one.
+        replies = self._get(key, payload, timeout_s, zenoh.ConsolidationMode.NONE)
         return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
-    def _get(self, key: str, payload: bytes, timeout_s: float) -> list[zenoh.Reply]:
+    def _get(
+        self,
+        key: str,
+        payload: bytes,
+        timeout_s: float,
+        consolidation: zenoh.ConsolidationMode = zenoh.ConsolidationMode.AUTO,
+    ) -> list[zenoh.Reply]:
         try:
-            return list(self._session.get(key, payload=payload, timeout=timeout_s))
+            return list(
+                self._session.get(
+                    key, payload=payload, timeout=timeout_s, consolidation=consolidation
+                )
+            )
         except zenoh.ZError:
             return []
 

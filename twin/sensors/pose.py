@@ -29,6 +29,10 @@ class TruePose:
         """Make a slot inactive."""
         self._active[slot] = False
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out, or take it in again; there is nothing to remember."""
+        self._active[slot] = not held
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """The truth has no errors."""
 

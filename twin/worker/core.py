@@ -124,6 +124,8 @@ class Held:
     """What a hand last did to it."""
     told: bool = True
     """The conductor knows."""
+    over: bool = False
+    """The case has ended; its result is on the way to the disk."""
 
 
 @dataclass(slots=True)
@@ -228,9 +230,26 @@ class Core:
         return [AssignLease(held.lease) for held in self.held.values()]
 
     def on_progress(
-        self, tokens: list[int], ticks: list[int], now_ns: int, waiting: Sequence[int] = ()
+        self,
+        tokens: list[int],
+        ticks: list[int],
+        now_ns: int,
+        waiting: Sequence[int] = (),
+        over: Sequence[int] = (),
     ) -> list[Effect]:
-        """Progress counters from the simulator; the ``waiting`` stand still at somebody's wish."""
+        """Progress counters from the simulator.
+
+        Args:
+            tokens: of the cases that run.
+            ticks: of each.
+            now_ns: the time [ns].
+            waiting: those of ``tokens`` that stand still at somebody's wish.
+            over: tokens of cases that have ended and wait for the disk.
+        """
+        for token, held in self.held.items():
+            held.over = token in over
+            if held.over:
+                held.moved_ns = now_ns
         for token, tick in zip(tokens, ticks, strict=True):
             held = self.held.get(token)
             if held is not None and (tick != held.progress or token in waiting):
@@ -284,9 +303,11 @@ class Core:
 
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
         """The rig ended by itself: one case alone is charged, several are suspects."""
-        several = len(self.held) > 1
+        several = sum(not held.over for held in self.held.values()) > 1
         for token, held in self.held.items():
             why: Release = "suspect" if several else reason
+            if held.over:
+                why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:
                 why = "intervened"  # a hand may have been the reason
             self.ended.append(self._end_of(token, held, why, detail))

@@ -15,6 +15,7 @@ from schemas.interventions import (
     Action,
     GiveBack,
     Intervention,
+    Look,
     Pause,
     Resume,
     SetLights,
@@ -73,7 +74,8 @@ class Hand:
 
     def take(self, action: Action, tick: int, now_s: float) -> None:
         """An action that was accepted, at the next control tick of its case."""
-        self.heard_s = now_s
+        if not isinstance(action, Look):  # a page that somebody left open looks for ever
+            self.heard_s = now_s
         match action:
             case Pause():
                 self.paused, self.until_tick = True, tick
@@ -129,6 +131,7 @@ class Hand:
                 throttle=self.drive.throttle,
                 brake=self.drive.brake,
                 steering_rad=self.drive.steering_rad,
+                handbrake=0.0,
                 aeb=False,
             )
         if self.lights is not None:

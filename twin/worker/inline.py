@@ -50,7 +50,7 @@ class InlineStack:
             {
                 name: InlineFrame(data)
                 if device_frames and data.device is not None
-                else np.ascontiguousarray(data.values)
+                else _shown(data.values)
                 for name, data in sensed.items()
             },
             {name: data.count for name, data in sensed.items() if data.count is not None},
@@ -59,6 +59,17 @@ class InlineStack:
         if answer.error:
             raise InfrastructureError(f"stack: {answer.error}")
         return answer
+
+    def close(self) -> None:
+        """The rig has come to its end."""
+        self._host.close()
+
+
+def _shown(values: np.ndarray) -> np.ndarray:
+    """Read-only, as through the drive plane: recordings show the same arrays."""
+    shown = np.ascontiguousarray(values).view()
+    shown.flags.writeable = False
+    return shown
 
 
 class InlineFrame:
@@ -74,4 +85,4 @@ class InlineFrame:
 
     def host(self) -> np.ndarray:
         """The values in the host's memory."""
-        return self._data.values
+        return _shown(self._data.values)

@@ -39,6 +39,14 @@ class Close(Struct, frozen=True, tag_field="kind", tag="close"):
     """Stop working and hand the recorder what it has not got yet; the process is ended soon."""
 
 
+class Drain(Struct, frozen=True, tag_field="kind", tag="drain"):
+    """The rig is about to be ended: write the attempts of cases that are over, and say so."""
+
+
+class Drained(Struct, frozen=True, tag_field="kind", tag="drained"):
+    """Nothing is left to be written, or it took too long."""
+
+
 class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
     """The drive session is open."""
 
@@ -61,6 +69,8 @@ class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
     ticks: list[int]
     waiting: list[int] = []
     """Tokens among them that stand still because somebody asked for it."""
+    ended: list[int] = []
+    """Tokens of cases that are over and whose attempt folders are being written."""
 
 
 class Touched(Struct, frozen=True, tag_field="kind", tag="touched"):
@@ -90,8 +100,8 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
     detail: str
 
 
-Downward = Build | Assign | Abandon | Close
-Upward = Listening | Built | Progress | Touched | Done | Steered | Broken
+Downward = Build | Assign | Abandon | Close | Drain
+Upward = Listening | Built | Progress | Touched | Done | Steered | Drained | Broken
 
 
 def pack(message: Struct) -> bytes:

@@ -6,6 +6,7 @@ import queue
 import shutil
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from msgspec import structs
 from schemas.interventions import JournalEnd, JournalHead
 from schemas.messages import Lease, Result
 from schemas.view_mode import ViewMode
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.software import device_class, software_digest
-from twin.worker.pipe import Broken, Built, Done, Listening
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress
 from twin.worker.rig import RigDied, RigProcess
 from twin.worker.shell import WorkerOptions
 from twin.worker.steering_journal import read_journal
@@ -32,10 +33,12 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
         out: folder for the new attempt's files; None: they are not kept.
 
     Raises:
-        UsageError: no journal there, or a damaged one.
-        InfrastructureError: the rig died.
+        UsageError: no journal there, or a damaged one; or ``out`` has that attempt already.
+        InfrastructureError: the rig died, or hangs.
     """
     head, entries, end = read_journal(attempt)
+    if out is not None:
+        _check_free(out / "cases" / head.case.id / f"attempt-{head.attempt}")
     for name, was, now in (
         ("software", head.software[:12], software_digest()[:12]),
         ("device class", head.device_class, device_class(device)),
@@ -61,10 +64,27 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
     return _compare(head, len(entries), end, result)
 
 
+def _check_free(folder: Path) -> None:
+    """What is there may be the attempt itself."""
+    if folder.exists():
+        raise UsageError(f"{folder} exists, and nothing is overwritten; give another --out")
+
+
 def _run(rig: RigProcess, inbox: queue.SimpleQueue[Any], lease: Lease, entries: Any) -> Result:
+    deadline_s = lease.case.deadline_s
+    ticks, until_s = -1, time.monotonic() + deadline_s
     while True:
-        _, message = inbox.get()
+        try:
+            _, message = inbox.get(timeout=max(0.0, until_s - time.monotonic()))
+        except queue.Empty:
+            raise InfrastructureError(
+                f"the rig hangs: no progress for {deadline_s:g} s at tick {max(ticks, 0)}"
+            ) from None
+        if not isinstance(message, Progress) or message.ended or message.ticks != [ticks]:
+            until_s = time.monotonic() + deadline_s
         match message:
+            case Progress(_, [tick]):
+                ticks = tick
             case Listening(endpoint):
                 rig.start_stack(endpoint)
             case Built():

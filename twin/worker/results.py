@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,8 +26,8 @@ class Ended:
 
     lease: Lease
     finished: Finished
-    started_s: float
-    """When its slot took it, monotonic [s]."""
+    wall_s: float
+    """From when its slot took it to its end [s]."""
     perception: PerceptionCost | None
     rig_wall_s: float
     changes: int = 0
@@ -43,6 +42,9 @@ class ResultWriter:
     def __init__(self, tell: Callable[[Ended, Result], None]) -> None:
         self._tell = tell
         self._waiting: queue.Queue[Ended] = queue.Queue(WAITING_MAX)
+        self._tokens: list[int] = []
+        self._settled = threading.Condition()
+        """Notified when there are fewer tokens."""
         self._error: Exception | None = None
         threading.Thread(target=self._run, name="results", daemon=True).start()
 
@@ -53,7 +55,20 @@ class ResultWriter:
             Exception: what kept an earlier one from being written (disk full, no permission).
         """
         self.check()
+        with self._settled:
+            self._tokens.append(ended.lease.token)
         self._waiting.put(ended)
+
+    @property
+    def tokens(self) -> list[int]:
+        """Of the cases whose attempts are not complete yet."""
+        with self._settled:
+            return list(self._tokens)
+
+    def drain(self, timeout_s: float) -> bool:
+        """Wait until all that was handed over is told or has failed; False: it took too long."""
+        with self._settled:
+            return self._settled.wait_for(lambda: not self._tokens, timeout_s)
 
     def check(self) -> None:
         """Raise what kept a case from being written, on the caller's thread."""
@@ -63,20 +78,21 @@ class ResultWriter:
     def _run(self) -> None:
         while True:
             ended = self._waiting.get()
-            if self._error is not None:
-                continue  # the process is about to end; nobody waits for these
-            try:
-                self._tell(ended, _written(ended))
-            except Exception as error:
-                self._error = error
+            if self._error is None:  # or the process is about to end
+                try:
+                    self._tell(ended, _written(ended))
+                except Exception as error:
+                    self._error = error
+            with self._settled:
+                self._tokens.remove(ended.lease.token)
+                self._settled.notify_all()
 
 
 def _written(ended: Ended) -> Result:
     # Late: this module imports Parquet only after the engine is warm.
     from twin.worker.attempt import write_attempt
 
-    wall_s = time.monotonic() - ended.started_s
-    result = write_attempt(ended.lease, ended.finished, wall_s)
+    result = write_attempt(ended.lease, ended.finished, ended.wall_s)
     if ended.journal is not None:
         ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
     return structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)

@@ -27,7 +27,17 @@ from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
-from twin.worker.pipe import Abandon, Assign, Build, Close, Unpacker, Upward, pack
+from twin.worker.pipe import (
+    Abandon,
+    Assign,
+    Build,
+    Close,
+    Drain,
+    Drained,
+    Unpacker,
+    Upward,
+    pack,
+)
 
 FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
@@ -40,6 +50,10 @@ FILE_GRACE_S = 1.0
 
 FOREIGN_GRACE_S = 5.0
 """Longest wait for the end of everything that a foreign stack started [s]."""
+
+DRAIN_GRACE_S = 12.0
+"""Longest wait for the results of cases that were over when the stack ended; a simulator that can
+answer does so earlier [s]."""
 
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
@@ -77,6 +91,7 @@ class RigProcess:
         self._slots = lease.case.rig_slots(options.slots)
         self._id = secrets.token_hex(8)
         self._stopped = False
+        self._drained = threading.Event()
         self._lock = threading.Lock()
         self._stack: subprocess.Popen[bytes] | None = None
         self._recorder: subprocess.Popen[bytes] | None = None
@@ -178,7 +193,11 @@ class RigProcess:
             if not data:
                 break
             for message in unpacker.feed(data):
-                self._inbox.put((self, message))
+                if isinstance(message, Drained):
+                    self._drained.set()
+                else:
+                    self._inbox.put((self, message))
+        self._drained.set()
         self._tell_end(self._simulator, "simulator", self._log)
 
     def start_stack(self, endpoint: str) -> None:
@@ -249,6 +268,13 @@ class RigProcess:
 
     def _watch_stack(self) -> None:
         assert self._stack is not None
+        self._stack.wait()
+        with self._lock:
+            stopped = self._stopped
+        if not stopped:
+            # Cases that are over are no victims of the stack: their results come first.
+            self._write(pack(Drain()))
+            self._drained.wait(DRAIN_GRACE_S)
         self._tell_end(self._stack, "stack", self._stack_log)
 
     def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:

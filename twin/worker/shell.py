@@ -262,8 +262,8 @@ class Worker:
             case (_, Built(transport)):
                 _log(f"rig ready, frames by {transport}")
                 return core.on_rig_ready()
-            case (_, Progress(tokens, ticks, waiting)):
-                return core.on_progress(tokens, ticks, now, waiting)
+            case (_, Progress(tokens, ticks, waiting, over)):
+                return core.on_progress(tokens, ticks, now, waiting, over)
             case (_, Touched(token, note)):
                 return core.on_touched(token, note, now)
             case (_, Steered(result, changes)):

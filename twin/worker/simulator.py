@@ -11,6 +11,7 @@ import queue
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,8 @@ from twin.worker.pipe import (
     Close,
     Done,
     Downward,
+    Drain,
+    Drained,
     Listening,
     Progress,
     Steered,
@@ -74,6 +77,9 @@ TRANSPORT_VARIABLE = "TWIN_TRANSPORT"
 """Environment variable: the best way for frames to reach the stack that may be tried, ``device``
 (the default), ``memory`` or ``bytes``; for comparisons."""
 
+RESULT_GRACE_S = 10.0
+"""Longest time for the results of cases that are over to reach the disk, at the end [s]."""
+
 VIEW_GRACE_S = 2.0
 """Longest time for the view feed to hand over what it holds, at the end [s]."""
 
@@ -93,7 +99,9 @@ class _Slot:
 class Orders:
     """Orders of the worker, read on a thread; end-of-file means the worker is gone."""
 
-    def __init__(self, stream: int) -> None:
+    def __init__(self, stream: int, drain: Callable[[], None]) -> None:
+        """``drain``: what :class:`Drain` asks for; at once, since the loop may wait for a stack."""
+        self._drain = drain
         self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._stream = stream
         threading.Thread(target=self._read, name="orders", daemon=True).start()
@@ -102,7 +110,10 @@ class Orders:
         unpacker = Unpacker(Downward)
         while data := os.read(self._stream, 65536):
             for message in unpacker.feed(data):
-                self._inbox.put(message)
+                if isinstance(message, Drain):
+                    self._drain()
+                else:
+                    self._inbox.put(message)
         os._exit(0)
 
     def next(self, timeout_s: float | None) -> object | None:
@@ -127,7 +138,7 @@ class Simulator:
         self._device = device
         self._upward = out
         self._results = ResultWriter(self._written)
-        self._orders = Orders(0)
+        self._orders = Orders(0, self._drain)
         self._slots: list[_Slot | None] = [None] * slots
         self._steering = Steering(rig, self._slots, device, self._touched)
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
@@ -140,7 +151,21 @@ class Simulator:
         self._handles: dict[str, bytes] = {}
 
     def run(self) -> None:
-        """Build when told, then exchange and step for ever."""
+        """Build when told, then exchange and step for ever.
+
+        Whatever ends that is raised only when the results of cases that are over are told: they
+        must not be taken for victims of the rig.
+        """
+        try:
+            self._loop()
+        finally:
+            self._results.drain(RESULT_GRACE_S)
+            # What could not be written is no case that is over.
+            self._upward.send(Progress([], [], ended=self._results.tokens))
+            if self._inline is not None:
+                self._inline.close()
+
+    def _loop(self) -> None:
         order = self._orders.next(None)
         assert isinstance(order, Build)
         self._build(order.lease.case)
@@ -283,7 +308,7 @@ class Simulator:
                 Ended(
                     slot.lease,
                     finished,
-                    slot.started_s,
+                    time.monotonic() - slot.started_s,
                     slot.perception,
                     slot.rig_wall_s,
                     changes,
@@ -402,6 +427,11 @@ class Simulator:
         """An attempt folder is complete; on the thread that writes them."""
         self._upward.send(Steered(result, ended.changes) if ended.changes else Done(result))
 
+    def _drain(self) -> None:
+        """The stack is gone and the worker wants what is there; on the thread of the orders."""
+        self._results.drain(RESULT_GRACE_S)
+        self._upward.send(Drained())
+
     def _on_wait(self) -> None:
         """While waiting for the stack: orders are still taken, abandoned slots excepted."""
         self._report()
@@ -410,7 +440,10 @@ class Simulator:
         self._log.write()
         now = time.monotonic()
         parked = self._steering.parked
-        if now - self._reported_s < PROGRESS_PERIOD_S or not (self._busy() or parked):
+        if now - self._reported_s < PROGRESS_PERIOD_S:
+            return
+        ended = self._results.tokens
+        if not (self._busy() or parked or ended):
             return
         self._reported_s = now
         for index in parked:
@@ -421,6 +454,7 @@ class Simulator:
                 tokens=[slot.lease.token for _, slot in running],
                 ticks=[int(self._engine.tick[i]) for i, _ in running],
                 waiting=[slot.lease.token for slot in parked.values()],
+                ended=ended,
             )
         )
 

@@ -7,6 +7,7 @@ parked here, so that the loop sees a rig without them.
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import time
 from collections.abc import Callable
@@ -269,19 +270,23 @@ class Steering(Generic[_Slot]):
 
     def _journalled(self, engine: Engine, slot: int, hand: Hand, action: Action) -> int:
         """Apply an action that has a place in the journal, or neither do nor write anything."""
-        journal = self._journals.get(slot)
+        journal = open_ = self._journals.get(slot)
         try:
-            open_ = journal or SteeringJournal(hand.lease, len(self._slots), self._device)
-        except TwinError as error:
-            raise ValueError(f"it cannot be journalled: {error}") from None
-        try:
+            if open_ is None:
+                open_ = SteeringJournal(hand.lease, len(self._slots), self._device)
+            open_.add(int(engine.tick[slot]), int(engine.sim_time_ns[slot]), action)
             found = self._apply(engine, slot, action)
+        except TwinError as error:
+            if journal is None and open_ is not None:
+                open_.discard()
+            raise ValueError(f"it cannot be journalled: {error}") from None
         except ValueError:
             if journal is None:
                 open_.discard()
+            else:
+                open_.take_back()
             raise
         self._journals[slot] = open_
-        open_.add(int(engine.tick[slot]), int(engine.sim_time_ns[slot]), action)
         return found
 
     def _sort(self, slot: int, hand: Hand) -> None:
@@ -298,7 +303,9 @@ class Steering(Generic[_Slot]):
     def _overdue(self, engine: Engine, slot: int) -> None:
         hand = self._hands[slot]
         if hand is not None and (action := hand.overdue(time.monotonic())) is not None:
-            self._act(engine, slot, hand, action)
+            # What cannot be journalled is not done; it is tried again before the next tick.
+            with contextlib.suppress(ValueError):
+                self._act(engine, slot, hand, action)
 
     def _move_on(self, engine: Engine) -> None:
         """Hold slots that may not run; those that may go on once all sensors are due together."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from schemas.interventions import (
     JournalLine,
 )
 from schemas.messages import Lease, Result
-from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.software import device_class, software_digest
 
 
@@ -34,29 +35,45 @@ class SteeringJournal:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._descriptor = os.open(
-                self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666
+                self._path,
+                os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC,
+                0o666,
             )
         except OSError as error:
             raise storage_error(error, str(folder)) from None
-        self._write(
-            JournalHead(
-                v=SCHEMA_VERSION,
-                attempt=lease.attempt,
-                software=software_digest(),
-                device_class=device_class(device),
-                slots=slots,
-                case=lease.case,
-            )
+        self._size = self._before = 0
+        head = JournalHead(
+            v=SCHEMA_VERSION,
+            attempt=lease.attempt,
+            software=software_digest(),
+            device_class=device_class(device),
+            slots=slots,
+            case=lease.case,
         )
+        try:
+            self._write(head)
+        except TwinError:
+            self.discard()
+            raise
 
     def add(self, tick: int, sim_time_ns: int, action: Action) -> None:
-        """One action, before it is applied."""
+        """One action, before it is applied.
+
+        Raises:
+            TwinError: it cannot be written; the journal is as it was.
+        """
         self._write(Intervention(tick, sim_time_ns, action))
+
+    def take_back(self) -> None:
+        """The action that was added last could not be applied."""
+        self._cut(self._before)
 
     def end(self, result: Result, ticks: int) -> None:
         """The attempt came to its end."""
-        self._write(JournalEnd(result.outcome, result.verdict, result.kpi_sha256, ticks))
-        self.close()
+        try:
+            self._write(JournalEnd(result.outcome, result.verdict, result.kpi_sha256, ticks))
+        finally:
+            self.close()
 
     def close(self) -> None:
         """Nothing more is written."""
@@ -68,10 +85,21 @@ class SteeringJournal:
         self._path.unlink(missing_ok=True)
 
     def _write(self, line: JournalLine) -> None:
+        """Append a line, whole or not at all."""
+        data = memoryview(msgspec.json.encode(line) + b"\n")
+        size = self._size + len(data)
         try:
-            os.write(self._descriptor, msgspec.json.encode(line) + b"\n")
+            while data:  # a disk that is nearly full takes a part
+                data = data[os.write(self._descriptor, data) :]
         except OSError as error:
+            self._cut(self._size)
             raise storage_error(error, str(self._path)) from None
+        self._before, self._size = self._size, size
+
+    def _cut(self, size: int) -> None:
+        with contextlib.suppress(OSError):  # a reader says then that it is damaged
+            os.ftruncate(self._descriptor, size)
+        self._size = size
 
 
 def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEnd | None]:

@@ -212,6 +212,12 @@ class ViewFeed:
         sites = engine.camera_sites, engine.lidar_sites
         self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
 
+    def turn_away(self) -> None:
+        """See :class:`Feed`."""
+        while self._served:
+            _, cancel = self._served.popitem()
+            cancel()
+
     def _leave(self, slot: int) -> None:
         self._runs[slot] = None
         cancel = self._served.pop(slot, None)

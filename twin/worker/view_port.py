@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
@@ -41,6 +42,9 @@ class Feed(Protocol):
     def abandon(self, slot: int) -> None:
         """The case of a slot is no longer wanted."""
 
+    def turn_away(self) -> None:
+        """Take no more requests of viewers."""
+
     def close(self, timeout_s: float) -> None:
         """Publish what waits and say that nothing follows; gives up after ``timeout_s`` [s]."""
 
@@ -68,6 +72,9 @@ class NoFeed:
         """See :class:`Feed`."""
 
     def abandon(self, slot: int) -> None:
+        """See :class:`Feed`."""
+
+    def turn_away(self) -> None:
         """See :class:`Feed`."""
 
     def close(self, timeout_s: float) -> None:
@@ -107,6 +114,10 @@ class Harmless:
         """See :class:`Feed`."""
         self._try(lambda: self._feed.abandon(slot))
 
+    def turn_away(self) -> None:
+        """See :class:`Feed`."""
+        self._try(self._feed.turn_away)
+
     def close(self, timeout_s: float) -> None:
         """See :class:`Feed`."""
         self._try(lambda: self._feed.close(timeout_s))
@@ -116,4 +127,7 @@ class Harmless:
             call()
         except Exception:
             traceback.print_exc()
-            self._feed = NoFeed()
+            failed, self._feed = self._feed, NoFeed()
+            # Nobody would cancel the keys of cases when these end, and the slots go to others.
+            with contextlib.suppress(Exception):
+                failed.turn_away()

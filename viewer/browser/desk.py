@@ -5,15 +5,16 @@ from __future__ import annotations
 import hmac
 import secrets
 import threading
+from typing import Annotated
 
 import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from schemas.interventions import Action
 from schemas.settings import Value, actions_of
 from twin.fabric.bus import Bus
 from twin.fabric.errors import TwinError, UsageError
-from twin.fabric.steering import Attempt, running
+from twin.fabric.steering import Attempt, carry_out, running
 from twin.fabric.zenoh_bus import open_bus
 from viewer.live import LiveOptions
 
@@ -26,7 +27,7 @@ class Asked(Struct, frozen=True, forbid_unknown_fields=True):
 
     campaign: str
     case: str
-    token: int
+    token: Annotated[int, Meta(ge=1)]
     """Of the attempt, as the list of running ones says."""
     settings: dict[str, str | float | bool] = {}
     """As for ``viewer set``."""
@@ -62,7 +63,7 @@ class Desk:
         """Carry out what a page asks; the answer says at which tick, and how the case stands.
 
         Raises:
-            TwinError: it cannot be done; one line, and nothing has changed.
+            TwinError: it cannot be done; one line, which names what was done before it.
         """
         try:
             asked = msgspec.json.decode(body, type=Asked)
@@ -74,8 +75,7 @@ class Desk:
             actions.append(asked.action)
         steered = Attempt(self._session(), asked.campaign, asked.case, asked.token)
         tick, state = -1, None
-        for action in actions:
-            reply = steered.do(action)
+        for _, reply in carry_out(steered, actions):
             tick, state = reply.tick, reply.state
         return msgspec.json.encode({"tick": tick, "state": state})
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from conductor_bench import S, ended, result, started
 
-from conductor.facts import AttemptEnded, Intervention, Snapshot
+from conductor.facts import AttemptEnded, CaseEnded, Intervention, Snapshot
 from conductor.fold import fold
 from conductor.folders import Folders
 from conductor.outcomes import outcomes_of
+from conductor.settle import STEERED_MAX
 from conductor.snapshot import take
 from schemas import SCHEMA_VERSION
 from schemas.messages import Beat, Touch
@@ -57,6 +58,24 @@ def test_a_touch_is_a_fact_once_and_the_case_is_run_again_uncharged(tmp_path: Pa
     Folders(tmp_path).sweep(campaign)
     left = sorted(path.name for path in tmp_path.glob("cases/repeat_0/*"))
     assert left == ["attempt-1", "attempt-2"]
+
+
+def test_a_script_that_steers_every_attempt_does_not_keep_a_case_for_ever() -> None:
+    bench = started(cases=1, attempts_max=1)
+    for _ in range(2):
+        before = len(bench.facts(CaseEnded))
+        for _ in range(STEERED_MAX):
+            assert len(bench.facts(CaseEnded)) == before
+            (lease,) = bench.lease()
+            bench.next(k=0, ended=[ended(lease, "intervened", "steered by hand, 1 changes")])
+        end = bench.facts(CaseEnded)[-1]
+        assert end.outcome == "unresolved"
+        assert end.reason.endswith(
+            f"attempts were steered by hand, the last one: attempt {lease.attempt}: "
+            "steered by hand, 1 changes"
+        )
+        assert bench.lease() == []
+        assert not bench.control("retry", "alpha").error
 
 
 def test_a_case_that_somebody_looks_at_gets_no_second_lease() -> None:

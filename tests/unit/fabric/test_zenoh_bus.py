@@ -29,6 +29,21 @@ def test_request_reply_and_real_port():
         router.close()
 
 
+def test_all_who_serve_one_key_are_gathered():
+    router = open_bus("router", listen=LOOPBACK)
+    try:
+        for name in (b"one", b"two"):
+            answerer = open_bus("client", connect=router.endpoints)
+            answerer.serve("view/a/case/control", lambda _, respond, name=name: respond(name))
+        asker = open_bus("client", connect=router.endpoints)
+        found = asker.gather("view/a/case/control", b"", 5)
+        assert sorted(found) == [b"one", b"two"]
+        found = asker.gather("view/*/case/control", b"", 5)
+        assert sorted(found) == [b"one", b"two"]
+    finally:
+        router.close()
+
+
 def test_nothing_listens_beyond_loopback():
     router = open_bus("router", listen=LOOPBACK)
     try:

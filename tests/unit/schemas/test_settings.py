@@ -41,6 +41,7 @@ def test_every_kind_of_setting():
         ("y_m=1", "a pose needs x_m and y_m; x_m missing"),
         ("x_m=1 y_m=1 speed_mps=-1", "speed_mps: given -1.0, allowed:"),
         ("lights=low+blue", "lights: given 'blue'"),
+        ("lights=left+right", "lights: given 'left+right', allowed: one of left, right, hazard"),
         ("imu_noise=1001", "imu_noise: given 1001, allowed: 0 to 1000"),
         ("gnss_dropout=maybe", "gnss_dropout: given maybe, allowed: true, false"),
         ("pace=0", "factor: given 0.0, allowed:"),
@@ -51,3 +52,18 @@ def test_mistakes_are_one_line(words, line):
         actions_of(parse_words(words.split()))
     assert str(found.value).startswith(line)
     assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"weather": ""}, "weather: given '', expected a name"),
+        ({"weather": 3.0}, "weather: given 3.0, expected a name"),
+        ({"hour": True}, "hour: given true, expected a number"),
+        ({"pace": False}, "pace: given false, expected a number"),
+    ],
+)
+def test_a_script_may_give_other_types(settings, line):
+    with pytest.raises(ValueError) as found:
+        actions_of(settings)
+    assert str(found.value).startswith(line)

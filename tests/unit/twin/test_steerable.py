@@ -47,7 +47,12 @@ def rich_case(name, weather="heavy_rain"):
             "outputs": ["flow"],
         },
         "lidars": [{"name": "roof", "hz": 10}],
-        "sensors": {"encoders": {"hz": 20}, "gnss": {"hz": 10}, "imu": {"hz": 20}},
+        "sensors": {
+            "encoders": {"hz": 20},
+            "gnss": {"hz": 10},
+            "imu": {"hz": 20},
+            "pose": {"hz": 10},
+        },
         "scenario": {"ego_start_m": 60.0, "duration_s": 2.0},
         "matrix": {"weather": [weather], "time_of_day": ["12:00"]},
     }

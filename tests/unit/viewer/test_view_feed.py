@@ -321,6 +321,18 @@ def test_a_feed_that_fails_fails_alone(capsys):
     assert capsys.readouterr().err.count("Traceback") == 1
 
 
+def test_a_feed_that_failed_answers_nobody(hub, monkeypatch):
+    asker = hub.open()
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    harmless = Harmless(feed)
+    harmless.steered_by(lambda slot, payload, respond: respond(b"here"))
+    harmless.begin(0, lease(), Sim())
+    assert asker.gather("view/c/clear/control", b"", 5) == [b"here"]
+    monkeypatch.setattr(feed, "hand", lambda *_: 1 / 0)
+    harmless.hand(0, "paused")
+    assert asker.gather("view/c/clear/control", b"", 0.2) == []
+
+
 ALONE = "view/c/clear/live/*"
 
 

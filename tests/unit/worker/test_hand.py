@@ -7,6 +7,7 @@ import pytest
 from schemas.interventions import (
     GiveBack,
     Intervention,
+    Look,
     Pause,
     Resume,
     SetEnvironment,
@@ -27,7 +28,7 @@ from twin.worker.hand import (
 )
 
 PERIOD_S = 0.05
-COMMAND = Command(0, 1, 7, 0.5, 0.25, 0.1, aeb=True)
+COMMAND = Command(0, 1, 7, 0.5, 0.25, 0.1, aeb=True, handbrake=1.0)
 
 
 def test_a_step_is_exact():
@@ -75,6 +76,8 @@ def test_a_pause_that_everybody_forgot_ends():
     assert hand.label() == "paused"
     assert hand.overdue(10.0 + PAUSE_SILENCE_S - 0.001) is None
     assert hand.overdue(10.0 + PAUSE_SILENCE_S) == Resume()
+    hand.take(Look(), 1, 10.0 + PAUSE_SILENCE_S - 0.001)
+    assert hand.overdue(10.0 + PAUSE_SILENCE_S) == Resume(), "who only looks holds nothing"
 
 
 def test_what_a_journal_says_needs_nobody_and_no_clock():

@@ -1,5 +1,7 @@
 """Steering an engine: requests from other threads, applied between two ticks."""
 
+import errno
+import os
 import threading
 import time
 
@@ -8,6 +10,7 @@ from unit.twin.test_engine import ask, case
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.interventions import (
+    JOURNAL_FILE,
     ControlReply,
     ControlRequest,
     GiveBack,
@@ -24,7 +27,8 @@ from schemas.wire import decode, encode
 from twin.engine import Engine
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.memory_bus import Hub
-from twin.fabric.steering import Attempt, find, find_in_rig
+from twin.fabric.steering import Attempt, carry_out, find, find_in_rig
+from twin.worker.hand import DRIVE_SILENCE_S
 from twin.worker.steering import REQUEST_BYTES_MAX, WAITING_MAX, Steering
 from twin.worker.steering_journal import read_journal
 
@@ -146,6 +150,36 @@ def test_what_is_refused_changes_nothing(rig, tmp_path):
     assert rig.engine.weather(1) == "clear"
 
 
+def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monkeypatch):
+    rig.do(Takeover(0.3))
+    journal = tmp_path / "cases" / "a" / "attempt-1"
+    before = read_journal(journal)
+    write = os.write
+
+    def nearly_full(descriptor, data):
+        if len(data) > 10:
+            return write(descriptor, data[:10])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", nearly_full)
+    assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog")).error
+    assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog"), slot=1).error
+    assert [rig.engine.weather(slot) for slot in range(2)] == ["clear", "clear"]
+    rig.steering._hands[0].drive_s -= DRIVE_SILENCE_S
+    rig.turn()
+    assert rig.do(Look()).state.taken_over, "what is not journalled is not done"
+    assert read_journal(journal) == before
+    assert not (tmp_path / "cases" / "b" / "attempt-1" / JOURNAL_FILE).exists()
+    monkeypatch.undo()
+    rig.turn()
+    assert not rig.do(Look()).state.taken_over
+    assert "weather 'fog'" in rig.do(SetEnvironment("fog")).error
+    rig.do(SetEnvironment("heavy_fog"))
+    _, entries, _ = read_journal(journal)
+    assert [type(each.action) for each in entries] == [Takeover, GiveBack, SetEnvironment]
+    assert rig.changes(0) == 3
+
+
 def test_a_flood_is_refused(rig):
     answers = []
     request = encode(ControlRequest(v=SCHEMA_VERSION, id="", action=Look()))
@@ -178,6 +212,12 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
         with pytest.raises(UsageError, match="case 'c' does not run in this rig; running: a, b"):
             find_in_rig(viewer, "rig", case="c")
         found = find(viewer, "b")
+        wrong = [SetPace(1000.0), SetEnvironment("fog"), SetPace(2.0)]
+        with pytest.raises(UsageError, match=r"allowed.*; done before it: pace at tick 0$"):
+            list(carry_out(found, wrong))
+        with pytest.raises(UsageError, match="a case's name: given 'b/\\*'"):
+            find(viewer, "b/*")
+        assert found.do(Look()).state.pace == 1000.0
         assert (found.state.paused, found.state.token) == (True, 8)
         with pytest.raises(UsageError, match="that attempt has ended"):
             Attempt(viewer, "test", "b", 5).do(Pause())

@@ -168,6 +168,20 @@ def test_a_dead_rig_charges_only_a_case_that_was_alone():
     assert [(e.token, e.reason, e.detail) for e in core.ended] == [(1, "crash", "boom")]
 
 
+def test_a_case_that_was_over_is_no_victim_of_its_rig():
+    core = working()
+    core.on_progress([2], [4], 5 * SECOND_NS - 1, over=[1])
+    core.on_time(5 * SECOND_NS)
+    assert core.ended == [], "the wait for the disk is nobody's deadline"
+    core.on_rig_died("out_of_memory", "boom", 5 * SECOND_NS)
+    assert [(e.token, e.reason) for e in core.ended] == [(1, "released"), (2, "out_of_memory")]
+    core = working(slots=1, tokens=(1,))
+    core.on_progress([], [], 5, over=[1])
+    core.on_progress([], [], 6)  # its result could not be written
+    core.on_rig_died("crash", "disk full", 7)
+    assert [e.reason for e in core.ended] == ["crash"]
+
+
 def test_rigs_that_keep_dying_are_slowed_down():
     core = working(slots=1, tokens=(1,))
     core.on_rig_died("crash", "boom", 0)

@@ -1,5 +1,6 @@
 """Results are written in order on a thread; what keeps one from it reaches the loop."""
 
+import os
 import queue
 import threading
 from pathlib import Path
@@ -17,8 +18,10 @@ from twin.engine import Finished
 from twin.fabric.errors import TwinError
 from twin.kpi.recorder import Recorder
 from twin.vehicle.state import COLUMN
+from twin.worker.pipe import Progress, Unpacker, Upstream, Upward
 from twin.worker.profile import LoopLog, LoopProfile
 from twin.worker.results import Ended, ResultWriter
+from twin.worker.simulator import Simulator
 
 
 def ended(folder: Path, token: int) -> Ended:
@@ -27,7 +30,7 @@ def ended(folder: Path, token: int) -> Ended:
     recorder.add([0], np.array([token]), np.array([0]), state, [None], [None])
     finished = Finished(0, "verdict", "pass", True, [], {}, recorder.of(0).table())
     lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
-    return Ended(lease, finished, 0.0, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
+    return Ended(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
 
 
 def test_they_come_in_order_and_their_files_are_there(tmp_path):
@@ -39,6 +42,7 @@ def test_they_come_in_order_and_their_files_are_there(tmp_path):
     assert [result.token for result in results] == list(range(5))
     assert all((tmp_path / result.attempt_dir / "kpi.parquet").exists() for result in results)
     assert {result.rig_wall_s for result in results} == {0.25}
+    assert {result.wall_s for result in results} == {12.5}, "the wait for the disk is no part"
     assert results[0].perception.frames == 3
 
 
@@ -49,6 +53,63 @@ def test_a_folder_that_cannot_be_written_ends_the_loop(tmp_path):
     writer.put(ended(blocked, 0))
     with pytest.raises(TwinError, match="Not a directory"):
         until_refused(writer)
+
+
+def test_the_end_of_a_rig_waits_for_cases_that_are_over(tmp_path):
+    go_on, told = threading.Event(), []
+
+    def tell(_, result):
+        go_on.wait(30)
+        told.append(result.token)
+
+    writer = ResultWriter(tell)
+    assert writer.drain(0.0)
+    for token in (0, 1):
+        writer.put(ended(tmp_path, token))
+    assert writer.tokens == [0, 1]
+    assert not writer.drain(0.01)
+    go_on.set()
+    assert writer.drain(30)
+    assert (told, writer.tokens) == ([0, 1], [])
+
+
+def test_what_cannot_be_written_keeps_nobody_waiting(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    writer = ResultWriter(lambda *_: pytest.fail("it was not written"))
+    writer.put(ended(blocked, 0))
+    assert writer.drain(30)
+    with pytest.raises(TwinError):
+        writer.check()
+
+
+class StoppedError(Exception):
+    """What ends the loop below."""
+
+
+def test_a_simulator_that_breaks_tells_first_what_was_over(tmp_path, monkeypatch):
+    read, write = os.pipe()
+    simulator = Simulator.__new__(Simulator)
+    go_on = threading.Event()
+    simulator._inline = None
+    simulator._upward = Upstream(os.fdopen(write, "wb", buffering=0))
+
+    def tell(lease_ended, result):
+        go_on.wait(30)
+        simulator._written(lease_ended, result)
+
+    simulator._results = ResultWriter(tell)
+
+    def loop():
+        simulator._results.put(ended(tmp_path, 3))
+        go_on.set()
+        raise StoppedError
+
+    monkeypatch.setattr(simulator, "_loop", loop)
+    with pytest.raises(StoppedError):
+        simulator.run()
+    done, progress = Unpacker(Upward).feed(os.read(read, 65536))
+    assert (done.result.token, progress) == (3, Progress([], []))
 
 
 def until_refused(writer: ResultWriter) -> None:

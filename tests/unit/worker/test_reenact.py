@@ -1,0 +1,34 @@
+"""Running an attempt again: what stops it before and while it runs."""
+
+import queue
+import types
+
+import pytest
+from unit.twin.test_engine import case
+
+from schemas.messages import Lease
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.worker.pipe import Progress
+from twin.worker.reenact import _run, reenact
+from twin.worker.steering_journal import SteeringJournal
+
+
+def test_it_overwrites_nothing(tmp_path):
+    SteeringJournal(Lease(1, 2, str(tmp_path), case("a")), 1, "cpu").close()
+    attempt = tmp_path / "cases" / "a" / "attempt-2"
+    (attempt / "kpi.parquet").write_text("evidence")
+    with pytest.raises(UsageError, match="attempt-2 exists, and nothing is overwritten; give"):
+        reenact(attempt, "cpu", None, tmp_path)
+    assert (attempt / "kpi.parquet").read_text() == "evidence"
+
+
+@pytest.mark.parametrize("ticks", [[], [4, 4, 4]])
+def test_a_rig_that_hangs_is_not_waited_for(ticks):
+    inbox = queue.SimpleQueue()
+    for tick in ticks:
+        inbox.put((None, Progress([1], [tick])))
+    lease = types.SimpleNamespace(case=types.SimpleNamespace(deadline_s=0.01))
+    with pytest.raises(
+        InfrastructureError, match=f"no progress for 0.01 s at tick {max([0, *ticks])}"
+    ):
+        _run(None, inbox, lease, [])
