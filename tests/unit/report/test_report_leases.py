@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
+from conductor.outcomes import encode_outcomes
 from conductor.report import make_report, tables_of
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
@@ -155,6 +156,41 @@ def test_the_speed_up_is_measured_or_missing(tmp_path: Path) -> None:
     page = make_report(run, serial=serial).page.read_text()
     assert "4.00 x" in page
     assert "Beside <code>serial</code>" in page
+
+
+def test_an_unfinished_run_has_no_speed_up(tmp_path: Path) -> None:
+    run, serial = tmp_path / "run", tmp_path / "serial"
+    make_campaign(serial)
+    one_after_the_other(serial)
+    first = open_dossier(serial).rows[0].case.id
+
+    def begun(case: Any, end: Any) -> Any:
+        return end if case.id == first else msgspec.convert({"outcome": ""}, type(end))
+
+    make_campaign(run, change=begun)
+    write_timeline(run, event(0, "leased", first, 1), event(1, "committed", first, 1))
+    found = speed(run, serial)
+    assert found["speed_up"] is found["efficiency"] is None
+    assert found["missing"] == "7 of 8 cases of this run have not ended"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"device_classes": ["cuda:sm_90"]}, "ran on cuda:sm_90, this on cpu:avx2"),
+        ({"software": "6" * 64}, "with software 666666666666, this with 555555555555"),
+    ],
+)
+def test_a_serial_run_of_something_else_is_refused(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    run, serial = tmp_path / "run", tmp_path / "serial"
+    make_campaign(run)
+    _, outcomes = make_campaign(serial)
+    (serial / "outcomes.json").write_bytes(encode_outcomes(replace(outcomes, **changes)))
+    one_after_the_other(serial)
+    with pytest.raises(UsageError, match=said):
+        speed(run, serial)
 
 
 @pytest.mark.parametrize("why", ["another campaign", "at once", "not complete", "no campaign"])
