@@ -81,12 +81,15 @@ def import_autodrive(source: Path, out: Path) -> Imported:
     cases = expand(campaign)
     _prepare(out)
     ends = {}
+    without_aeb = []
     for case, place in zip(cases, kept, strict=True):
         log = logs.get((place.batch, place.instance)) or Log(place.file, foreign="no such file")
         notes += log.notes
         if log.foreign:
             notes.append(f"{log.name}: {log.foreign}")
         ends[case.id] = _write_case(out, case, log)
+        if not log.foreign and all(row.aeb is None for row in log.rows):
+            without_aeb.append(case.id)
     imported = Imported(
         source=source.absolute().name,
         sha256=sha256,
@@ -100,6 +103,7 @@ def import_autodrive(source: Path, out: Path) -> Imported:
             if (place.batch, place.instance) in logs
         },
         batches={case.id: place.batch for case, place in zip(cases, kept, strict=True)},
+        without_aeb=without_aeb,
     )
     _write_campaign(out, campaign, cases, ends, imported)
     return imported

@@ -27,6 +27,8 @@ class Row:
 
     case: Case
     end: CaseOutcome
+    aeb_logged: bool = True
+    """Whether a case without an AEB trigger is known to have had none."""
 
     @property
     def status(self) -> str:
@@ -99,14 +101,16 @@ def open_dossier(folder: Path) -> Dossier:
         )
     imported = read_imported(folder)
     labelled = cases
+    without_aeb: set[str] = set()
     if imported is not None:  # only some batches of a configuration may be there
         labels = imported.batches
         labelled = [msgspec.structs.replace(c, batch=labels.get(c.id, 0)) for c in cases]
+        without_aeb = set(imported.without_aeb)
     return Dossier(
         folder=folder,
         campaign=campaign,
         outcomes=outcomes,
-        rows=[Row(case, outcomes.cases[case.id]) for case in labelled],
+        rows=[Row(c, outcomes.cases[c.id], c.id not in without_aeb) for c in labelled],
         running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),
         digest_now=campaign_digest(campaign, cases),
         imported=imported,

@@ -27,6 +27,8 @@ def kind_of(row: Row) -> str:
     words = row.status.replace("_", " ")
     if row.status != "collision":
         return words
+    if not row.aeb_logged:
+        return f"{words}, AEB not logged"
     return f"{words} in spite of AEB" if _triggered(row) else f"{words} without AEB"
 
 
