@@ -256,7 +256,9 @@ def test_a_damaged_archive_is_always_said(tmp_path: Path) -> None:
     ):
         path.write_bytes(data)
         found = import_autodrive(logs, tmp_path / "run")
-        assert any("batch_2.tar.gz: not read to its end" in note for note in found.left_out), data[:20]
+        assert any("batch_2.tar.gz: not read to its end" in note for note in found.left_out), data[
+            :20
+        ]
     path.write_bytes(gzip.compress(whole.rstrip(b"\0") + b"\0" * 4096))
     assert not import_autodrive(logs, tmp_path / "run").left_out
 
