@@ -48,11 +48,12 @@ class Finding:
 
 
 def findings(dossier: Dossier) -> list[Finding]:
-    """Every finding, those about the whole campaign first."""
+    """Every finding, those about the whole campaign first. While cases are left, shares of all
+    cases would say too little."""
     rows = dossier.rows
     return [
         *_missing(dossier),
-        *_passed(dossier),
+        *(_passed(dossier) if dossier.outcomes.complete else []),
         *_systems(dossier),
         *_axes(dossier),
         *([] if dossier.lane_keeping else _hidden(dossier)),
@@ -102,19 +103,13 @@ def _missing(dossier: Dossier) -> list[Finding]:
 
 
 def _passed(dossier: Dossier) -> list[Finding]:
-    """Of the cases that have ended: the others may still go either way."""
     found = []
     for model in _models(dossier):
-        own = [row for row in dossier.rows if row.case.model == model]
-        rows = [row for row in own if row.end.outcome]
-        if not rows:
-            found.append(Finding("passed", f"{model}: no case has ended yet.", cases=_ids(own)))
-            continue
+        rows = [row for row in dossier.rows if row.case.model == model]
         passed = sum(row.passed is True for row in rows)
         low, high = wilson(passed, len(rows))
-        ended = " that have ended" if len(rows) < len(own) else ""
         text = (
-            f"{model} passed {passed} of {counted(len(rows), 'case', 'cases')}{ended} "
+            f"{model} passed {passed} of {counted(len(rows), 'case', 'cases')} "
             f"({percent(passed / len(rows))}, 95 % interval {percent(low)} to {percent(high)})."
         )
         found.append(Finding("passed", text, cases=_ids(r for r in rows if r.passed is not True)))
