@@ -44,6 +44,8 @@ REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
 SPAN_MAX_US = 24 * 3600 * 10**6
 """No log lasts longer; a row further than this from the first has a damaged time [us]."""
+NUMBER_MAX = 1e9
+"""A larger number is damaged: nothing in a log comes near it."""
 NAMED_MAX = 8
 """Most lines that a note names; then it counts."""
 
@@ -242,6 +244,8 @@ def _number(column: str, text: str) -> float:
     value = float(text) if len(text) < 64 and _DECIMAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise _UnreadableError(f"{column} is no number")
+    if abs(value) > NUMBER_MAX:
+        raise _UnreadableError(f"{column} is beyond {NUMBER_MAX:g}")
     return value
 
 

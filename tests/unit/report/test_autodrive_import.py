@@ -14,7 +14,7 @@ import pytest
 from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
-from conductor.report import report_json, write_report, write_result_page
+from conductor.report import autodrive_import, report_json, write_report, write_result_page
 from conductor.report.autodrive_import import import_autodrive
 from conductor.report.autodrive_kpi import judge, kpi_columns
 from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
@@ -448,3 +448,40 @@ def test_no_damage_breaks_the_reading_and_every_row_is_read_or_listed() -> None:
         if len(log.rows) < sum(bool(line.strip()) for line in lines):
             assert any("left out" in note for note in log.notes), seed
     assert min(outcomes.values()) > 10, outcomes
+
+
+def test_a_row_that_is_left_out_does_not_begin_the_log() -> None:
+    instance = config()["simulation_instances"][0]
+    rows = drive(instance)
+    rows[0]["Collisions (#)"] = "x"
+    rows[0]["Timestamp"] = "2020-01-01 00:00:00"
+    log = read_log("log", text(rows).encode(), Instance(**instance))
+    assert not log.foreign
+    assert log.rows[0].time_us == 0
+
+
+def test_a_number_that_nothing_can_have_is_left_out() -> None:
+    instance = config()["simulation_instances"][0]
+    rows = drive(instance)
+    rows[3]["DTC (m)"] = "1e200"
+    log = read_log("log", text(rows).encode(), Instance(**instance))
+    assert log.notes == ["log: line 5 left out: DTC (m) is beyond 1e+09"]
+
+
+def test_an_import_that_was_killed_can_be_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_logs(tmp_path / "logs")
+
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(autodrive_import, "_write_campaign", killed)
+        with pytest.raises(KeyboardInterrupt):
+            import_autodrive(tmp_path / "logs", tmp_path / "run")
+    with pytest.raises(UsageError, match=r"no outcomes\.json"):
+        report_json(tmp_path / "run")
+    import_autodrive(tmp_path / "logs", tmp_path / "run")
+    assert report_json(tmp_path / "run")["passed"] == 8
+    assert not (tmp_path / "run" / ".importing").exists()
