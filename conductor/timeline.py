@@ -35,8 +35,7 @@ class Event(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Wall clock since 1970 [s]."""
     event: str
     """``leased``, ``committed``, ``case_ended`` (both end every lease of the case), ``late`` (a
-    result with a dead token), ``started`` (the conductor; nothing happened since the line before), or
-    why a lease was given back."""
+    result with a dead token), ``started`` (the conductor, again), or why a lease was given back."""
     case: str = ""
     token: int = 0
     """0: no single lease is meant."""
