@@ -35,7 +35,7 @@ from conductor.journal import FolderLockedError, Journal, TakenOverError
 from conductor.state import Config
 from conductor.status import status
 from conductor.timed_store import TimedStore
-from conductor.timeline import append_events
+from conductor.timeline import append_events, mark_start
 from schemas import topics
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
@@ -170,6 +170,9 @@ class Conductor:
             ),
             self._engine.state,
         )
+        for campaign in self._engine.state.campaigns.values():
+            if campaign.left:
+                mark_start(Path(campaign.out), time.time())
         self.started.set()
 
     def main_loop(self) -> None:

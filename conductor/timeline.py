@@ -8,6 +8,7 @@ read at any moment. It is a log: nothing is ever decided from it, and no result 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from conductor.state import CampaignState
 FILE_NAME = "timeline.jsonl"
 
 LEASED, COMMITTED, CASE_ENDED, LATE = "leased", "committed", "case_ended", "late"
+STARTED = "started"
 """Events beside the reasons of :data:`schemas.messages.Release`, which end one lease."""
 
 _log = logging.getLogger(__name__)
@@ -33,12 +35,32 @@ class Event(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Wall clock since 1970 [s]."""
     event: str
     """``leased``, ``committed``, ``case_ended`` (both end every lease of the case), ``late`` (a
-    result with a dead token), or why a lease was given back."""
-    case: str
+    result with a dead token), ``started`` (the conductor, again), or why a lease was given back."""
+    case: str = ""
     token: int = 0
     """0: no single lease is meant."""
     worker: str = ""
     attempt: int = 0
+
+
+def mark_start(folder: Path, at_s: float) -> None:
+    """Say in the file of a campaign that its conductor has started again.
+
+    Nobody saw what happened between this event and the one before. A line that a kill has torn is
+    ended first, so that it takes no event with it. Without a file there is nothing to say.
+    """
+    path = folder / FILE_NAME
+    try:
+        with path.open("r+b", buffering=0) as file:
+            if file.seek(0, os.SEEK_END) == 0:
+                return
+            file.seek(-1, os.SEEK_END)
+            torn = file.read(1) != b"\n"
+            file.write(b"\n" * torn + _encode(Event(at_s=at_s, event=STARTED)) + b"\n")
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        _log.debug("%s: %s", path, error.strerror)
 
 
 def append_events(

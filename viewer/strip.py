@@ -31,7 +31,8 @@ def write_strip(
     """Write ``frames`` pictures from ``around_s`` before ``moment`` to as long after it.
 
     Returns:
-        Times of the pictures since the moment [s]; those outside the recording are left out.
+        Times of the pictures since the moment [s]; those outside the recording are left out, and
+        without any other the one nearest to the moment is taken.
 
     Raises:
         UsageError: the recording holds no picture, or ``out`` cannot be written.
@@ -40,12 +41,14 @@ def write_strip(
     if not times_ns:
         raise UsageError(f"{case.path}: the recording holds no camera picture")
     steps = np.linspace(-around_s, around_s, frames) if frames > 1 else np.zeros(1)
+
+    def at(step: float) -> int:
+        return moment.sim_time_ns + round(step * 1e9)
+
+    inside = [s for s in steps if abs(s) < 1e-9 or times_ns[0] <= at(float(s)) <= times_ns[-1]]
     tiles, taken = [], []
-    for step in steps:
-        at_ns = moment.sim_time_ns + round(float(step) * 1e9)
-        outside = at_ns < times_ns[0] or at_ns > times_ns[-1]
-        if outside and abs(step) > 1e-9:
-            continue
+    for step in inside or [0.0]:  # an even number has no picture of the moment itself
+        at_ns = at(float(step))
         frame = case.picture_at(at_ns)
         tiles.append(_tile(drawn(frame, frame), frame.sim_time_ns, step))
         taken.append(float(step))

@@ -37,6 +37,9 @@ from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 SIMULATOR = "autodrive"
 """Stands in the outcomes of an imported campaign; no case can be run with it."""
 
+BEGUN_FILE = ".importing"
+"""In the folder while it is made: what a kill leaves behind may be replaced."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Place:
@@ -81,12 +84,15 @@ def import_autodrive(source: Path, out: Path) -> Imported:
     cases = expand(campaign)
     _prepare(out)
     ends = {}
+    without_aeb = []
     for case, place in zip(cases, kept, strict=True):
         log = logs.get((place.batch, place.instance)) or Log(place.file, foreign="no such file")
         notes += log.notes
         if log.foreign:
             notes.append(f"{log.name}: {log.foreign}")
         ends[case.id] = _write_case(out, case, log)
+        if not log.foreign and all(row.aeb is None for row in log.rows):
+            without_aeb.append(case.id)
     imported = Imported(
         source=source.absolute().name,
         sha256=sha256,
@@ -100,6 +106,7 @@ def import_autodrive(source: Path, out: Path) -> Imported:
             if (place.batch, place.instance) in logs
         },
         batches={case.id: place.batch for case, place in zip(cases, kept, strict=True)},
+        without_aeb=without_aeb,
     )
     _write_campaign(out, campaign, cases, ends, imported)
     return imported
@@ -182,13 +189,16 @@ def _prepare(out: Path) -> None:
     """Make ``out`` empty of an earlier import; anything else in it is not ours to replace."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out}: not a folder; give another one with --out")
-    if read_imported(out) is None:
+    # An import that was killed has said that the folder is its own.
+    if not (out / BEGUN_FILE).exists() and read_imported(out) is None:
         for name in (CAMPAIGN_FILE, OUTCOMES_FILE, CONFIG_FILE, "cases"):
             if (out / name).exists():
                 raise UsageError(
                     f"{out}: holds {name} and no import; give another folder with --out"
                 )
     try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / BEGUN_FILE).touch()
         (out / OUTCOMES_FILE).unlink(missing_ok=True)
         shutil.rmtree(out / "cases", ignore_errors=True)
         (out / "cases").mkdir(parents=True)
@@ -248,3 +258,7 @@ def _write_campaign(
             write_atomic(out / name, data)
         except OSError as error:
             raise storage_error(error, str(out / name)) from None
+    try:
+        (out / BEGUN_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        raise storage_error(error, str(out / BEGUN_FILE)) from None

@@ -103,11 +103,12 @@ def judge(rows: list[LogRow], false_braking_m: float) -> tuple[str, str]:
     if hit is not None:
         return "collision", f"collision {hit.time_us / 1e6:.3f} s into the log"
     end_m = rows[-1].numbers[DTC]
+    last_m = next((d for row in reversed(rows) if not math.isnan(d := row.numbers[DTC])), math.nan)
     end = "at an unknown distance" if math.isnan(end_m) else f"{end_m:.2f} m from the obstacle"
-    start = rows[0]
+    start = _start(rows)
     moving = next((i for i, row in enumerate(rows) if _way_m(start, row) > MOVED_M), None)
     if moving is None:
-        verdict = "false_braking" if end_m > false_braking_m else "pass"
+        verdict = "false_braking" if last_m > false_braking_m else "pass"
         return verdict, f"the ego never moved, {end}"
     resting = False
     for before, row in zip(rows[moving:], rows[moving + 1 :], strict=False):
@@ -118,6 +119,13 @@ def judge(rows: list[LogRow], false_braking_m: float) -> tuple[str, str]:
                 f"{false_braking_m:g} m is false braking"
             )
     return "pass", f"came to rest {end}" if resting else f"the log ends {end}, the ego moving"
+
+
+def _start(rows: list[LogRow]) -> LogRow:
+    """The first row that another one can be compared with."""
+    placed = [row for row in rows if not math.isnan(row.numbers[POS_X] + row.numbers[POS_Y])]
+    known = [row for row in rows if not math.isnan(row.numbers[DTC])]
+    return next((found[0] for found in (placed, known) if len(found) > 1), rows[0])
 
 
 def _way_m(one: LogRow, two: LogRow) -> float:

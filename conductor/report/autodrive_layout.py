@@ -96,6 +96,8 @@ class Imported(msgspec.Struct, frozen=True):
     """Case -> its log; cases whose log is missing have none."""
     batches: dict[str, int]
     """Case -> its batch."""
+    without_aeb: list[str]
+    """Cases whose log does not say in any row whether AEB was active."""
 
 
 def log_name(batch: int, instance: int) -> str:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import csv
 import datetime
+import gzip
 import math
 import re
 import tarfile
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +44,8 @@ REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
 SPAN_MAX_US = 24 * 3600 * 10**6
 """No log lasts longer; a row further than this from the first has a damaged time [us]."""
+NUMBER_MAX = 1e9
+"""A larger number is damaged: nothing in a log comes near it."""
 NAMED_MAX = 8
 """Most lines that a note names; then it counts."""
 
@@ -104,7 +108,7 @@ def find_logs(folder: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int],
 
 def _archived(path: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], str, bytes]]:
     try:
-        with tarfile.open(path, "r:gz") as archive:
+        with gzip.open(path) as whole, tarfile.open(fileobj=whole, mode="r:") as archive:
             for member in archive:
                 place = parse_log_name(member.name.removeprefix("./"))
                 stream: IO[bytes] | None = archive.extractfile(member) if member.isfile() else None
@@ -114,8 +118,15 @@ def _archived(path: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], s
                     continue
                 data = stream.read(LOG_BYTES_MAX + 1)
                 yield from _bounded(place, member.name.removeprefix("./"), data, notes)
-    except (tarfile.TarError, EOFError, OSError) as error:
-        notes.append(f"{path.name}: not read to its end: {error}")
+            # A damaged header ends the members without a word, and what was read is known to be
+            # what was packed when the checksum behind all of it has been seen.
+            whole.seek(archive.offset)
+            while block := whole.read(1 << 20):
+                if block.count(0) < len(block):
+                    raise tarfile.ReadError("a damaged header after the last file")
+    except (tarfile.TarError, EOFError, OSError, zlib.error, ValueError) as error:
+        told = str(error) or type(error).__name__
+        notes.append(f"{path.name}: not read to its end, its logs may be damaged: {told}")
 
 
 def _bounded(
@@ -161,8 +172,8 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
                 raise _UnreadableError(f"torn ({len(cells)} of {len(header)} values)")
             row = dict(zip(header, cells, strict=True))
             moment = _moment(row[TIMESTAMP])
-            first = first or moment
-            parsed = _row(row, moment, first, log.rows[-1] if log.rows else None)
+            parsed = _row(row, moment, first or moment, log.rows[-1] if log.rows else None)
+            first = first or moment  # a row that is left out is not the first one
         except _UnreadableError as error:
             torn.setdefault(str(error), []).append(line)
             continue
@@ -179,6 +190,10 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
     # What the rows say that are left is not what happened, and may look like a pass.
     if not log.foreign and lost >= len(log.rows):
         log.foreign = f"{lost} of {lost + len(log.rows)} rows cannot be read"
+    # Nothing but a collision can be told without distances.
+    known = sum(not math.isnan(row.numbers[DTC]) for row in log.rows)
+    if not log.foreign and known < min(2, len(log.rows)) and not log.rows[-1].collisions:
+        log.foreign = f"{DTC} in {known} of {len(log.rows)} rows"
     return log
 
 
@@ -229,6 +244,8 @@ def _number(column: str, text: str) -> float:
     value = float(text) if len(text) < 64 and _DECIMAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise _UnreadableError(f"{column} is no number")
+    if abs(value) > NUMBER_MAX:
+        raise _UnreadableError(f"{column} is beyond {NUMBER_MAX:g}")
     return value
 
 

@@ -7,6 +7,7 @@ case the digest it was committed with. The folder may be removed at any time.
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
 from pathlib import Path
 
 import msgspec
@@ -20,7 +21,15 @@ from twin.fabric.files import write_atomic
 FOLDER = ".report"
 _FILE = "read.msgpack"
 _VERSION = 1
-"""Of the entries' meaning, together with the columns that are drawn."""
+"""Of the entries' meaning, together with the columns that are drawn and the package's version: the
+byte stream of a fingerprint and the thinning of curves are code too."""
+
+
+def _package() -> str:
+    try:
+        return importlib.metadata.version("drivetwin")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 class Stamp(Struct, frozen=True, array_like=True):
@@ -45,7 +54,7 @@ class Entry(Struct, frozen=True, array_like=True):
 class Cache(Struct):
     """Entries by case, and the fingerprint of a complete campaign."""
 
-    version: str = f"{_VERSION} {' '.join(CURVES)}"
+    version: str = f"{_VERSION} {_package()} {' '.join(CURVES)}"
     entries: dict[str, Entry] = {}
     fingerprint: Fingerprint | None = None
     fingerprint_of: str = ""

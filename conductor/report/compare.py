@@ -36,6 +36,11 @@ SHIFTS = (
 )
 """Scalars that are compared."""
 
+_RULE = (
+    "the fingerprints are equal, so verdicts and KPI values are the same to the last bit; what "
+    "counts as passed is not"
+)
+
 Change = Literal["worse", "better", "other"]
 
 _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
@@ -122,7 +127,8 @@ class Comparison:
     before: Side
     after: Side
     identical: bool
-    """The fingerprints are equal: every KPI value of every case, to the last bit."""
+    """The fingerprints are equal, so every outcome, verdict and KPI value of every case is, to the
+    last bit; and the same cases passed, which no fingerprint holds."""
     pairs: int
     same_bytes: int
     """Pairs with equal KPI values, to the last bit."""
@@ -162,7 +168,8 @@ def compare(
     both, won, lost, _ = counts
     flips = [_flip(a, b) for a, b in pairs if a.status != b.status or a.passed != b.passed]
     here, there = ({row.case.id for row in dossier.rows} for dossier in (before, after))
-    identical = before_found.sha256 == after_found.sha256
+    same_values = before_found.sha256 == after_found.sha256
+    identical = same_values and not flips
     return Comparison(
         before=_side(before, before_found),
         after=_side(after, after_found),
@@ -180,7 +187,10 @@ def compare(
         difference=newcombe_paired(*counts),
         axes=_axes(before, pairs),
         shifts=[shift for name, label in SHIFTS if (shift := _shift(name, label, pairs))],
-        notes=_notes(before, after, pairs, identical=identical),
+        notes=[
+            *_notes(before, after, pairs, identical=same_values),
+            *([_RULE] if same_values and flips else []),
+        ],
     )
 
 

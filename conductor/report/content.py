@@ -6,7 +6,6 @@ import datetime
 from dataclasses import dataclass
 from pathlib import Path
 
-from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.report.curves import Curve, points_for
 from conductor.report.dossier import Dossier, Row
 from conductor.report.effects import Effect, main_effects
@@ -31,6 +30,8 @@ class Content:
     shown: list[Row]
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, Curve]
+    damaged: int
+    """KPI files that could not be read."""
     read: int
     """KPI files that were read; the others are as an earlier report found them."""
     evidence: Evidence
@@ -45,7 +46,8 @@ class Content:
     @property
     def unchanged(self) -> int:
         """KPI files that an earlier report had read."""
-        return sum(bool(row.end.kpi_sha256) for row in self.dossier.rows) - self.read
+        files = sum(bool(row.end.kpi_sha256) for row in self.dossier.rows)
+        return files - self.read - self.damaged
 
 
 def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = None) -> Content:
@@ -68,27 +70,21 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
         curves=reading.curves,
+        damaged=reading.damaged,
         read=reading.read,
         evidence=gather(dossier, reading.broken, reading.fingerprint),
         resources=_resources(dossier),
         leases=leases,
         speed_up=pace,
         effects=main_effects(dossier),
-        findings=_findings(dossier),
+        findings=findings(dossier),
         as_of=_as_of(dossier),
     )
 
 
-def _findings(dossier: Dossier) -> list[Finding]:
-    """While cases are left, shares of all cases would say too little; the table has them."""
-    found = findings(dossier)
-    return [f for f in found if dossier.outcomes.complete or f.kind != "passed"]
-
-
 def _as_of(dossier: Dossier) -> str:
-    """Of the outcomes' file; it was there a moment ago."""
-    written = (dossier.folder / OUTCOMES_FILE).stat().st_mtime
-    return datetime.datetime.fromtimestamp(written, datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    written = datetime.datetime.fromtimestamp(dossier.written_s, datetime.UTC)
+    return written.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def _resources(dossier: Dossier) -> Resources:

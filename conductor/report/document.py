@@ -32,7 +32,7 @@ class Report:
     page: Path
     plots: list[Path]
     plots_missing: str
-    """Why there are no plots; empty: there are."""
+    """Which plots are left out, and why; empty: none."""
     content: Content
 
 

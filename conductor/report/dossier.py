@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from conductor.folders import CAMPAIGN_FILE
+from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.report.autodrive_layout import Imported, read_imported
 from schemas.campaign import Campaign, Case, expand, parse_campaign
@@ -27,6 +28,8 @@ class Row:
 
     case: Case
     end: CaseOutcome
+    aeb_logged: bool = True
+    """Whether a case without an AEB trigger is known to have had none."""
 
     @property
     def status(self) -> str:
@@ -57,6 +60,8 @@ class Dossier:
     """A conductor serves the folder at this moment."""
     digest_now: str
     """Digest of ``campaign.yaml`` as it is; should be the one that was run."""
+    written_s: float
+    """When the outcomes were written, at the earliest: since 1970 [s]."""
     imported: Imported | None = None
     """Where the logs came from that it was made of; None: it was run."""
 
@@ -83,6 +88,10 @@ def open_dossier(folder: Path) -> Dossier:
         UsageError: no campaign was run here, or nothing was simulated in it.
         InfrastructureError: its files are damaged or contradict each other.
     """
+    try:  # before they are read: they may be written again at any moment
+        written_s = (folder / OUTCOMES_FILE).stat().st_mtime
+    except OSError:
+        written_s = 0.0  # reading them says why
     outcomes = read_outcomes(folder)
     if outcomes.simulator == "noop":
         raise UsageError(
@@ -99,16 +108,19 @@ def open_dossier(folder: Path) -> Dossier:
         )
     imported = read_imported(folder)
     labelled = cases
+    without_aeb: set[str] = set()
     if imported is not None:  # only some batches of a configuration may be there
         labels = imported.batches
         labelled = [msgspec.structs.replace(c, batch=labels.get(c.id, 0)) for c in cases]
+        without_aeb = set(imported.without_aeb)
     return Dossier(
         folder=folder,
         campaign=campaign,
         outcomes=outcomes,
-        rows=[Row(case, outcomes.cases[case.id]) for case in labelled],
+        rows=[Row(c, outcomes.cases[c.id], c.id not in without_aeb) for c in labelled],
         running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),
         digest_now=campaign_digest(campaign, cases),
+        written_s=written_s,
         imported=imported,
     )
 

@@ -48,11 +48,12 @@ class Finding:
 
 
 def findings(dossier: Dossier) -> list[Finding]:
-    """Every finding, those about the whole campaign first."""
+    """Every finding, those about the whole campaign first. While cases are left, shares of all
+    cases would say too little."""
     rows = dossier.rows
     return [
         *_missing(dossier),
-        *_passed(dossier),
+        *(_passed(dossier) if dossier.outcomes.complete else []),
         *_systems(dossier),
         *_axes(dossier),
         *([] if dossier.lane_keeping else _hidden(dossier)),
@@ -102,19 +103,13 @@ def _missing(dossier: Dossier) -> list[Finding]:
 
 
 def _passed(dossier: Dossier) -> list[Finding]:
-    """Of the cases that have ended: the others may still go either way."""
     found = []
     for model in _models(dossier):
-        own = [row for row in dossier.rows if row.case.model == model]
-        rows = [row for row in own if row.end.outcome]
-        if not rows:
-            found.append(Finding("passed", f"{model}: no case has ended yet.", cases=_ids(own)))
-            continue
+        rows = [row for row in dossier.rows if row.case.model == model]
         passed = sum(row.passed is True for row in rows)
         low, high = wilson(passed, len(rows))
-        ended = " that have ended" if len(rows) < len(own) else ""
         text = (
-            f"{model} passed {passed} of {counted(len(rows), 'case', 'cases')}{ended} "
+            f"{model} passed {passed} of {counted(len(rows), 'case', 'cases')} "
             f"({percent(passed / len(rows))}, 95 % interval {percent(low)} to {percent(high)})."
         )
         found.append(Finding("passed", text, cases=_ids(r for r in rows if r.passed is not True)))
@@ -237,12 +232,20 @@ def _hidden(dossier: Dossier) -> list[Finding]:
     cases = tuple(row.case.id for row in passed if row.case.id in either)
     # Whoever never came nearer than the trigger's limit has not driven on after a far trigger.
     held = sum(_beyond(row, "dtc_min_m", FAR_M) for row in far)
+    unknown = sum(not row.aeb_logged for row in passed)
+    last = f" In {unknown} of these runs AEB was not logged." if unknown else ""
+    if unknown == len(passed):
+        text = (
+            f"Of {len(passed)} passed {'run' if len(passed) == 1 else 'runs'}, {len(stuck)} ended "
+            f"further than {limit_m:g} m away{_by_model(dossier, stuck)}; AEB was not logged."
+        )
+        return [Finding("hidden", text, cases=cases)]
     text = (
         f"Of {len(passed)} passed {'run' if len(passed) == 1 else 'runs'}, {len(either)} braked "
         f"further than {FAR_M:g} m from the obstacle or never drove on to it: {len(far)} braked "
         f"first further than {FAR_M:g} m away{_by_model(dossier, far)}, "
         f"{len(far) - held} of them drove on afterwards; {len(stuck)} ended further than "
-        f"{limit_m:g} m away{_by_model(dossier, stuck)}."
+        f"{limit_m:g} m away{_by_model(dossier, stuck)}.{last}"
     )
     return [Finding("hidden", text, cases=cases)]
 
@@ -262,10 +265,13 @@ def _collisions(rows: list[Row]) -> list[Finding]:
     hit = [row for row in rows if row.status == "collision"]
     if not hit:
         return []
-    blind = [row for row in hit if row.scalar("aeb_time_s") is None]
+    logged = [row for row in hit if row.aeb_logged]
+    blind = [row for row in logged if row.scalar("aeb_time_s") is None]
+    unknown = len(hit) - len(logged)
+    last = f"; in {unknown} AEB was not logged" if unknown else ""
     text = (
         f"Of {counted(len(hit), 'collision', 'collisions')}, {len(blind)} came without any AEB "
-        f"trigger and {len(hit) - len(blind)} in spite of one."
+        f"trigger and {len(logged) - len(blind)} in spite of one{last}."
     )
     return [Finding("collision", text, cases=_ids(hit))]
 

@@ -10,11 +10,23 @@ from pathlib import Path
 
 import msgspec
 
-from conductor.timeline import CASE_ENDED, COMMITTED, FILE_NAME, LATE, LEASED, Event
+from conductor.timeline import (
+    CASE_ENDED,
+    COMMITTED,
+    FILE_NAME,
+    LATE,
+    LEASED,
+    STARTED,
+    Event,
+)
 
 STILL_OPEN = "open"
 """How a lease ended that has not, or whose end a crash kept from being written."""
 
+LOST = "lost"
+"""How a lease ended whose worker was not heard of any more."""
+
+_SUPERSEDED = "superseded"
 _DECODER = msgspec.json.Decoder(Event)
 
 
@@ -40,13 +52,6 @@ class Leases:
     spans: list[Span]
     commits_s: list[float]
     """When results came, since the first lease [s]."""
-    began_unix_s: float = 0.0
-    """When the first lease began."""
-
-    @property
-    def wall_s(self) -> float | None:
-        """From the first lease to the last result; None: there is none [s]."""
-        return self.commits_s[-1] if self.commits_s else None
 
     @property
     def busy_s(self) -> float:
@@ -93,21 +98,36 @@ def read_leases(folder: Path) -> Leases:
 
 
 def leases_of(events: list[Event]) -> Leases:
-    """Fold events, in the order in which they were written."""
+    """Fold events, in the order in which they were written.
+
+    A lease that was held while the conductor started again, and that its worker did not end, ends
+    at the last event before that: nobody knows whether it was worked on while no conductor ran.
+    """
     first_s = next((event.at_s for event in events if event.event == LEASED), 0.0)
     live: dict[str, dict[int, Event]] = {}
+    seen_s: dict[int, float] = {}
+    """By token, of leases that were held over a start: the last event before it."""
     spans: list[Span] = []
     commits: list[float] = []
 
     def close(event: Event, at_s: float, how: str) -> None:
         start_s = event.at_s - first_s
+        if how in (LOST, STILL_OPEN, _SUPERSEDED, CASE_ENDED):
+            at_s = min(at_s, seen_s.get(event.token, at_s))
         spans.append(
             Span(
                 event.case, event.worker, event.attempt, start_s, max(at_s - first_s, start_s), how
             )
         )
 
+    before_s = first_s
     for event in events:
+        if event.event == STARTED:
+            for held in live.values():
+                for token in held:
+                    seen_s.setdefault(token, before_s)
+            continue
+        before_s = event.at_s
         held = live.setdefault(event.case, {})
         if event.event == LEASED:
             held[event.token] = event
@@ -125,8 +145,8 @@ def leases_of(events: list[Event]) -> Leases:
         for lease in held.values():
             close(lease, last_s, STILL_OPEN)
     spans.sort(key=lambda span: (span.start_s, span.worker, span.case))
-    return Leases(spans, sorted(commits), first_s)
+    return Leases(spans, sorted(commits))
 
 
 def _lost(event: Event) -> str:
-    return "superseded" if event.event == COMMITTED else CASE_ENDED
+    return _SUPERSEDED if event.event == COMMITTED else CASE_ENDED

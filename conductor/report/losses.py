@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 from conductor.report.axes import axis_value, axis_values, heat_axes
 from conductor.report.dossier import Dossier, Row
+from conductor.report.findings import AXIS_VALUES_MAX
 
 EXAMPLES_MAX = 6
 """Cases of a model that are shown with a picture."""
@@ -27,6 +29,8 @@ def kind_of(row: Row) -> str:
     words = row.status.replace("_", " ")
     if row.status != "collision":
         return words
+    if not row.aeb_logged:
+        return f"{words}, AEB not logged"
     return f"{words} in spite of AEB" if _triggered(row) else f"{words} without AEB"
 
 
@@ -119,19 +123,22 @@ def extremes(rows: list[Row], scalar: str, *, largest: bool) -> list[Row]:
 
 def counts_by(dossier: Dossier, axis: str, status: str) -> list[tuple[Any, dict[str, str]]]:
     """Per value of ``axis`` and model: cases with ``status`` of all, as in ``2 of 8``; values of
-    which no model has any are left out."""
-    found = []
-    for value in axis_values(dossier, axis):
-        line, some = {}, False
-        for model in axis_values(dossier, "model"):
-            rows = [
-                row
-                for row in dossier.rows
-                if row.case.model == model and axis_value(row.case, axis) == value
-            ]
-            count = sum(row.status == status for row in rows)
-            line[model] = f"{count} of {len(rows)}" if rows else "–"
-            some = some or count > 0
-        if some:
-            found.append((value, line))
-    return found
+    which no model has any are left out. Empty for an axis of too many values to be one of
+    conditions."""
+    values, models = axis_values(dossier, axis), axis_values(dossier, "model")
+    if len(values) > AXIS_VALUES_MAX:
+        return []
+    total: Counter[tuple[Any, Any]] = Counter()
+    hit: Counter[tuple[Any, Any]] = Counter()
+    for row in dossier.rows:
+        at = (axis_value(row.case, axis), row.case.model)
+        total[at] += 1
+        hit[at] += row.status == status
+    return [
+        (
+            value,
+            {m: f"{hit[value, m]} of {n}" if (n := total[value, m]) else "–" for m in models},
+        )
+        for value in values
+        if any(hit[value, model] for model in models)
+    ]

@@ -27,7 +27,9 @@ from twin.fabric.files import write_atomic
 
 PLOTS_FOLDER = "plots"
 LINES_MAX = 400
-"""Most cases with curves, the first of them."""
+"""Most cases with curves, of all systems under test together: of each the first ones."""
+HEAT_MAX = 64
+"""Most values of an axis of the maps."""
 _RASTER_LINES = 64
 """Above this, curves are pixels in the SVG file too: a hundred thousand paths open nowhere."""
 _STYLE = {
@@ -51,7 +53,7 @@ Figure = Any
 
 
 def write_plots(content: Content) -> tuple[list[Path], str]:
-    """Write the plots; returns their paths, or none and why.
+    """Write the plots; returns their paths, and what was left out.
 
     Raises:
         OSError: the disk lets us down.
@@ -79,7 +81,7 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
                 path = folder / f"{name}.{suffix}"
                 write_atomic(path, data.getbuffer(), sync=False)
                 written.append(path)
-    return written, ""
+    return written, _too_wide(content)
 
 
 def _matplotlib(module: str) -> Any:
@@ -116,9 +118,23 @@ def _outcomes(content: Content, sheet: Figure) -> bool:
     return True
 
 
+def _too_wide(content: Content) -> str:
+    """Why the maps are not drawn; empty: they are."""
+    for axis in page_axes(content.dossier):
+        many = len(axis_values(content.dossier, axis))
+        if many > HEAT_MAX:
+            return (
+                f"plots: the maps are left out, {axis} has {many} values and a map at most "
+                f"{HEAT_MAX}; the page has them"
+            )
+    return ""
+
+
 def _heat(content: Content, sheet: Figure) -> bool:
     """A map of verdicts per system under test."""
     dossier = content.dossier
+    if _too_wide(content):
+        return False
     x_axis, y_axis = page_axes(dossier)
     models = axis_values(dossier, "model")[:GRID_ROWS_MAX]
     known = statuses(dossier)
@@ -166,7 +182,10 @@ def _kpis(content: Content, sheet: Figure) -> bool:
     dossier = content.dossier
     names = [n for n in drawn(dossier) if n != "speed_mps" or dossier.lane_keeping]
     models = axis_values(dossier, "model")[:GRID_ROWS_MAX]
-    rows = [row for row in content.shown if row.case.id in content.curves][:LINES_MAX]
+    with_curve = [row for row in content.shown if row.case.id in content.curves]
+    share = LINES_MAX // len(models)
+    by_model = {m: [row for row in with_curve if row.case.model == m][:share] for m in models}
+    rows = [row for own in by_model.values() for row in own]
     if not rows:
         return False
     axis = "weather" if "weather" in varied_axes(dossier) else "model"
@@ -174,7 +193,8 @@ def _kpis(content: Content, sheet: Figure) -> bool:
     sheet.set_size_inches(2.9 * len(names), 0.8 + 1.7 * len(models))
     panels = sheet.subplots(len(models), len(names), squeeze=False, sharex=True, sharey="col")
     for line, model in enumerate(models):
-        own = [row for row in rows if row.case.model == model]
+        own = by_model[model]
+        total = sum(row.case.model == model for row in dossier.rows)
         for column, name in enumerate(names):
             panel = panels[line][column]
             lines, colors = [], []
@@ -195,7 +215,8 @@ def _kpis(content: Content, sheet: Figure) -> bool:
                 panel.set_title(f"{TITLES[name][0]} [{unit}", fontsize=9)
             if line == len(models) - 1:
                 panel.set_xlabel("Sim time [s]")
-        panels[line][0].set_ylabel(str(model))
+        cut = f"\n{len(own)} of {total} cases" if len(own) == share < total else ""
+        panels[line][0].set_ylabel(f"{model}{cut}")
     _legend(sheet, {_words(value): style[0] for value, style in styles.items()})
     return True
 

@@ -28,6 +28,8 @@ class Reading:
     """By case, of those that are drawn."""
     broken: list[str]
     """Mistakes, one line each."""
+    damaged: int
+    """KPI files that could not be read."""
     fingerprint: Fingerprint | None
     """None: cases have not ended, or files are damaged."""
     read: int
@@ -76,7 +78,8 @@ def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: b
     if read or len(new.entries) != len(old.entries):
         caching.store(dossier.folder, new)
     lines = [broken[row.case.id] for row in dossier.rows if row.case.id in broken]
-    return Reading(curves, lines, new.fingerprint, read)
+    damaged = sum(bool(r.end.kpi_sha256) for r in dossier.rows if r.case.id in broken)
+    return Reading(curves, lines, damaged, new.fingerprint, read)
 
 
 _NOTHING = Entry(caching.Stamp("", 0, 0), 0)

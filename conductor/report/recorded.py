@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import itertools
 import os
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from conductor.report.axes import axis_values
 from conductor.report.cache import FOLDER
 from conductor.report.dossier import Dossier, Row
 from conductor.report.losses import examples, moment_of
+from twin.fabric.files import write_atomic
 
 STRIPS_MAX = 24
 """Most cases with a strip of pictures, of all models together."""
@@ -23,6 +25,9 @@ LOG_LINES = 6
 """Last lines of a log that are shown of a case without a verdict."""
 LOG_BYTES = 4000
 """So much of a log's end is looked at, however long it is."""
+
+VIEWER_MAX_S = 120.0
+"""So long a picture may take, on a slow disk and a busy machine [s]."""
 
 _RECORDING = "recording.rrd"
 _LOG = "log.txt"
@@ -54,16 +59,21 @@ def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: st
     not."""
     if recording_of(dossier, row) is None:
         return "the case was not recorded"
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "viewer", command, str(dossier.folder), row.case.id),
-            *("--at", moment_of(row), "--out", str(out), *options),
-        ],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    asked = [
+        *(sys.executable, "-m", "viewer", command, str(dossier.folder), row.case.id),
+        *("--at", moment_of(row), "--out", str(out), *options),
+    ]
+    try:
+        done = subprocess.run(
+            asked,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=VIEWER_MAX_S,
+        )
+    except subprocess.TimeoutExpired:
+        return f"viewer {command} took longer than {VIEWER_MAX_S:g} s"
     if done.returncode == 0:
         return ""
     said = done.stderr.strip().splitlines()
@@ -72,10 +82,14 @@ def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: st
 
 def failures(dossier: Dossier) -> list[Failure]:
     """Examples of lost cases of each model, kinds in turn, with their strips."""
-    rows: list[Row] = []
-    for model in axis_values(dossier, "model"):
-        rows += examples(dossier, [row for row in dossier.rows if row.case.model == model])
-    rows = rows[:STRIPS_MAX]
+    by_model = [
+        examples(dossier, [row for row in dossier.rows if row.case.model == model])
+        for model in axis_values(dossier, "model")
+    ]
+    # In turn: of many models each has some before one has all.
+    turns = [row for turn in itertools.zip_longest(*by_model) for row in turn if row is not None]
+    chosen = {row.case.id for row in turns[:STRIPS_MAX]}
+    rows = [row for own in by_model for row in own if row.case.id in chosen]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         return list(pool.map(lambda row: _failure(dossier, row), rows))
 
@@ -107,7 +121,7 @@ def _strip(dossier: Dossier, row: Row) -> tuple[bytes, str]:
     if data:
         try:
             kept.parent.mkdir(exist_ok=True)
-            kept.write_bytes(data)
+            write_atomic(kept, data, sync=False)
         except OSError:
             pass  # the next report asks again
     return data, missing

@@ -58,9 +58,11 @@ def read_resources(folder: Path) -> pa.Table:
         InfrastructureError: ``resources.parquet`` is damaged. A damaged line of a part, such as the
             last one of a worker that was killed, is left out.
     """
+    # The parts first: one that goes meanwhile is in the gathered file then.
+    texts = [_read_text(path) for path in _parts(folder)]
     gathered = _read_gathered(folder / RESOURCES_FILE)
     known = set(zip(*(_keys(gathered)), strict=True))
-    parts = [_read_part(path, known) for path in _parts(folder)]
+    parts = [_samples(text, known) for text in texts]
     table = pa.concat_tables([gathered, *parts])
     return table.sort_by([("time_ns", "ascending"), ("worker", "ascending")])
 
@@ -119,10 +121,17 @@ def _keys(table: pa.Table) -> tuple[list[int], list[str]]:
     return times, table.column("worker").to_pylist()
 
 
-def _read_part(path: Path, known: set[tuple[int, str]]) -> pa.Table:
+def _read_text(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return b""
+
+
+def _samples(text: bytes, known: set[tuple[int, str]]) -> pa.Table:
     """Samples of a part that are not ``known``: a gathering that was killed left them twice."""
     rows = []
-    for line in path.read_bytes().splitlines():
+    for line in text.splitlines():
         try:
             sample = _DECODER.decode(line)
         except msgspec.MsgspecError:

@@ -21,7 +21,7 @@ GB = 1e9
 """Bytes of a gigabyte, as in the paper."""
 
 WORKERS_MAX = 64
-"""Most workers with a line of their own."""
+"""Most workers with a line of their own on the page."""
 
 QUANTITIES = (
     "cpu_cores",
@@ -99,6 +99,11 @@ class Resources:
     missing: str = ""
     """Why there are no samples."""
 
+    @property
+    def workers_shown(self) -> list[Use]:
+        """Those with a line on the page."""
+        return self.workers[:WORKERS_MAX]
+
     def mean_of_batches(self, name: str) -> float | None:
         """Mean of the batches' peaks, the last line of the paper's table."""
         return _mean_peak(self.batches, name)
@@ -146,7 +151,7 @@ def resources_of(dossier: Dossier, table: pa.Table) -> Resources:
 
 def _by_worker(table: pa.Table) -> list[tuple[str, pa.Table]]:
     names = sorted(pc.unique(table.column("worker")).to_pylist())
-    return [(name, table.filter(pc.field("worker") == name)) for name in names[:WORKERS_MAX]]
+    return [(name, table.filter(pc.field("worker") == name)) for name in names]
 
 
 def series_of(table: pa.Table) -> Series:

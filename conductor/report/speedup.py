@@ -51,7 +51,7 @@ class SpeedUp:
     @property
     def factor(self) -> float | None:
         """Wall time one after the other over wall time of the run."""
-        if self.serial is None or not self.serial.wall_s or not self.run.wall_s:
+        if self.missing or self.serial is None or not self.serial.wall_s or not self.run.wall_s:
             return None
         return self.serial.wall_s / self.run.wall_s
 
@@ -66,11 +66,12 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
     """Compare with ``serial``, a folder in which the same campaign was run one case at a time.
 
     Raises:
-        UsageError: ``serial`` is another campaign, is not complete, or ran cases at once.
+        UsageError: ``serial`` is another campaign, ran with other software or on another kind of
+            device, is not complete, or ran cases at once.
     """
     run = _pace(dossier, leases)
     if serial is not None:
-        return SpeedUp(run, _serial_pace(dossier, serial), serial.name, _missing(run))
+        return SpeedUp(run, _serial_pace(dossier, serial), serial.name, _missing(dossier, run))
     if dossier.imported is not None:
         return SpeedUp(run, None, "", "logs do not say how long their simulators ran")
     if run.at_once == 1 and dossier.outcomes.complete:
@@ -80,7 +81,9 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
     )
 
 
-def _missing(run: Pace) -> str:
+def _missing(dossier: Dossier, run: Pace) -> str:
+    if not dossier.outcomes.complete:
+        return f"{dossier.left} of {len(dossier.rows)} cases of this run have not ended"
     return "" if run.wall_s else "this run has no timeline of its leases"
 
 
@@ -97,7 +100,24 @@ def _serial_pace(dossier: Dossier, serial: Path) -> Pace:
         raise UsageError(
             f"--serial {serial}: {why}; give a folder of a complete run with --workers 1 --slots 1"
         )
+    if dossier.outcomes.complete:  # before, it may not know yet what it runs on
+        _same_installation(dossier, other, serial)
     return _pace(other, leases)
+
+
+def _same_installation(dossier: Dossier, other: Dossier, serial: Path) -> None:
+    """A factor is about running at once, so nothing else may differ."""
+    this, that = dossier.outcomes, other.outcomes
+    if this.device_classes != that.device_classes:
+        raise UsageError(
+            f"--serial {serial}: ran on {', '.join(that.device_classes) or 'no device'}, this on "
+            f"{', '.join(this.device_classes) or 'no device'}; run it on the same kind of device"
+        )
+    if this.software != that.software:
+        raise UsageError(
+            f"--serial {serial}: ran with software {that.software[:12] or 'unknown'}, this with "
+            f"{this.software[:12] or 'unknown'}; run it again with the same installation"
+        )
 
 
 def _pace(dossier: Dossier, leases: Leases) -> Pace:

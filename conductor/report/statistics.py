@@ -65,21 +65,6 @@ def wilson(hits: int, total: int) -> tuple[float, float]:
     return low, high
 
 
-def newcombe(hits: int, total: int, other_hits: int, other_total: int) -> Interval:
-    """First share less the other one, of independent cases (Newcombe 1998, method 10).
-
-    Raises:
-        ValueError: as :func:`wilson`.
-    """
-    (low, high), (other_low, other_high) = wilson(hits, total), wilson(other_hits, other_total)
-    share, other = hits / total, other_hits / other_total
-    return Interval(
-        share - other,
-        share - other - math.hypot(share - low, other_high - other),
-        share - other + math.hypot(high - share, other - other_low),
-    )
-
-
 def newcombe_paired(both: int, first_only: int, second_only: int, neither: int) -> Interval:
     """First share less the second one, of the same cases (Newcombe 1998, paired, method 10).
 
@@ -184,6 +169,7 @@ def _exact(events: list[int], counts: list[int]) -> float | None:
     steps = 0
     for count, weight in zip(counts, weights, strict=True):
         found: dict[tuple[int, int], int] = {}
+        chosen = [math.comb(count, event) for event in range(min(count, left) + 1)]
         for (used, value), number in ways.items():
             most = min(count, left - used)
             steps += most + 1
@@ -191,7 +177,7 @@ def _exact(events: list[int], counts: list[int]) -> float | None:
                 return None
             for event in range(most + 1):
                 key = (used + event, value + weight * event * event)
-                found[key] = found.get(key, 0) + number * math.comb(count, event)
+                found[key] = found.get(key, 0) + number * chosen[event]
         ways = found
     extreme = sum(number for (used, value), number in ways.items() if used == left if value >= seen)
     return extreme / math.comb(sum(counts), left)
@@ -243,8 +229,10 @@ def mean_interval(values: Sequence[float]) -> Interval | None:
     mean = math.fsum(values) / total
     if _sign_rank(total) == 0:
         return Interval(mean, -math.inf, math.inf)
-    variance = math.fsum((value - mean) ** 2 for value in values) / (total - 1)
-    spread = _student(total - 1) * math.sqrt(variance / total)
+    # Squares of large values overflow; a power of two changes no other result.
+    scale = math.ldexp(1.0, math.frexp(max(abs(value - mean) for value in values))[1])
+    variance = math.fsum(((value - mean) / scale) ** 2 for value in values) / (total - 1)
+    spread = _student(total - 1) * math.sqrt(variance / total) * scale
     return Interval(mean, mean - spread, mean + spread)
 
 

@@ -118,6 +118,23 @@ def test_a_timeline_that_cannot_be_written_stops_nothing(tmp_path: Path, hub: Hu
     assert read_leases(tmp_path / "alpha").spans == []
 
 
+def test_a_start_is_in_the_timeline_and_a_torn_line_takes_no_event_with_it(
+    tmp_path: Path, hub: Hub
+) -> None:
+    path = tmp_path / "alpha" / "timeline.jsonl"
+    with serving(tmp_path, hub) as served:
+        served.request(submit())
+        served.request(hello("w1"))
+        served.request(Next(v=V, worker="w1", seq=1, k=1))
+        served.request(StatusRequest(v=V))  # a turn later all of it has been written
+        assert b"started" not in path.read_bytes(), "the first start has nothing before it"
+    path.write_bytes(path.read_bytes() + b'{"at_s": 1e9, "ev')
+    with serving(tmp_path, hub):
+        lines = path.read_bytes().splitlines()
+    assert json.loads(lines[-1])["event"] == "started"
+    assert [json.loads(line)["event"] for line in lines[:-2]] == ["leased"]
+
+
 def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
     heard: list[str] = []
     done = threading.Event()

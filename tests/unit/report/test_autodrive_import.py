@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import random
+import shutil
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import pytest
 from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
-from conductor.report import report_json, write_report, write_result_page
+from conductor.report import autodrive_import, report_json, write_report, write_result_page
 from conductor.report.autodrive_import import import_autodrive
 from conductor.report.autodrive_kpi import judge, kpi_columns
 from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
 from conductor.report.autodrive_logs import read_log
+from conductor.report.dossier import open_dossier
+from conductor.report.losses import kind_of
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi
 
@@ -225,6 +228,88 @@ def test_archives_are_read_as_they_were_published(tmp_path: Path) -> None:
     assert any("batch_3.tar.gz: not read to its end" in note for note in found.left_out)
 
 
+def packed_batches(folder: Path) -> bytes:
+    """Logs as archives alone; the bytes of the second one, unpacked."""
+    write_logs(folder)
+    for batch in ("batch_1", "batch_2"):
+        with tarfile.open(folder / f"{batch}.tar.gz", "w:gz") as archive:
+            archive.add(folder / batch, batch)
+        shutil.rmtree(folder / batch)
+    return gzip.decompress((folder / "batch_2.tar.gz").read_bytes())
+
+
+def test_a_damaged_archive_is_always_said(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    whole = packed_batches(logs)
+    path = logs / "batch_2.tar.gz"
+    stored = gzip.compress(whole, 0)
+    header = stored.index(b"batch_2/aeb_metrics_sim_inst_3.csv")
+    value = stored.index(b"-208.24", header)
+    tail = bytearray(gzip.compress(whole))
+    tail[len(tail) // 2] ^= 0xFF  # the stream itself
+    for data in (
+        stored[:header] + b"X" * 8 + stored[header + 8 :],
+        gzip.compress(whole.replace(b"batch_2/aeb_metrics_sim_inst_3", b"batch_2/aeb_xxxxxxx", 1)),
+        stored[:value] + b"-208.25" + stored[value + 7 :],
+        bytes(tail),
+        gzip.compress(whole)[:-4],
+    ):
+        path.write_bytes(data)
+        found = import_autodrive(logs, tmp_path / "run")
+        assert any("batch_2.tar.gz: not read to its end" in note for note in found.left_out), data[
+            :20
+        ]
+    path.write_bytes(gzip.compress(whole.rstrip(b"\0") + b"\0" * 4096))
+    assert not import_autodrive(logs, tmp_path / "run").left_out
+
+
+def without(*columns: str) -> Any:
+    """Drives with empty cells, that hit in fog."""
+
+    def rows(instance):
+        hits = instance["weather_id"] == 4
+        made = drive(instance, stop_m=0.0, brake_m=2.0) if hits else drive(instance, brake_m=70.0)
+        return [{**row, **dict.fromkeys(columns, "")} for row in made]
+
+    return rows
+
+
+def test_an_aeb_that_was_not_logged_is_no_missing_trigger(tmp_path: Path) -> None:
+    write_logs(tmp_path / "logs", rows=without("AEB (bool)"))
+    found = import_autodrive(tmp_path / "logs", tmp_path / "run")
+    assert len(found.without_aeb) == 8
+    tables = report_json(tmp_path / "run")
+    said = {each["kind"]: each["text"] for each in tables["findings"]}
+    assert said["collision"] == (
+        "Of 4 collisions, 0 came without any AEB trigger and 0 in spite of one; in 4 AEB was not "
+        "logged."
+    )
+    assert said["hidden"] == (
+        "Of 4 passed runs, 0 ended further than 30 m away; AEB was not logged."
+    )
+    hit = next(row for row in open_dossier(tmp_path / "run").rows if row.status == "collision")
+    assert kind_of(hit) == "collision, AEB not logged"
+
+
+def test_without_distances_there_is_nothing_but_a_collision_to_tell(tmp_path: Path) -> None:
+    write_logs(tmp_path / "logs", rows=without("DTC (m)", "PosX (m)", "PosY (m)"))
+    import_autodrive(tmp_path / "logs", tmp_path / "run")
+    cases = report_json(tmp_path / "run")["cases"]
+    assert [case["verdict"] for case in cases] == [None, None, "collision", "collision"] * 2
+    assert cases[0]["reasons"] == [f"{FIRST}: DTC (m) in 0 of 131 rows"]
+
+
+def test_a_gap_in_the_first_row_is_no_rest(tmp_path: Path) -> None:
+    rows = drive(config()["simulation_instances"][0])
+    for column in ("DTC (m)", "PosX (m)"):
+        rows[0][column] = rows[-1][column] = ""
+    instance = Instance(**config()["simulation_instances"][0])
+    log = read_log("log", text(rows).encode(), instance)
+    assert not log.foreign
+    assert judge(log.rows, 30.0)[0] == "pass"
+    assert "never moved" not in judge(log.rows, 30.0)[1]
+
+
 def test_hostile_names_are_names_here_and_said(tmp_path: Path) -> None:
     names = ("<img src=x onerror=alert(1)>", "../../etc", "=cmd|' /C calc'!A0\x1b[2J")
     data = config(names)
@@ -363,3 +448,40 @@ def test_no_damage_breaks_the_reading_and_every_row_is_read_or_listed() -> None:
         if len(log.rows) < sum(bool(line.strip()) for line in lines):
             assert any("left out" in note for note in log.notes), seed
     assert min(outcomes.values()) > 10, outcomes
+
+
+def test_a_row_that_is_left_out_does_not_begin_the_log() -> None:
+    instance = config()["simulation_instances"][0]
+    rows = drive(instance)
+    rows[0]["Collisions (#)"] = "x"
+    rows[0]["Timestamp"] = "2020-01-01 00:00:00"
+    log = read_log("log", text(rows).encode(), Instance(**instance))
+    assert not log.foreign
+    assert log.rows[0].time_us == 0
+
+
+def test_a_number_that_nothing_can_have_is_left_out() -> None:
+    instance = config()["simulation_instances"][0]
+    rows = drive(instance)
+    rows[3]["DTC (m)"] = "1e200"
+    log = read_log("log", text(rows).encode(), Instance(**instance))
+    assert log.notes == ["log: line 5 left out: DTC (m) is beyond 1e+09"]
+
+
+def test_an_import_that_was_killed_can_be_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_logs(tmp_path / "logs")
+
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(autodrive_import, "_write_campaign", killed)
+        with pytest.raises(KeyboardInterrupt):
+            import_autodrive(tmp_path / "logs", tmp_path / "run")
+    with pytest.raises(UsageError, match=r"no outcomes\.json"):
+        report_json(tmp_path / "run")
+    import_autodrive(tmp_path / "logs", tmp_path / "run")
+    assert report_json(tmp_path / "run")["passed"] == 8
+    assert not (tmp_path / "run" / ".importing").exists()

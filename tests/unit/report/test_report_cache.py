@@ -85,7 +85,9 @@ def test_a_file_that_was_changed_since_raises_the_alarm(tmp_path: Path, damage: 
     else:
         path.write_bytes(b"PAR1")
     for _ in range(2):
-        found = read(tmp_path).evidence
+        content = read(tmp_path)
+        assert content.read + content.unchanged == 7
+        found = content.evidence
         assert len(found.alarms) == 1
         assert CASE in found.alarms[0]
         assert found.fingerprint is None

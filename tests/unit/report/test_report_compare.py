@@ -234,3 +234,14 @@ def test_files_of_another_kind_are_refused_before_anything_is_read(
     done = CliRunner().invoke(app, ["compare", "a", "b", option, str(tmp_path / "x.txt")])
     assert isinstance(done.exception, Usage)
     assert "ends in" in str(done.exception)
+
+
+def test_the_same_values_with_another_rule_are_not_identical(tmp_path: Path) -> None:
+    before, after = tmp_path / "v1", tmp_path / "v2"
+    make_campaign(before)
+    make_campaign(after, change=lambda case, end: replace(end, passed=False))
+    found = compare_folders(before, after)
+    assert found.before.fingerprint == found.after.fingerprint
+    assert not found.identical
+    assert told(found).kind == "regression"
+    assert any("what counts as passed is not" in note for note in found.notes)

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
+from conductor.outcomes import encode_outcomes
 from conductor.report import make_report, tables_of
 from conductor.report.content import read_content
 from conductor.report.dossier import open_dossier
@@ -66,7 +67,7 @@ def test_every_end_of_a_lease() -> None:
         ("c", "w1", 7, 9, "open"),
     ]
     assert leases.commits_s == [5]
-    assert (leases.most, leases.wall_s, leases.busy_s) == (3, 5, 9)
+    assert (leases.most, leases.busy_s) == (3, 9)
     assert leases.workers == ["w1", "w2"]
 
 
@@ -79,7 +80,30 @@ def test_a_pause_between_two_starts_does_not_count() -> None:
             event(1010, "committed", "b", 2),
         ]
     )
-    assert (leases.busy_s, leases.wall_s, leases.most) == (20, 1010, 1)
+    assert (leases.busy_s, leases.commits_s, leases.most) == (20, [10, 1010], 1)
+
+
+def test_a_lease_over_a_killed_conductor_ends_where_it_was_last_known() -> None:
+    leases = leases_of(
+        [
+            event(0, "leased", "a", 1),
+            event(0, "leased", "b", 2),
+            event(0, "leased", "d", 3),
+            event(20, "committed", "d", 3),
+            event(3620, "started", ""),
+            event(3625, "lost", "a", 1),
+            event(3626, "leased", "a", 4),
+            event(3630, "started", ""),
+            event(3636, "committed", "a", 4),
+        ]
+    )
+    assert told(leases) == [
+        ("a", "w1", 0, 20, "lost"),
+        ("b", "w1", 0, 20, "open"),
+        ("d", "w1", 0, 20, "committed"),
+        ("a", "w1", 3626, 3636, "committed"),
+    ]
+    assert leases.busy_s == 30
 
 
 def test_a_clock_that_was_set_back_makes_no_negative_lease() -> None:
@@ -91,7 +115,7 @@ def test_without_a_file_or_with_damaged_lines(tmp_path: Path) -> None:
     assert told(read_leases(tmp_path)) == []
     write_timeline(tmp_path, event(0, "leased", "a", 1), tail=b'garbage\n{"at_s": 1e9, "ev')
     assert [span.how for span in read_leases(tmp_path).spans] == ["open"]
-    assert leases_of([]).wall_s is None
+    assert leases_of([]).commits_s == []
 
 
 def test_a_worker_has_as_many_lanes_as_leases_at_once() -> None:
@@ -155,6 +179,41 @@ def test_the_speed_up_is_measured_or_missing(tmp_path: Path) -> None:
     page = make_report(run, serial=serial).page.read_text()
     assert "4.00 x" in page
     assert "Beside <code>serial</code>" in page
+
+
+def test_an_unfinished_run_has_no_speed_up(tmp_path: Path) -> None:
+    run, serial = tmp_path / "run", tmp_path / "serial"
+    make_campaign(serial)
+    one_after_the_other(serial)
+    first = open_dossier(serial).rows[0].case.id
+
+    def begun(case: Any, end: Any) -> Any:
+        return end if case.id == first else msgspec.convert({"outcome": ""}, type(end))
+
+    make_campaign(run, change=begun)
+    write_timeline(run, event(0, "leased", first, 1), event(1, "committed", first, 1))
+    found = speed(run, serial)
+    assert found["speed_up"] is found["efficiency"] is None
+    assert found["missing"] == "7 of 8 cases of this run have not ended"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"device_classes": ["cuda:sm_90"]}, "ran on cuda:sm_90, this on cpu:avx2"),
+        ({"software": "6" * 64}, "with software 666666666666, this with 555555555555"),
+    ],
+)
+def test_a_serial_run_of_something_else_is_refused(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    run, serial = tmp_path / "run", tmp_path / "serial"
+    make_campaign(run)
+    _, outcomes = make_campaign(serial)
+    (serial / "outcomes.json").write_bytes(encode_outcomes(replace(outcomes, **changes)))
+    one_after_the_other(serial)
+    with pytest.raises(UsageError, match=said):
+        speed(run, serial)
 
 
 @pytest.mark.parametrize("why", ["another campaign", "at once", "not complete", "no campaign"])

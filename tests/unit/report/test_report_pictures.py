@@ -16,7 +16,8 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from unit.report.test_report_leases import one_after_the_other
 from unit.viewer.recorded_case import write
 
-from conductor.report import make_report, recorded
+from conductor.report import make_report, plots, recorded
+from conductor.report.dossier import open_dossier
 from viewer.strip import WIDTH_PX
 
 replace = msgspec.structs.replace
@@ -110,3 +111,36 @@ def test_without_matplotlib_the_report_says_what_is_left_out(
     assert made.plots_missing.startswith("plots are left out: matplotlib is not installed")
     assert not (tmp_path / "plots").exists()
     assert made.page.exists()
+
+
+MANY = [f"m{n}" for n in range(6)]
+
+
+def many_models(**matrix: Any) -> dict[str, Any]:
+    return campaign_data(
+        autonomy={"perception": {name: {"type": "ground_truth"} for name in MANY}},
+        matrix={"model": MANY, **matrix},
+    )
+
+
+def test_of_many_models_each_has_a_strip_before_one_has_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = many_models(weather=["clear", "heavy_fog"], time_of_day=["05:00", "09:00", "13:00"])
+    make_campaign(tmp_path, data, lambda c, e: replace(e, verdict="collision", passed=False))
+    monkeypatch.setattr(recorded, "STRIPS_MAX", 12)
+    models = [failure.row.case.model for failure in recorded.failures(open_dossier(tmp_path))]
+    assert models == [name for name in MANY for _ in range(2)]
+
+
+def test_curves_are_shared_between_models_and_wide_maps_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
+    make_campaign(tmp_path, many_models(weather=["clear", "heavy_fog"]))
+    monkeypatch.setattr(plots, "LINES_MAX", 6)
+    monkeypatch.setattr(plots, "HEAT_MAX", 1)
+    made = make_report(tmp_path)
+    assert "has 2 values and a map at most 1" in made.plots_missing
+    assert {path.stem for path in made.plots} == {"outcomes", "kpis", "effects"}
+    assert (tmp_path / "plots" / "kpis.svg").read_text().count("1 of 2 cases") == len(MANY)

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
-from conductor.report import report_json, write_report
+from conductor.report import report_json, resources, write_report
 from conductor.report.resources import RESOURCES_FILE, gather_resources, read_resources
 from conductor.report.resources_figure import POINTS_MAX, thinned
-from conductor.report.resources_use import QUANTITIES, Series
+from conductor.report.resources_use import QUANTITIES, WORKERS_MAX, Series
 from schemas.resources import PERIOD_S, ProcessUse, Sample
 
 PERIOD_NS = PERIOD_S * 10**9
@@ -220,3 +220,25 @@ def test_thinning_keeps_the_peak() -> None:
 def test_a_pause_and_an_unknown_value_interrupt_the_line() -> None:
     found = thinned(series([1.0, 2.0, 3.0, np.nan], [0, 1, 100, 101]), "cpu_cores")
     assert found == ([0, 1, None, 100, 101], [1.0, 2.0, None, 3.0, None])
+
+
+def test_a_part_that_is_gathered_meanwhile_is_in_the_gathered_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_parts(tmp_path, sample(1), sample(2, "w2"))
+    listed = resources._parts(tmp_path)
+    gather_resources(tmp_path, complete=True)
+    monkeypatch.setattr(resources, "_parts", lambda folder: listed)
+    assert read_resources(tmp_path).num_rows == 2
+
+
+def test_every_worker_counts_for_the_mean_and_those_without_a_line_are_said(
+    tmp_path: Path,
+) -> None:
+    make_campaign(tmp_path)
+    many = WORKERS_MAX + 6
+    write_parts(tmp_path, *(sample(1, f"w{n:03}", cpu_cores=float(n)) for n in range(many)))
+    assert len(use_of(tmp_path)["workers"]) == many
+    page = write_report(tmp_path).read_text()
+    assert "<td>and 6 more</td>" in page
+    assert f'<td>Mean of all</td>\n<td class="n">{(many - 1) / 2:.1f}</td>' in page

@@ -86,6 +86,7 @@ def test_a_strip_holds_the_pictures_around_a_moment(tmp_path):
     assert write_strip(case, Moment(100_000_000, "x"), 0.1, 3, out) == [-0.1, 0.0, 0.1]
     three = cv2.imread(str(out)).shape
     assert write_strip(case, Moment(100_000_000, "x"), 60.0, 3, out) == [0.0], "the rest is outside"
+    assert write_strip(case, Moment(100_000_000, "x"), 60.0, 4, out) == [0.0], "also of an even one"
     one = cv2.imread(str(out)).shape
     assert one[0] == three[0]
     assert three[1] == 3 * one[1] + 2 * 4
