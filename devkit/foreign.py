@@ -74,6 +74,7 @@ class Script:
         self._folder = folder
         self._command = list(command)
         self._variables = dict(variables)
+        self._child: subprocess.Popen[bytes] | None = None
         self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
 
     def start(self) -> None:
@@ -143,6 +144,8 @@ class Script:
 
     def end(self) -> None:
         """End it and what it started; what left its session ends with this process."""
+        if self._child is None:
+            return
         _end(self._family)
         self._child.wait()
 

@@ -15,6 +15,7 @@ from flask import Flask
 from PIL import Image
 
 MODE = sys.argv[1] if len(sys.argv) > 1 else "drive"
+PORT = int(sys.argv[2]) if len(sys.argv) > 2 else 4567
 sio = socketio.Server()
 app = Flask(__name__)
 seen = {"count": 0, "start": None}
@@ -108,10 +109,10 @@ if __name__ == "__main__":
     if MODE == "absent":
         eventlet.sleep(1000)
     if MODE == "http":
-        eventlet.wsgi.server(eventlet.listen(("", 4567)), app)
+        eventlet.wsgi.server(eventlet.listen(("", PORT)), app)
     app = (
         socketio.Middleware(sio, app)
         if hasattr(socketio, "Middleware")
         else socketio.WSGIApp(sio, app)
     )
-    eventlet.wsgi.server(eventlet.listen(("", 4567)), app)
+    eventlet.wsgi.server(eventlet.listen(("", PORT)), app)

@@ -134,11 +134,6 @@ def green(picture):
     return float(((middle > blue + 40) & (middle > red + 40)).mean())
 
 
-def violet(picture):
-    """Share of a picture's pixels in the colour of hands, times fifty: frames are thin."""
-    return 50 * float((np.abs(picture.astype(int) - (255, 120, 178)).max(axis=2) <= 24).mean())
-
-
 def shows(page, share, path):
     def look():
         picture = picture_of(page, path)
@@ -263,6 +258,7 @@ matrix: {weather: [clear]}
 """
 
 
+@pytest.mark.timeout(900)  # a browser that draws in software shares the cores with the rest
 def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
     (tmp_path / "panel.yaml").write_text(PANEL)
     conductor = serve(marked, tmp_path / "state")
@@ -289,7 +285,6 @@ def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
         expect(hand).to_contain_text("hour: given 25", timeout=PATIENCE_MS)
         _driven(page, case)
         picture_of(page, tmp_path / "panel.png")
-        shows(page, violet, tmp_path / "wall.png")
         page.click("#pause")
         expect(hand).to_contain_text("paused", timeout=PATIENCE_MS)
         assert case.look().paused

@@ -2,6 +2,7 @@
 
 import re
 import signal
+import socket
 import sys
 import threading
 from pathlib import Path
@@ -63,8 +64,10 @@ def observation(tick, *, pictures=True):
 
 def drive(mode, ticks, **parameters):
     """Commands of a script, or the reason why there are none; and it is gone afterwards."""
-    script = Script([sys.executable, str(SCRIPT), mode], {})
-    bridge = AutodriveBridge(1, **{"answer_s": 5.0, **parameters})
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    script = Script([sys.executable, str(SCRIPT), mode, str(port)], {})
+    bridge = AutodriveBridge(1, port=port, **{"answer_s": 5.0, **parameters})
     try:
         bridge.attach(script)
         bridge.reset(0, EPISODE)
