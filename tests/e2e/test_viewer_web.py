@@ -251,9 +251,9 @@ PANEL = """
 campaign: panel
 seed: 3
 control_hz: 20
-scenario: {ego_start_m: 150, ego_speed_mps: 2, duration_s: 120, standstill_s: 60}
+scenario: {ego_start_m: 150, ego_speed_mps: 0.5, duration_s: 600, standstill_s: 60}
 camera: {width: 160, height: 90, hz: 20}
-autonomy: {parameters: {cruise_speed_mps: 2.0}}
+autonomy: {parameters: {cruise_speed_mps: 0.5}}
 matrix: {weather: [clear]}
 """
 
@@ -284,10 +284,10 @@ def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
         page.click("#set")
         expect(hand).to_contain_text("hour: given 25", timeout=PATIENCE_MS)
         _driven(page, case)
-        picture_of(page, tmp_path / "panel.png")
         page.click("#pause")
         expect(hand).to_contain_text("paused", timeout=PATIENCE_MS)
         assert case.look().paused
+        picture_of(page, tmp_path / "panel.png")
         _foreign(said["url"], case)
     finally:
         case.close()
