@@ -253,10 +253,6 @@ def live(
     from viewer.live import LiveOptions, run_live
 
     _end_with_parent()
-    if bool(connect) == (run_folder is not None):
-        raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
-    if node and not ssh:
-        raise UsageError("--node is reached through --ssh me@login; give both")
     options = LiveOptions(
         connect=connect,
         run=run_folder,

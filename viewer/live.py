@@ -67,6 +67,13 @@ class LiveOptions:
     """Open a window if there is a display."""
     json: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse what leads nowhere, or to two places."""
+        if bool(self.connect) == (self.run is not None):
+            raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
+        if self.node and not self.ssh:
+            raise UsageError("--node is reached through --ssh me@login; give both")
+
     @property
     def where(self) -> str:
         """For people."""

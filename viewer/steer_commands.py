@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,9 @@ from schemas.interventions import (
 from schemas.settings import actions_of, parse_words
 from twin.fabric.cli import KeyOption, Output, OutputOption
 from twin.fabric.errors import UsageError
+
+if TYPE_CHECKING:
+    from viewer.steer import SteerOptions
 
 Case = Annotated[str, typer.Argument(help="Case id, as the wall shows it.")]
 Words = Annotated[
@@ -72,7 +75,7 @@ def set_(
         actions = actions_of(parse_words(settings))
     except ValueError as error:
         raise UsageError(str(error)) from None
-    _steer(actions, case, connect, run, ssh, node, campaign, namespace, key, output)
+    _steer(actions, _options(case, connect, run, ssh, node, campaign, namespace, key, output))
 
 
 def step(
@@ -88,7 +91,8 @@ def step(
     output: OutputOption = Output.human,
 ) -> None:
     """Let a case go on for some ticks and then stand still; its values stay the same."""
-    _steer([Step(ticks)], case, connect, run, ssh, node, campaign, namespace, key, output)
+    options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+    _steer([Step(ticks)], options)
 
 
 def takeover(
@@ -134,26 +138,15 @@ def _plain(action: Action):  # type: ignore[no-untyped-def]
         key: KeyOption = None,
         output: OutputOption = Output.human,
     ) -> None:
-        _steer([action], case, connect, run, ssh, node, campaign, namespace, key, output)
+        options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+        _steer([action], options)
 
     return command
 
 
-def _steer(
-    actions: list[Action],
-    case: str,
-    connect: str,
-    run: Path | None,
-    ssh: str,
-    node: str,
-    campaign: str,
-    namespace: str,
-    key: Path | None,
-    output: Output,
-) -> None:
+def _steer(actions: list[Action], options: SteerOptions) -> None:
     from viewer.steer import steer
 
-    options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
     raise typer.Exit(steer(options, actions))
 
 
@@ -167,13 +160,9 @@ def _options(
     namespace: str,
     key: Path | None,
     output: Output,
-):  # type: ignore[no-untyped-def]
+) -> SteerOptions:
     from viewer.live import LiveOptions
     from viewer.steer import SteerOptions
 
-    if bool(connect) == (run is not None):
-        raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
-    if node and not ssh:
-        raise UsageError("--node is reached through --ssh me@login; give both")
     where = LiveOptions(connect=connect, run=run, ssh=ssh, node=node, namespace=namespace, key=key)
     return SteerOptions(case, where, campaign, json=output is Output.json)

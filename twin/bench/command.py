@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -120,13 +120,7 @@ def camera(
         print(json.dumps(look(device, size), indent=1))
         return
     found = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
-    if output is Output.json:
-        print(json.dumps(bench.as_json(found), indent=1))
-    else:
-        print("\n".join(bench.lines(found)))
-    if check and found.missed:
-        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
-        raise typer.Exit(1)
+    _tell(bench, found, output, check=check)
 
 
 @app.command()
@@ -167,13 +161,7 @@ def lidar(
         found = bench.measure(device, count, profile, scene)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    if output is Output.json:
-        print(json.dumps(bench.as_json(found), indent=1))
-    else:
-        print("\n".join(bench.lines(found)))
-    if check and found.missed:
-        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
-        raise typer.Exit(1)
+    _tell(bench, found, output, check=check)
 
 
 @app.command()
@@ -190,13 +178,7 @@ def drive(
     from twin.bench import drive as bench
 
     found = bench.measure(ticks)
-    if output is Output.json:
-        print(json.dumps(bench.as_json(found), indent=1))
-    else:
-        print("\n".join(bench.lines(found)))
-    if check and found.missed:
-        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
-        raise typer.Exit(1)
+    _tell(bench, found, output, check=check)
 
 
 @app.command()
@@ -227,3 +209,14 @@ def campaign(
     from twin.bench.campaign_command import show
 
     show(campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check)
+
+
+def _tell(bench: Any, found: Any, output: Output, *, check: bool) -> None:
+    """Print what ``bench`` has found; with --check, end with 1 below a target."""
+    if output is Output.json:
+        print(json.dumps(bench.as_json(found), indent=1))
+    else:
+        print("\n".join(bench.lines(found)))
+    if check and found.missed:
+        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
+        raise typer.Exit(1)
