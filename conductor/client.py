@@ -16,7 +16,7 @@ from schemas.wire import decode, encode
 from twin.fabric.discovery import choose_target
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.software import software_digest
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.zenoh_bus import join
 
 CONNECT_TIMEOUT_S = 5.0
 TRIES = 3
@@ -31,13 +31,7 @@ class Client:
     ) -> None:
         target = choose_target(connect, state, namespace, key)
         self._where = target.endpoint
-        self._bus = open_bus(
-            "client",
-            connect=[target.endpoint],
-            namespace=target.namespace,
-            key=target.key,
-            connect_timeout_s=CONNECT_TIMEOUT_S,
-        )
+        self._bus = join(target, CONNECT_TIMEOUT_S)
 
     def __enter__(self) -> Self:
         return self

@@ -44,7 +44,7 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.errors import UsageError
 from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
-from twin.fabric.zenoh_bus import Mode, open_bus
+from twin.fabric.zenoh_bus import Mode, join
 
 T = TypeVar("T")
 
@@ -310,13 +310,7 @@ def _session(
     folder = Path(run) if run is not None else None
     path = Path(key) if key is not None else None
     target = choose_target(connect, folder, namespace, path)
-    return open_bus(
-        mode,
-        connect=[target.endpoint],
-        namespace=target.namespace,
-        key=target.key,
-        connect_timeout_s=CONNECT_S,
-    )
+    return join(target, CONNECT_S, mode)
 
 
 def _checked(type_: type[T], **values: object) -> T:

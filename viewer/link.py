@@ -21,7 +21,7 @@ from twin.fabric.bus import Bus, Cancel, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.key_file import UnfitKeyError
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.zenoh_bus import join
 from viewer.slots import Slots
 
 CONNECT_S = 2.0
@@ -172,13 +172,7 @@ class Link:
             self._stop.wait(PERIOD_S)
 
     def _session(self, target: Target) -> None:
-        bus = open_bus(
-            "client",
-            connect=[target.endpoint],
-            namespace=target.namespace,
-            key=target.key,
-            connect_timeout_s=CONNECT_S,
-        )
+        bus = join(target, CONNECT_S)
         self.sessions += 1
         self._word_s = time.monotonic()
         try:

@@ -26,7 +26,7 @@ from schemas.interventions import (
 from schemas.view import clock
 from twin.fabric.errors import UsageError
 from twin.fabric.steering import Steered, carry_out, find
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.zenoh_bus import join
 from viewer.live import LiveOptions
 from viewer.pedals import HELP, Pedals, keys
 
@@ -75,13 +75,7 @@ def attempt(options: SteerOptions) -> Iterator[Steered]:
         if tunnel is not None:
             stack.callback(tunnel.close)
         target = options.where.target() if tunnel is None else tunnel.target()
-        bus = open_bus(
-            "client",
-            connect=[target.endpoint],
-            namespace=target.namespace,
-            key=target.key,
-            connect_timeout_s=CONNECT_S,
-        )
+        bus = join(target, CONNECT_S)
         stack.callback(bus.close)
         yield find(bus, options.case, options.campaign)
 

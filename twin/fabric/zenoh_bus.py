@@ -13,6 +13,7 @@ import psutil
 import zenoh
 
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
+from twin.fabric.discovery import Target
 from twin.fabric.endpoint import check_protected, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
@@ -86,6 +87,22 @@ def open_bus(
         raise _explain(error, listen, connect, key, connect_timeout_s) from None
     opened = [port for port in _listening() if port not in before]
     return _ZenohBus(session, [_with_port(e, opened) for e in listen])
+
+
+def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus:
+    """Open a session to a conductor, or with mode ``peer`` to a rig, that was found.
+
+    Raises:
+        UsageError: its key is another one, or it is not protected as it has to be.
+        InfrastructureError: nobody answers there.
+    """
+    return open_bus(
+        mode,
+        connect=[target.endpoint],
+        namespace=target.namespace,
+        key=target.key,
+        connect_timeout_s=connect_timeout_s,
+    )
 
 
 def _config(

@@ -15,7 +15,7 @@ from schemas.settings import Value, actions_of
 from twin.fabric.bus import Bus
 from twin.fabric.errors import TwinError, UsageError
 from twin.fabric.steering import Attempt, carry_out, running
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.zenoh_bus import join
 from viewer.live import LiveOptions
 
 CONNECT_S = 2.0
@@ -87,13 +87,7 @@ class Desk:
         with self._lock:
             if self._bus is None:
                 target = self._where.target()
-                self._bus = open_bus(
-                    "client",
-                    connect=[target.endpoint],
-                    namespace=target.namespace,
-                    key=target.key,
-                    connect_timeout_s=CONNECT_S,
-                )
+                self._bus = join(target, CONNECT_S)
             return self._bus
 
     def _drop(self) -> None:
