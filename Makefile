@@ -81,11 +81,10 @@ $(MODELS:%=build/models/%): build/models/%: build/models/data
 	$(BIN)/devkit train build/models/data --model $* --out $@ --size $(SIZE) --epochs $(EPOCHS) --half \
 	  --validate-every 20 --threads 4 --device $(DEVICE)
 build/models/%: SIZE = 320x192
-build/models/%: EPOCHS = 70
+build/models/%: EPOCHS = 80
 build/models/yolov2-tiny-w25: SIZE = 640x384
 build/models/yolov2-tiny-w25: EPOCHS = 42
 build/models/yolov3-w25: EPOCHS = 34
-build/models/yolov3-tiny-w25: EPOCHS = 50
 
 build/models/data: install-train
 	$(BIN)/twin dataset $@ --count 20000 --size 640x360 --streets 12,4,2 --split-shares 0.75,0.2,0.05 \
