@@ -64,6 +64,8 @@ class AebStack(Stack):
     on frames beside it, so its commands do not depend on the number of slots or on the neighbours.
     """
 
+    takes_device_frames = True
+
     def __init__(
         self,
         slots: int,

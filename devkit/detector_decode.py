@@ -123,6 +123,9 @@ def decode(
     ends = np.searchsorted(image[order], np.arange(len(sizes_px) + 1))  # sorted by image
     for first, end in itertools.pairwise(ends.tolist()):
         rows = order[first:end][: selection.candidates_max]
+        if len(rows) < 2:  # nothing to suppress, which most pictures of a street are like
+            kept.append(rows)
+            continue
         groups = np.zeros_like(class_id[rows]) if selection.across_classes else class_id[rows]
         kept.append(rows[suppress(box[rows], groups, selection.overlap_max)])
     rows = np.concatenate(kept) if kept else order

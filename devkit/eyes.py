@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import msgspec
+import numpy as np
 
 import devkit.network_perception  # noqa: F401 - makes itself known
 from devkit.images import Images
 from devkit.perception import Perception, Setting, build_perception
 from devkit.stack import Observation
 from schemas.messages import Detection, Episode, PerceptionCost
+
+TOGETHER_MAX = 8
+"""Most networks of a GPU that run at the same time."""
 
 
 class Eyes:
@@ -24,6 +30,7 @@ class Eyes:
         self._built: dict[bytes, Perception] = {}
         self._of_slot: list[Perception | None] = [None] * slots
         self._costs: dict[int, PerceptionCost] = {}
+        self._pool = ThreadPoolExecutor(TOGETHER_MAX, "eyes")
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Give ``slot`` the eyes of a new case.
@@ -50,17 +57,30 @@ class Eyes:
         for slot in slots:
             groups.setdefault(id(self._of_slot[slot]), []).append(slot)
         seen: dict[int, list[Detection]] = {}
-        for group in groups.values():
+        for group, found, cost in self._looked(list(groups.values()), camera, observation):
+            seen.update(zip(group, found, strict=True))
+            self._costs.update(dict.fromkeys(group, cost))
+        return seen
+
+    def _looked(
+        self, groups: list[list[int]], camera: Any, observation: Observation
+    ) -> Iterable[tuple[list[int], list[list[Detection]], PerceptionCost]]:
+        """Of each group of slots with one perception what it sees, and what that took per slot."""
+
+        def look(group: list[int]) -> tuple[list[int], list[list[Detection]], PerceptionCost]:
             perception = self._of_slot[group[0]]
             assert perception is not None, f"slot {group[0]} was not reset"
             boxes = [rows for slot in group if (rows := observation.boxes(slot)) is not None]
             started_s = time.perf_counter()
             found = perception.detect(Images(camera, group), boxes)
             each_s = (time.perf_counter() - started_s) / len(group)
-            seen.update(zip(group, found, strict=True))
-            cost = PerceptionCost(perception.runtime, 1, each_s)
-            self._costs.update(dict.fromkeys(group, cost))
-        return seen
+            return group, found, PerceptionCost(perception.runtime, 1, each_s)
+
+        # While a GPU works on one network, this process prepares another and decodes a third.
+        # On the CPU there is one core for all of it.
+        if len(groups) > 1 and not isinstance(camera, np.ndarray):
+            return self._pool.map(look, groups)
+        return map(look, groups)
 
     def costs(self, slots: Sequence[int]) -> list[PerceptionCost | None]:
         """Wall time that the last look took, per slot."""

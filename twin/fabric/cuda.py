@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import secrets
+import threading
 import weakref
 from collections.abc import Sequence
 from typing import Any
@@ -83,6 +84,7 @@ class DeviceMemory:
         if not self.array.ptr:
             raise RuntimeError(f"memory of {device} cannot be opened by its handle")
         self._staging: Any = None
+        self._copying = threading.Lock()
 
     def frame(self) -> DeviceFrame:
         """What lies in it now."""
@@ -91,11 +93,12 @@ class DeviceMemory:
     def copied(self) -> NDArray[Any]:
         """All of it in this host's memory, in one buffer that is used again."""
         warp = _warp()
-        if self._staging is None:
-            kind = self.array.dtype
-            self._staging = warp.empty(self.shape, dtype=kind, device="cpu", pinned=True)
-        warp.copy(self._staging, self.array)
-        warp.synchronize_stream(self.array.device.stream)
+        with self._copying:
+            if self._staging is None:
+                kind = self.array.dtype
+                self._staging = warp.empty(self.shape, dtype=kind, device="cpu", pinned=True)
+            warp.copy(self._staging, self.array)
+            warp.synchronize_stream(self.array.device.stream)
         host: NDArray[Any] = self._staging.numpy()
         return host
 
