@@ -260,11 +260,13 @@ def _wait(
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, str]:
     """Report and fingerprint; a report needs a simulator that simulates."""
     outcomes = read_outcomes(options.out)
+    found = None
     if campaign.simulator != "noop":
-        from conductor.report import write_report
+        from conductor.report import make_report
 
-        write_report(options.out)
-    return outcomes, fingerprint(options.out).sha256
+        # Plots wait for `conductor report`. The fingerprint: every file has just been read.
+        found = make_report(options.out, plots=False).content.evidence.fingerprint
+    return outcomes, (found or fingerprint(options.out)).sha256
 
 
 def _tell(

@@ -1,11 +1,11 @@
 """The report of a campaign: a table for programs, one page for people.
 
-``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``write_report`` writes those and
-``report.html``; ``write_result_page`` writes a page to publish; ``report_json`` gives the tables of
+``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``make_report`` writes those,
+``report.html`` and plots; ``write_result_page`` writes a page to publish; ``report_json`` gives the tables of
 the report as plain data.
 """
 
-from conductor.report.document import make_report, report_json, tables_of, write_report
+from conductor.report.document import make_report, report_json, tables_of
 from conductor.report.result_page import write_result_page
 from conductor.report.summary import write_summary
 
@@ -13,7 +13,6 @@ __all__ = [
     "make_report",
     "report_json",
     "tables_of",
-    "write_report",
     "write_result_page",
     "write_summary",
 ]

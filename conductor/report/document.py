@@ -36,7 +36,9 @@ class Report:
     content: Content
 
 
-def make_report(folder: Path, *, anew: bool = False, serial: Path | None = None) -> Report:
+def make_report(
+    folder: Path, *, anew: bool = False, serial: Path | None = None, plots: bool = True
+) -> Report:
     """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
     plots, into the campaign ``folder``.
 
@@ -47,6 +49,7 @@ def make_report(folder: Path, *, anew: bool = False, serial: Path | None = None)
         folder: of the campaign.
         anew: read every KPI file, also those that an earlier report has read.
         serial: folder in which the same campaign was run one case at a time, for the speed-up.
+        plots: draw the plots as well, which for 256 cases takes as long as all the rest.
 
     Raises:
         UsageError: no campaign was run here, or nothing was simulated in it.
@@ -59,15 +62,10 @@ def make_report(folder: Path, *, anew: bool = False, serial: Path | None = None)
     path = folder / PAGE_FILE
     try:
         write_atomic(path, render(content, failures(dossier)).encode())
-        plots, missing = write_plots(content)
+        drawn, missing = write_plots(content) if plots else ([], "")
     except OSError as error:
         raise storage_error(error, str(error.filename or path)) from None
-    return Report(path, plots, missing, content)
-
-
-def write_report(folder: Path) -> Path:
-    """As :func:`make_report`; returns the path of the page."""
-    return make_report(folder).page
+    return Report(path, drawn, missing, content)
 
 
 def report_json(folder: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from unit.report.test_report_leases import one_after_the_other
 from unit.report.test_report_resources import sample, write_parts
 
 from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
-from conductor.report import write_report
+from conductor.report import make_report
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 # The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
@@ -56,7 +56,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make_campaign(folder, change=change)
     one_after_the_other(folder)
     write_parts(folder, *(sample(moment, host=host) for moment in (1, 2) for host in ("a", "b")))
-    return write_report(folder)
+    return make_report(folder).page
 
 
 @pytest.fixture
@@ -238,7 +238,7 @@ def test_odd_campaigns_are_drawn_without_complaints(
 
     matrix = {"model": ["yolov3"]} if kind == "one case" else campaign_data()["matrix"]
     make_campaign(tmp_path, campaign_data(matrix=matrix), change)
-    with looked_at(browser, write_report(tmp_path)) as page:
+    with looked_at(browser, make_report(tmp_path).page) as page:
         page.wait_for_selector("#heat .main-svg")
         assert page.locator("#curves").is_visible() == (kind == "one case")
 
@@ -247,7 +247,7 @@ def test_the_paper_s_256_cases(browser: Any, tmp_path: Path) -> None:
     campaign = campaign_of(256)
     ends = write_files(tmp_path, campaign)
     write_outcomes(tmp_path, campaign, ends, left=0)
-    path = write_report(tmp_path)
+    path = make_report(tmp_path).page
     assert path.stat().st_size < 10_000_000
     with looked_at(browser, path) as page:
         page.wait_for_selector("#curves .scatterlayer .trace")

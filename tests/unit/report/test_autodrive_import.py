@@ -14,7 +14,7 @@ import pytest
 from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
 from conductor.fingerprint import fingerprint
-from conductor.report import autodrive_import, report_json, write_report, write_result_page
+from conductor.report import autodrive_import, make_report, report_json, write_result_page
 from conductor.report.autodrive_import import import_autodrive
 from conductor.report.autodrive_kpi import judge, kpi_columns
 from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
@@ -64,7 +64,7 @@ def test_logs_become_a_campaign_with_one_report(tmp_path: Path) -> None:
     assert (hit["aeb_time_s"], hit["aeb_dtc_m"]) == (146.0, 2.0)
     # What the logs do not hold is missing, not 0.
     assert hit["impact_speed_mps"] is hit["speed_max_mps"] is hit["decel_peak_mps2"] is None
-    page = write_report(tmp_path / "run").read_text()
+    page = make_report(tmp_path / "run").page.read_text()
     assert found.sha256 in page
     assert "nothing was simulated here" in page
     assert "Of 6 passed runs, 3 braked further than 60 m" in page
@@ -323,7 +323,7 @@ def test_hostile_names_are_names_here_and_said(tmp_path: Path) -> None:
     ]
     assert "model '../../etc' is called 'etc' here" in found.left_out
     assert all(note.isprintable() for note in found.left_out)
-    assert "<img" not in write_report(tmp_path / "run").read_text()
+    assert "<img" not in make_report(tmp_path / "run").page.read_text()
 
 
 def test_cases_that_occur_twice_are_repeats(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import Late
-from conductor.report import content, report_json, write_report
+from conductor.report import content, make_report, report_json
 from conductor.report.cells import cell_number, cells_of, worst
 from conductor.report.dossier import open_dossier
 from twin.fabric.errors import UsageError
@@ -35,7 +35,7 @@ def without_scripts(page: str) -> str:
 
 def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    path = write_report(tmp_path)
+    path = make_report(tmp_path).page
     assert path == tmp_path / "report.html"
     assert (tmp_path / "summary.parquet").exists()
     page = path.read_text()
@@ -74,11 +74,11 @@ def test_attempts_that_a_hand_has_steered_are_counted(tmp_path: Path) -> None:
         return replace(end, steered=steered)
 
     make_campaign(tmp_path, campaign_data(), change)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     assert "Steered by hand</dt><dd>1 attempt, without a verdict" in page
     assert "attempt 1: 3 changes &lt;b&gt;" in page
     make_campaign(tmp_path / "untouched")
-    assert "Steered by hand" not in write_report(tmp_path / "untouched").read_text()
+    assert "Steered by hand" not in make_report(tmp_path / "untouched").page.read_text()
 
 
 def test_hostile_text_stays_text(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
         return replace(end, outcome="failed", verdict=HOSTILE, reasons=[HOSTILE], worker=HOSTILE)
 
     make_campaign(tmp_path, campaign_data(description=HOSTILE), change)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     assert "alert(1)" in page
     for mark in ("<script>alert", "<img src=x", "</SCRIPT>"):
         assert mark not in page
@@ -107,7 +107,7 @@ def test_a_text_of_ten_megabytes_leaves_the_page_intact(tmp_path: Path) -> None:
         return replace(end, outcome="failed", verdict="nan", reasons=[huge], charges=[huge])
 
     make_campaign(tmp_path, change=change)
-    small = len(write_report(tmp_path).read_text())
+    small = len(make_report(tmp_path).page.read_text())
     page = (tmp_path / "report.html").read_text()
     assert small < 6_000_000
     assert "(10000003 characters)" in page
@@ -119,7 +119,7 @@ def test_markup_in_the_value_of_an_axis_stays_text(tmp_path: Path) -> None:
     scene = "/tmp/<img src=x onerror=alert(1)>.yaml"
     data = campaign_data(matrix={"model": ["yolov3"], "scenario.scene": ["downtown", scene]})
     make_campaign(tmp_path, data)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     assert "<img src=x" not in page
     assert "&lt;img src=x onerror=alert(1)&gt;.yaml" in page
 
@@ -138,7 +138,7 @@ def test_the_effects_of_the_axes(tmp_path: Path) -> None:
     assert (clear["value"], clear["passed"], clear["total"], clear["missing"]) == ("clear", 3, 3, 1)
     assert (fog["passed"], fog["total"], fog["missing"]) == (2, 4, 0)
     assert (fog["low"], fog["high"]) == pytest.approx((0.1500, 0.8500), abs=1e-4)
-    assert len(page_data(write_report(tmp_path).read_text())["effects"]["data"]) == 3
+    assert len(page_data(make_report(tmp_path).page.read_text())["effects"]["data"]) == 3
 
 
 def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
         return replace(end, verdict="false_braking", passed=True, scalars=far, wall_s=9.25)
 
     make_campaign(tmp_path, change=change)
-    text = without_scripts(write_report(tmp_path).read_text())
+    text = without_scripts(make_report(tmp_path).page.read_text())
     table = re.search(r'<section id="false-braking">.*?</section>', text, re.S)
     assert table
     assert "False braking: 4 cases" in table[0]
@@ -165,7 +165,7 @@ def test_failures_come_with_the_command_that_shows_them(tmp_path: Path) -> None:
     make_campaign(
         tmp_path, change=lambda c, e: replace(e, verdict="collision", passed=False, reasons=["hit"])
     )
-    text = without_scripts(write_report(tmp_path).read_text())
+    text = without_scripts(make_report(tmp_path).page.read_text())
     assert text.count('<article class="failure">') == 8
     assert "conductor run campaign.yaml --case yolov3-0500-clear --view record" in text
     assert "the case was not recorded" in text
@@ -184,7 +184,7 @@ def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
 
     matrix = {"model": ["yolov3"]} if kind == "one case" else campaign_data()["matrix"]
     make_campaign(tmp_path, campaign_data(matrix=matrix), change)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     data, text = page_data(page), without_scripts(page)
     assert len(data["all"]["axes"]) >= 2
     if kind == "one case":
@@ -200,7 +200,7 @@ def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
 def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, verdict="lane_left", passed=False))
     assert report_json(tmp_path)["systems"][-1]["counts"]["lane_left"] == 8
-    assert "lane left" in write_report(tmp_path).read_text()
+    assert "lane left" in make_report(tmp_path).page.read_text()
 
 
 def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
 
     data = campaign_data(scenario={"type": "lane_keeping", "distance_m": 100, "duration_s": 20})
     make_campaign(tmp_path, data, change)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     text = without_scripts(page)
     assert "drove the whole distance" in text
     assert "did not collide" not in text
@@ -231,7 +231,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
 
 def test_a_jump_scare_shows_nothing_of_lanes(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     assert "Lateral error" not in without_scripts(page)
     assert "lateral_error_m" not in page_data(page)["curves"]
     assert report_json(tmp_path)["systems"][-1]["lateral_rms_m"] is None
@@ -244,7 +244,7 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
         return msgspec.convert({"outcome": ""}, type(end))
 
     make_campaign(tmp_path, change=change)
-    page = without_scripts(write_report(tmp_path).read_text())
+    page = without_scripts(make_report(tmp_path).page.read_text())
     assert "Incomplete: 4 of 8 cases have not ended" in page
     assert "of 8 cases passed so far" in page
     assert page.count("at least ") == 3  # a rate per system under test and of all
@@ -256,12 +256,12 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     assert found["alarms"] == []
     assert found["not_ended"] == 4
     (tmp_path / "conductor.json").write_text("{}")
-    assert "Still running: 4 of 8" in without_scripts(write_report(tmp_path).read_text())
+    assert "Still running: 4 of 8" in without_scripts(make_report(tmp_path).page.read_text())
 
 
 def test_missing_numbers_are_dashes_and_gaps(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, scalars={}))
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     rows = re.findall(r"<tr data-case=.*?</tr>", page, re.S)
     assert len(rows) == 8
     assert all(row.count('data-sort="">–') == 8 for row in rows)
@@ -281,7 +281,7 @@ def test_a_damaged_kpi_file_raises_the_alarm(tmp_path: Path, damage: str) -> Non
         path.write_bytes(b"PAR1 not really")
     if damage == "missing":
         path.unlink()
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     assert 'class="box alarm"' in page
     assert [c["id"] for c in page_data(page)["cases"] if c["time_s"] is None] == [name]
     found = report_json(tmp_path)
@@ -307,7 +307,7 @@ def test_disagreeing_attempts_raise_the_alarm(tmp_path: Path) -> None:
     found = report_json(tmp_path)
     assert (found["audits"], found["disagreements"]) == (8, 1)
     assert "two attempts of this case disagree" in found["alarms"][0]
-    page = without_scripts(write_report(tmp_path).read_text())
+    page = without_scripts(make_report(tmp_path).page.read_text())
     assert "Do not trust these results yet: 1 alarm<" in page
 
 
@@ -321,7 +321,7 @@ def test_a_changed_campaign_file_raises_the_alarm(tmp_path: Path) -> None:
 def test_noop_is_refused(tmp_path: Path) -> None:
     make_campaign(tmp_path, campaign_data(simulator="noop"))
     with pytest.raises(UsageError, match="noop"):
-        write_report(tmp_path)
+        make_report(tmp_path).page
     with pytest.raises(UsageError, match="noop"):
         report_json(tmp_path)
 
@@ -347,7 +347,7 @@ def test_heat_maps_fall_back_to_other_axes(
     tmp_path: Path, matrix: dict[str, Any], x: str, y: str, per: str
 ) -> None:
     make_campaign(tmp_path, campaign_data(matrix=matrix))
-    data = page_data(write_report(tmp_path).read_text())
+    data = page_data(make_report(tmp_path).page.read_text())
     assert data["heat"] == {"x": x, "y": y, "per": per}
     assert {x, y} <= set(data["all"]["axes"])
     for axis in data["all"]["axes"].values():
@@ -370,7 +370,7 @@ def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
     (clear, cloudy) = cells_of(dossier, dossier.rows, "model", "weather").rows
     assert (worst(clear[0]).status, cell_number(clear[0])) == ("collision", "1/2")
     assert (worst(cloudy[0]).status, cell_number(cloudy[0])) == ("pass", "2/2")
-    severity = page_data(write_report(tmp_path).read_text())["all"]["severity"]
+    severity = page_data(make_report(tmp_path).page.read_text())["all"]["severity"]
     assert severity[0] == min(severity) < severity[1]
 
 
@@ -386,7 +386,7 @@ def test_a_huge_campaign_shows_its_worst_first(
             else replace(e, verdict="pass", passed=True)
         ),
     )
-    page = write_report(tmp_path).read_text()
+    page = make_report(tmp_path).page.read_text()
     shown = [c["id"] for c in page_data(page)["cases"]]
     assert len(shown) == 3
     assert "yolov2-tiny-1300-heavy_fog" in shown
