@@ -1,8 +1,8 @@
 """The report of a campaign: a table for programs, one page for people.
 
 ``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``make_report`` writes those,
-``report.html`` and plots; ``write_result_page`` writes a page to publish; ``report_json`` gives the tables of
-the report as plain data.
+``report.html`` and plots; ``write_result_page`` writes a page to publish; ``report_json`` gives the
+tables of the report as plain data.
 """
 
 from conductor.report.document import make_report, report_json, tables_of
