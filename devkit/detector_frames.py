@@ -21,7 +21,7 @@ from devkit.detector_resize import FRAMES, ROWS, with_frames
 from devkit.detector_runtime import open_session, refusals
 from devkit.images import Images, as_images, device_pointer
 
-MICRO_BATCH = 64
+MICRO_BATCH = 32
 """Images that go through a network together, always: part of what a result depends on."""
 
 
