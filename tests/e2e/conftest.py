@@ -7,6 +7,7 @@ import subprocess
 
 import pytest
 from processes import Marked, nothing_left
+from slurm_cluster import SlurmCluster
 
 
 @pytest.fixture
@@ -30,6 +31,17 @@ def quiet(tmp_path_factory):
 def local(tmp_path_factory):
     """``conductor run aeb-demo`` on this machine, without a scheduler: 2 workers x 1 slot."""
     return _once(tmp_path_factory, "local", "aeb-demo", "--workers", "2", "--slots", "1")
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """A private Slurm: three idle nodes; two of them have two and four pretended GPUs."""
+    slurm = SlurmCluster()
+    try:
+        slurm.start()
+        yield slurm
+    finally:
+        slurm.stop()
 
 
 def _once(tmp_path_factory, name, campaign, *options):

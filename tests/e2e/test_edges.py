@@ -9,10 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import warp as wp
+from kernel_folders import LEFT_OUT, all_but_one, compiled_in
 from processes import interrupt, outcomes, wait_for
-
-from twin.world.kernel_cache import prepare_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 HIT = "yolov3-0500-heavy_rain"
@@ -52,9 +50,9 @@ def test_a_dumb_terminal(marked, tmp_path):
     """On a terminal without cursor movement: no escape sequences, and it ends."""
     leader, follower = pty.openpty()
     command = [sys.executable, "-m", "conductor", "run", "chaos-16", "--case", HIT]
-    out = ["--out", str(tmp_path / "c")]
+    command += ["--out", str(tmp_path / "c")]
     variables = {**os.environ, "TERM": "dumb"}
-    with subprocess.Popen([*command, *out], stdout=follower, stderr=follower, env=variables) as child:
+    with subprocess.Popen(command, stdout=follower, stderr=follower, env=variables) as child:
         os.close(follower)
         text = b""
         while True:
@@ -115,22 +113,18 @@ def test_a_file_where_the_folder_should_be(marked, tmp_path):
 
 def test_no_write_access_to_the_kernel_cache(marked, quiet, read_only, tmp_path):
     """Kernels come from a private folder below the temporary one instead; what it lacks is compiled
-    into it. It lacks one module only: all of them take a minute and a half."""
-    prepare_kernels()
-    own = marked.temporary / f"drivetwin-kernels-{os.getuid()}" / wp.config.version
-    own.mkdir(parents=True)
-    own.parent.chmod(0o700)
-    for path in Path(wp.config.kernel_cache_dir).iterdir():
-        if not path.name.startswith("wp_twin.sensors.boxes_"):
-            (own / path.name).symlink_to(path)
+    into it."""
+    own = marked.temporary / f"drivetwin-kernels-{os.getuid()}"
+    place = all_but_one(own)
+    own.chmod(0o700)
     variables = {"WARP_CACHE_PATH": str(read_only / "warp")}
     done = run(marked, tmp_path / "c", "--workers", "1", "--slots", "4", variables=variables)
     assert done.returncode == 1, done.stderr
     assert quiet["fingerprint"] in done.stdout
-    (compiled,) = [path for path in own.iterdir() if not path.is_symlink()]
-    assert compiled.name.startswith("wp_twin.sensors.boxes_")
-    assert list(marked.temporary.iterdir()) == [own.parent]
-    shutil.rmtree(own.parent)
+    (compiled,) = compiled_in(place)
+    assert compiled.startswith(LEFT_OUT)
+    assert list(marked.temporary.iterdir()) == [own]
+    shutil.rmtree(own)
 
 
 def test_no_write_access_as_another_user(marked, tmp_path):
@@ -202,13 +196,17 @@ def test_other_pythons(marked, quiet, tmp_path, version):
     subprocess.run(
         [
             *(environment / "bin" / "pip", "install", "--quiet", "--disable-pip-version-check"),
+            "--no-compile",  # what runs is compiled when it runs
             *("--constraint", str(ROOT / "constraints.txt"), str(ROOT)),
         ],
         check=True,
         capture_output=True,
     )
     done = subprocess.run(
-        [environment / "bin" / "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")],
+        [
+            *(environment / "bin" / "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")),
+            *("--workers", "1", "--slots", "4"),
+        ],
         capture_output=True,
         text=True,
         cwd=tmp_path,

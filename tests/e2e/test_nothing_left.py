@@ -1,5 +1,6 @@
 """No process, socket, shared memory or temporary file outlives a run, however it ends."""
 
+import shutil
 import signal
 
 import psutil
@@ -81,8 +82,9 @@ def test_ctrl_c_during_start(marked, tmp_path, moment):
     assert len(outcomes(folder)) == 16
 
 
-def test_a_finished_run_is_not_repeated(marked, quiet):
-    again = marked.run("conductor", "run", "chaos-16", "--out", str(quiet["folder"]))
+def test_a_finished_run_is_not_repeated(marked, quiet, tmp_path):
+    folder = shutil.copytree(quiet["folder"], tmp_path / "chaos-16")
+    again = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
     assert again.returncode == 1
     assert "have ended already" in again.stderr
     assert quiet["fingerprint"] in again.stdout
