@@ -46,7 +46,8 @@ def test_nothing_new_means_nothing_read_and_the_same_page(tmp_path: Path) -> Non
     assert (second.content.read, second.content.unchanged) == (0, 8)
     assert text_of(tmp_path) == first
     assert second.content.evidence.fingerprint == fingerprint(tmp_path)
-    assert read_content(open_dossier(tmp_path), anew=True).read == 8
+    assert make_report(tmp_path, anew=True).content.read == 8
+    assert text_of(tmp_path) == first
 
 
 def test_only_cases_that_have_ended_since_are_read(tmp_path: Path) -> None:
