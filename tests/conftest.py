@@ -15,7 +15,7 @@ APART = (
     *("test_edges", "test_storms", "test_nothing_left", "test_same_verdicts"),
     *("test_conductor_restart", "test_workers", "test_bad_input", "test_foreign_stacks"),
 )
-"""Long files whose tests share nothing but what is run once for all processes: they run anywhere."""
+"""Long files whose tests share only what is run once for all processes: each runs anywhere."""
 LONG = ("test_viewer", "test_viewer_web", "test_hand_on_a_case", "test_conductor_swarm")
 """Further long files."""
 
