@@ -93,8 +93,9 @@ def test_a_changed_kpi_file_is_noticed(marked, quiet, tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_the_demo_campaign_alone_and_together(marked, local, tmp_path):
-    one, folder = local, local["folder"]
+def test_the_demo_campaign_alone_and_together(marked, tmp_path):
+    folder = tmp_path / "a"
+    one = run(marked, folder, "--workers", "2", "--slots", "1", campaign="aeb-demo")
     other = run(marked, tmp_path / "b", "--workers", "1", "--slots", "4", campaign="aeb-demo")
     assert one["committed"] == 8
     assert one["passed"] + one["failed"] == 8
