@@ -58,11 +58,12 @@ def _once(tmp_path_factory, name, campaign, *options):
             asked = ("conductor", "run", campaign, "--out", str(folder), "--output", "json")
             starter = Marked()
             try:
-                done = starter.run(*asked, *options)
+                child = starter.start(*asked, *options)
+                out, err = child.communicate(timeout=500)
             finally:
                 starter.end()
-            assert done.returncode in (0, 1), done.stderr
-            text = {"code": done.returncode, "stdout": done.stdout, "stderr": done.stderr}
+            assert child.returncode in (0, 1), err
+            text = {"code": child.returncode, "stdout": out, "stderr": err}
             said.write_text(json.dumps({"folder": str(folder), **text}))
     found = json.loads(said.read_text())
     return {**found, "folder": folder, **json.loads(found["stdout"])}
