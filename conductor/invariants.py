@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from conductor.facts import ALONE, SHARED, Committed
+from conductor.facts import ALONE, SHARED, CaseEnded, Committed
 from conductor.fold import end_name
 from conductor.state import CampaignState, CaseState, State
 
@@ -50,23 +50,24 @@ def _check_group(state: State, worker_id: str, groups: set[int]) -> None:
 def _check_campaign(name: str, campaign: CampaignState) -> None:
     waiting: dict[str, dict[int, list[int]]] = {}
     ended: Counter[str] = Counter()
+    committed = 0
     open_batches: Counter[int] = Counter()
     for order, case in enumerate(campaign.ordered):
         _that(campaign.cases[case.case.id] is case and case.order == order, f"{name}: order")
-        _check_case(case, campaign.campaign.attempts_max)
-        end = case.end
+        end = case.end  # unpacked once, since all cases are checked after every fact
+        _check_case(case, end, campaign.campaign.attempts_max)
         if end is None:
             open_batches[case.case.batch] += 1
             if case.waits:
                 waiting.setdefault(case.rig, {}).setdefault(case.group, []).append(-order)
         else:
             ended[end_name(end)] += 1
+            committed += isinstance(end, Committed)
     lanes = {r: {g: q[::-1] for g, q in groups.items()} for r, groups in waiting.items()}
     _that(campaign.backlog.lanes == lanes, f"{name}: the backlog is not the waiting cases")
     count = sum(len(lane) for groups in lanes.values() for lane in groups.values())
     _that(len(campaign.backlog) == count, f"{name}: length of the backlog")
     _that(campaign.left == len(campaign.ordered) - sum(ended.values()), f"{name}: left")
-    committed = sum(isinstance(case.end, Committed) for case in campaign.ordered)
     _that(campaign.durations.total == committed, f"{name}: durations")
     _that(campaign.ended == dict(ended), f"{name}: counts of ended cases")
     _that(campaign.open_batches == dict(open_batches), f"{name}: open batches")
@@ -75,7 +76,7 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
     _that(campaign.pinned or not campaign.attempts, f"{name}: leased before it was pinned")
 
 
-def _check_case(case: CaseState, attempts_max: int) -> None:
+def _check_case(case: CaseState, end: Committed | CaseEnded | None, attempts_max: int) -> None:
     name = case.case.id
     _that(len(case.live) <= LIVE_MAX, f"{name}: {len(case.live)} live tokens")
     _that(set(case.live) <= set(case.issued), f"{name}: a token that was never issued")
@@ -86,8 +87,8 @@ def _check_case(case: CaseState, attempts_max: int) -> None:
         _that(not case.waits, f"{name}: ended and waiting")
     elif not case.live:
         _that(len(case.charges) < attempts_max, f"{name}: waits after its last charge")
-    if isinstance(case.end, Committed):
-        _that(case.end.result.token in case.issued, f"{name}: committed with a foreign token")
+    if isinstance(end, Committed):
+        _that(end.result.token in case.issued, f"{name}: committed with a foreign token")
 
 
 def _that(condition: bool, text: str) -> None:

@@ -1,6 +1,8 @@
-"""Being here puts ``tests/`` on the import path, for the modules that tests share."""
+"""Being here puts ``tests/`` on the import path, for the modules that tests share; and which tests
+pytest-xdist runs together on one core."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -8,13 +10,37 @@ CLUSTER = (
     *("test_containers", "test_offline", "test_pbs_wrapper", "test_slurm", "test_slurm_nodes"),
     *("test_two_clusters", "test_two_hosts"),
 )
-"""They make networks and schedulers on this machine."""
+"""They make networks and schedulers on this machine, and there is one machine."""
+APART = (
+    *("test_edges", "test_storms", "test_nothing_left", "test_same_verdicts"),
+    *("test_conductor_restart", "test_workers", "test_bad_input", "test_foreign_stacks"),
+)
+"""Long files whose tests share only what is run once for all processes: each runs anywhere."""
+LONG = ("test_viewer", "test_viewer_web", "test_hand_on_a_case", "test_conductor_swarm")
+"""Further long files."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What runs on one core, one after the other, when tests run on several: those of one file,
-    because they share fixtures, and those of :data:`CLUSTER`, because there is one machine."""
-    for item in items:
-        name = Path(item.path).stem
-        group = "cluster" if name in CLUSTER else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(group))
+    """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
+    first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
+    items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests of one file run on one core, one after the other, because they share fixtures.
+
+    Marks of groups would say the same, but pytest-xdist 3.8 does not hand them on under pytest 9.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            path = nodeid.partition("::")[0]
+            name = Path(path).stem
+            return "cluster" if name in CLUSTER else nodeid if name in APART else path
+
+    config.option.loadscopereorder = (
+        False  # by number of tests, which are quick where they are many
+    )
+    return Together(config, log)

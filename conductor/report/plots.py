@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import io
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -73,15 +73,25 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
                 for suffix in ("png", "svg"):
                     (folder / f"{name}.{suffix}").unlink(missing_ok=True)
                 continue
-            for suffix in ("png", "svg"):
-                data = io.BytesIO()
-                metadata = {"Date": None} if suffix == "svg" else None
-                sheet.savefig(data, format=suffix, metadata=metadata)
-                sheet.set_layout_engine("none")  # the second file has the layout of the first
+            for suffix, data in _drawn_once(sheet):
                 path = folder / f"{name}.{suffix}"
                 write_atomic(path, data.getbuffer(), sync=False)
                 written.append(path)
     return written, _too_wide(content)
+
+
+def _drawn_once(sheet: Figure) -> Iterator[tuple[str, io.BytesIO]]:
+    """Endings and bytes of a figure's files.
+
+    ``savefig`` draws everything twice, the first time for the layout alone, which takes longest.
+    """
+    png, svg = io.BytesIO(), io.BytesIO()
+    _matplotlib("backends.backend_agg").FigureCanvasAgg(sheet).print_png(png)
+    yield "png", png
+    sheet.set_layout_engine("none")  # the second file has the layout of the first
+    canvas = _matplotlib("backends.backend_svg").FigureCanvasSVG(sheet)
+    canvas.print_svg(svg, metadata={"Date": None})
+    yield "svg", svg
 
 
 def _matplotlib(module: str) -> Any:

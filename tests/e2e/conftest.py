@@ -1,11 +1,13 @@
 """Fixtures of the end-to-end tests."""
 
+import fcntl
 import json
 import os
 import subprocess
 
 import pytest
 from processes import Marked, nothing_left
+from slurm_cluster import SlurmCluster
 
 
 @pytest.fixture
@@ -22,32 +24,49 @@ def marked():
 @pytest.fixture(scope="session")
 def quiet(tmp_path_factory):
     """The campaign chaos-16 run once in peace: 1 worker x 1 slot."""
-    folder = tmp_path_factory.mktemp("quiet") / "chaos-16"
-    starter = Marked()
-    try:
-        done = starter.run(
-            *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "1"),
-            *("--out", str(folder), "--output", "json"),
-        )
-        assert done.returncode == 1, done.stderr
-        return {"folder": folder, **json.loads(done.stdout)}
-    finally:
-        starter.end()
+    return _once(tmp_path_factory, "quiet", "chaos-16", "--workers", "1", "--slots", "1")
 
 
 @pytest.fixture(scope="session")
 def local(tmp_path_factory):
-    """``conductor run aeb-demo`` on this machine, without a scheduler."""
-    folder = tmp_path_factory.mktemp("local") / "aeb-demo"
-    starter = Marked()
+    """``conductor run aeb-demo`` on this machine, without a scheduler: 2 workers x 1 slot."""
+    return _once(tmp_path_factory, "local", "aeb-demo", "--workers", "2", "--slots", "1")
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """A private Slurm: three idle nodes; two of them have two and four pretended GPUs."""
+    slurm = SlurmCluster()
     try:
-        asked = ("conductor", "run", "aeb-demo", "--out", str(folder), "--output", "json")
-        child = starter.start(*asked)
-        out, err = child.communicate(timeout=500)
-        assert child.returncode in (0, 1), err
-        return {"folder": folder, "code": child.returncode, **json.loads(out)}
+        slurm.start()
+        yield slurm
     finally:
-        starter.end()
+        slurm.stop()
+
+
+def _once(tmp_path_factory, name, campaign, *options):
+    """A campaign that is run once for all processes of pytest-xdist; what it said.
+
+    Tests must leave its folder as it is, since others read it at the same time.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder, said = shared / name / campaign, shared / f"{name}.json"
+    with (shared / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not said.exists():
+            asked = ("conductor", "run", campaign, "--out", str(folder), "--output", "json")
+            starter = Marked()
+            try:
+                child = starter.start(*asked, *options)
+                out, err = child.communicate(timeout=500)
+            finally:
+                starter.end()
+            assert child.returncode in (0, 1), err
+            text = {"code": child.returncode, "stdout": out, "stderr": err}
+            said.write_text(json.dumps({"folder": str(folder), **text}))
+    found = json.loads(said.read_text())
+    return {**found, "folder": folder, **json.loads(found["stdout"])}
 
 
 @pytest.fixture

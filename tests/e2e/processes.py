@@ -57,15 +57,15 @@ class Marked:
 
     def processes(self, *words: str) -> list[psutil.Process]:
         """Live processes with our mark whose command line holds all ``words``."""
-        found = []
-        for process in psutil.process_iter():
+        mark, found = f"{MARK}={self.mark}".encode(), []
+        for pid in psutil.pids():
             try:
-                if process.status() == psutil.STATUS_ZOMBIE:
+                # Tests ask all the time, so nothing is asked of strangers but this.
+                if mark not in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
                     continue
-                if process.environ().get(MARK) != self.mark:
-                    continue
+                process = psutil.Process(pid)
                 line = process.cmdline()
-            except (psutil.NoSuchProcess, psutil.AccessDenied):
+            except (OSError, psutil.Error):
                 continue
             if all(word in line for word in words):
                 found.append(process)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import psutil
+from kernel_folders import for_jobs
 
 PACKAGES = {
     "slurmctld": "slurmctld",
@@ -104,6 +105,7 @@ class SlurmCluster:
                 k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "SBATCH", "SRUN"))
             },
             "SLURM_CONF": str(self.folder / "slurm.conf"),
+            "WARP_CACHE_PATH": str(for_jobs(self.folder / "kernels")),
         }
         self._daemons: list[subprocess.Popen[bytes]] = []
 

@@ -95,7 +95,8 @@ def test_run_with_workers_of_other_hosts(marked, quiet, tmp_path):
 def test_sigterm_of_a_run_is_unfinished(marked, quiet, tmp_path):
     """As at the end of the walltime: exit code 75, and the same command goes on."""
     folder = tmp_path / "c"
-    command = ("conductor", "run", "chaos-16", "--out", str(folder))
+    rig = ("--workers", "1", "--slots", "4")
+    command = ("conductor", "run", "chaos-16", "--out", str(folder), *rig)
     child = marked.start(*command)
     wait_for(lambda: committed(folder) >= 3, "three cases")
     child.terminate()
@@ -109,7 +110,7 @@ def test_sigterm_of_a_run_is_unfinished(marked, quiet, tmp_path):
 
 def test_stop_of_a_run_is_unfinished(marked, tmp_path):
     folder = tmp_path / "c"
-    child = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
+    child = marked.start("conductor", "run", "chaos-16", "--out", str(folder), "--workers", "1")
     wait_for(lambda: committed(folder) >= 3, "three cases")
     stopped = marked.run("conductor", "stop", "--state", str(folder))
     assert stopped.returncode == 0, stopped.stderr

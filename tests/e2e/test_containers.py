@@ -43,7 +43,7 @@ def borrowed(request, tmp_path, monkeypatch):
 def test_the_same_results_inside(marked, quiet, tmp_path, borrowed):
     folder = tmp_path / "c"
     child = marked.start(
-        *("conductor", "run", "chaos-16", "--workers", "2", "--slots", "2"),
+        *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "4"),
         *("--out", str(folder), "--output", "json"),
         prefix=borrowed,
     )

@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from kernel_folders import LEFT_OUT, all_but_one, compiled_in
 from processes import interrupt, outcomes, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
+HIT = "yolov3-0500-heavy_rain"
+"""A case of chaos-16 that ends in a collision."""
 
 
 def run(marked, folder, *options, variables=None):
@@ -26,31 +29,28 @@ def run(marked, folder, *options, variables=None):
 
 
 def test_a_path_with_spaces_and_umlauts(marked, quiet, tmp_path):
+    """Its output goes to no terminal: plain lines."""
     folder = tmp_path / "my runs (2)" / "größe $HOME"
-    done = run(marked, folder)
+    done = run(marked, folder, "--workers", "1", "--slots", "4")
     assert done.returncode == 1, done.stderr
     assert quiet["fingerprint"] in done.stdout
     assert str(folder / "report.html") in done.stdout
     assert len(outcomes(folder)) == 16
-
-
-def test_output_to_a_file_holds_plain_lines(marked, tmp_path):
-    done = run(marked, tmp_path / "c")
     assert "\x1b" not in done.stdout + done.stderr
     assert "\r" not in done.stdout + done.stderr
     assert "chaos-16: 16 of 16 cases done" in done.stderr
 
 
-def test_json_output_is_one_object(marked, tmp_path):
-    done = run(marked, tmp_path / "c", "--output", "json")
-    assert len(done.stdout.strip().splitlines()) == 1
-    assert done.stdout.startswith('{"campaign": "chaos-16"')
+def test_json_output_is_one_object(quiet):
+    assert len(quiet["stdout"].strip().splitlines()) == 1
+    assert quiet["stdout"].startswith('{"campaign": "chaos-16"')
 
 
 def test_a_dumb_terminal(marked, tmp_path):
     """On a terminal without cursor movement: no escape sequences, and it ends."""
     leader, follower = pty.openpty()
-    command = [sys.executable, "-m", "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")]
+    command = [sys.executable, "-m", "conductor", "run", "chaos-16", "--case", HIT]
+    command += ["--out", str(tmp_path / "c")]
     variables = {**os.environ, "TERM": "dumb"}
     with subprocess.Popen(command, stdout=follower, stderr=follower, env=variables) as child:
         os.close(follower)
@@ -112,14 +112,19 @@ def test_a_file_where_the_folder_should_be(marked, tmp_path):
 
 
 def test_no_write_access_to_the_kernel_cache(marked, quiet, read_only, tmp_path):
-    """Kernels are compiled into a private folder below the temporary one instead."""
+    """Kernels come from a private folder below the temporary one instead; what it lacks is compiled
+    into it."""
+    own = marked.temporary / f"drivetwin-kernels-{os.getuid()}"
+    place = all_but_one(own)
+    own.chmod(0o700)
     variables = {"WARP_CACHE_PATH": str(read_only / "warp")}
-    done = run(marked, tmp_path / "c", variables=variables)
+    done = run(marked, tmp_path / "c", "--workers", "1", "--slots", "4", variables=variables)
     assert done.returncode == 1, done.stderr
     assert quiet["fingerprint"] in done.stdout
-    (cache,) = marked.temporary.iterdir()
-    assert cache.name == f"drivetwin-kernels-{os.getuid()}"
-    shutil.rmtree(cache)
+    (compiled,) = compiled_in(place)
+    assert compiled.startswith(LEFT_OUT)
+    assert list(marked.temporary.iterdir()) == [own]
+    shutil.rmtree(own)
 
 
 def test_no_write_access_as_another_user(marked, tmp_path):
@@ -141,32 +146,29 @@ def test_no_write_access_as_another_user(marked, tmp_path):
     assert "Permission denied" in err
 
 
-def test_two_runs_side_by_side(marked, quiet, tmp_path):
-    first = marked.start("conductor", "run", "chaos-16", "--out", str(tmp_path / "a"))
-    second = marked.start("conductor", "run", "chaos-16", "--out", str(tmp_path / "b"))
-    for child in (first, second):
+def test_two_runs_side_by_side_and_one_too_many(marked, quiet, tmp_path):
+    """Two folders at the same time; a third run in a folder that is in use is refused."""
+    command = ("conductor", "run", "chaos-16", "--workers", "1", "--slots", "2", "--out")
+    runs = [marked.start(*command, str(tmp_path / name)) for name in "ab"]
+    wait_for(lambda: (tmp_path / "a" / "conductor.json").exists(), "the first conductor")
+    refused = marked.run(*command, str(tmp_path / "a"))
+    assert refused.returncode == 2
+    assert str(runs[0].pid) in refused.stderr
+    assert len(refused.stderr.strip().splitlines()) == 1
+    for child in runs:
         out, err = child.communicate()
         assert child.returncode == 1, err
         assert quiet["fingerprint"] in out
 
 
-def test_the_same_folder_twice_at_once(marked, tmp_path):
-    folder = tmp_path / "c"
-    first = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
-    wait_for(lambda: (folder / "conductor.json").exists(), "the first conductor")
-    second = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
-    assert second.returncode == 2
-    assert str(first.pid) in second.stderr
-    assert len(second.stderr.strip().splitlines()) == 1
-    _, err = first.communicate()
-    assert first.returncode == 1, err
-
-
 @pytest.mark.parametrize("after_s", [0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.5])
 def test_ctrl_c_at_every_stage(marked, tmp_path, after_s):
-    """Wherever it hits: 130, no traceback, nothing left, and the next run finishes."""
-    folder = tmp_path / "c"
-    child = marked.start("conductor", "run", "chaos-16", "--out", str(folder))
+    """Wherever it hits: 130, no traceback, nothing left, and the next run finishes.
+
+    A single case, since what is in the way is the start.
+    """
+    command = ("conductor", "run", "chaos-16", "--case", HIT, "--out", str(tmp_path / "c"))
+    child = marked.start(*command)
     wait_for(lambda: marked.processes("run"), "the process")
     with pytest.raises(subprocess.TimeoutExpired):
         child.wait(after_s)
@@ -174,9 +176,9 @@ def test_ctrl_c_at_every_stage(marked, tmp_path, after_s):
     _, err = child.communicate()
     assert child.returncode in (130, -signal.SIGINT), err  # the latter while modules load
     assert "Traceback" not in err
-    again = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
+    again = marked.run(*command)
     assert again.returncode == 1, again.stderr
-    assert len(outcomes(folder)) == 16
+    assert len(outcomes(tmp_path / "c")) == 1
 
 
 @pytest.mark.slow
@@ -194,13 +196,17 @@ def test_other_pythons(marked, quiet, tmp_path, version):
     subprocess.run(
         [
             *(environment / "bin" / "pip", "install", "--quiet", "--disable-pip-version-check"),
+            "--no-compile",  # what runs is compiled when it runs
             *("--constraint", str(ROOT / "constraints.txt"), str(ROOT)),
         ],
         check=True,
         capture_output=True,
     )
     done = subprocess.run(
-        [environment / "bin" / "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")],
+        [
+            *(environment / "bin" / "conductor", "run", "chaos-16", "--out", str(tmp_path / "c")),
+            *("--workers", "1", "--slots", "4"),
+        ],
         capture_output=True,
         text=True,
         cwd=tmp_path,

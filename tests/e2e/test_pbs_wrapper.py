@@ -9,7 +9,6 @@ import shutil
 import pytest
 import slurm_cluster
 from processes import committed, outcomes
-from slurm_cluster import SlurmCluster
 from slurm_job import Job
 
 MISSING = slurm_cluster.missing() or (
@@ -22,20 +21,9 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """Three idle nodes."""
-    slurm = SlurmCluster()
-    try:
-        slurm.start()
-        yield slurm
-    finally:
-        slurm.stop()
-
-
-def test_aeb_demo(marked, cluster, local, tmp_path):
+def test_submitted_again(marked, cluster, quiet, tmp_path):
     """Signalled as by its own timer, it submits itself again; the values are those of one run."""
-    job = Job(marked, cluster, tmp_path, "aeb-demo", "--workers", "2", "--scheduler", "pbs")
+    job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2", "--scheduler", "pbs")
     assert job.said["scheduler"] == "pbs"
     assert cluster.call("qstat", job.id).stdout
     job.wait(lambda: committed(job.out) >= 1, "a case")
@@ -46,11 +34,11 @@ def test_aeb_demo(marked, cluster, local, tmp_path):
     scheduler, job.id = (job.out / "job.id").read_text().split()
     assert scheduler == "pbs"
     assert job.id != first["JobId"]
-    assert cluster.job(job.id)["JobName"] == "aeb-demo"
+    assert cluster.job(job.id)["JobName"] == "chaos-16"
     last = job.end()
-    assert last["ExitCode"] == f"{local['code']}:0", logs(job)
+    assert last["ExitCode"] == "1:0", logs(job)
     assert logs(job).count("unfinished, queued again as") == 1
-    assert f"fingerprint {local['fingerprint']}" in logs(job)
+    assert f"fingerprint {quiet['fingerprint']}" in logs(job)
     rows = outcomes(job.out).values()
     assert {row["outcome"] for row in rows} == {"verdict"}
     assert all(row["charges"] == [] for row in rows)

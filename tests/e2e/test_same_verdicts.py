@@ -27,9 +27,17 @@ def test_quiet_run_has_both_verdicts(quiet):
     assert {row["verdict"] for row in outcomes(quiet["folder"]).values()} >= {"pass", "collision"}
 
 
-@pytest.mark.parametrize(("workers", "slots"), [(1, 4), (2, 2)])
-def test_workers_and_slots(marked, quiet, tmp_path, workers, slots):
-    found = run(marked, tmp_path / "c", "--workers", str(workers), "--slots", str(slots))
+@pytest.mark.parametrize(("workers", "slots", "load"), [(1, 4, 0), (2, 2, 4)])
+def test_workers_slots_and_load(marked, quiet, tmp_path, workers, slots, load):
+    """Beside ``load`` processes that want a core each."""
+    spin = [sys.executable, "-c", "while True: pass"]
+    burners = [subprocess.Popen(spin) for _ in range(load)]
+    try:
+        found = run(marked, tmp_path / "c", "--workers", str(workers), "--slots", str(slots))
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
     assert found["committed"] == 16
     assert found["fingerprint"] == quiet["fingerprint"]
     done = marked.run("conductor", "compare", str(quiet["folder"]), str(tmp_path / "c"))
@@ -37,18 +45,6 @@ def test_workers_and_slots(marked, quiet, tmp_path, workers, slots):
     assert done.stdout.startswith(
         f"identical (bytes): 16 cases, fingerprint {found['fingerprint']}"
     )
-
-
-def test_both_cores_loaded(marked, quiet, tmp_path):
-    spin = [sys.executable, "-c", "while True: pass"]
-    burners = [subprocess.Popen(spin) for _ in range(4)]
-    try:
-        found = run(marked, tmp_path / "c", "--workers", "2", "--slots", "2")
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
-    assert found["fingerprint"] == quiet["fingerprint"]
 
 
 @pytest.mark.parametrize("victim", ["worker", "sim", "host"])
@@ -71,7 +67,7 @@ def test_a_process_killed_in_the_middle(marked, quiet, tmp_path, victim):
 
 
 def test_another_seed_changes_it(marked, quiet, tmp_path):
-    found = run(marked, tmp_path / "c", "--seed", "17")
+    found = run(marked, tmp_path / "c", "--seed", "17", "--workers", "1", "--slots", "4")
     assert found["fingerprint"] != quiet["fingerprint"]
     asked = ("conductor", "compare", str(quiet["folder"]), str(tmp_path / "c"))
     compared = json.loads(marked.run(*asked, "--output", "json").stdout)
@@ -98,18 +94,19 @@ def test_a_changed_kpi_file_is_noticed(marked, quiet, tmp_path):
 
 
 def test_the_demo_campaign_alone_and_together(marked, tmp_path):
-    one = run(marked, tmp_path / "a", "--workers", "2", "--slots", "1", campaign="aeb-demo")
+    folder = tmp_path / "a"
+    one = run(marked, folder, "--workers", "2", "--slots", "1", campaign="aeb-demo")
     other = run(marked, tmp_path / "b", "--workers", "1", "--slots", "4", campaign="aeb-demo")
     assert one["committed"] == 8
     assert one["passed"] + one["failed"] == 8
     assert one["fingerprint"] == other["fingerprint"]
-    assert (tmp_path / "a" / "report.html").stat().st_size > 10_000
-    summary = pq.read_table(tmp_path / "a" / "summary.parquet")
+    assert (folder / "report.html").stat().st_size > 10_000
+    summary = pq.read_table(folder / "summary.parquet")
     assert summary.num_rows == 8
-    used = pq.read_table(tmp_path / "a" / "resources.parquet")
+    used = pq.read_table(folder / "resources.parquet")
     assert len(set(used.column("worker").to_pylist())) == 2
     assert max(used.column("cpu_cores").to_pylist()) > 0.05
     assert {"worker", "simulator", "stack"} <= {
         process["role"] for row in used.column("processes").to_pylist() for process in row
     }
-    assert not (tmp_path / "a" / "resources").exists()
+    assert not (folder / "resources").exists()

@@ -1,4 +1,4 @@
-"""From ``hpc submit`` to the verdict on a real Slurm: a private cluster, for this module alone."""
+"""From ``hpc submit`` to the verdict on a real Slurm: a private cluster."""
 
 import json
 import subprocess
@@ -9,8 +9,8 @@ import pytest
 import slurm_cluster
 import yaml
 from container_images import missing, python_folders, shell_image
+from kernel_folders import LEFT_OUT, all_but_one, compiled_before, compiled_in, of_this_processor
 from processes import MARK, committed, outcomes
-from slurm_cluster import SlurmCluster
 from slurm_job import Job, hpc, wrapped_commands
 
 pytestmark = [
@@ -32,17 +32,6 @@ echo "$SLURMD_NODENAME $CUDA_VISIBLE_DEVICES ${@: -1}" > "$3/seen-$SLURM_PROCID"
 exec "$real" "${@/cuda:0/cpu}"
 """
 """There is no GPU behind the devices of this cluster: say what was given, run on the CPU."""
-
-
-@pytest.fixture(scope="module")
-def cluster():
-    """Three idle nodes; two of them have two and four pretended GPUs."""
-    slurm = SlurmCluster()
-    try:
-        slurm.start()
-        yield slurm
-    finally:
-        slurm.stop()
 
 
 def render(folder, campaign, *options):
@@ -245,7 +234,8 @@ def test_a_job_inside_a_container(marked, quiet, cluster, tmp_path, runtime):
     if reason := missing({"charliecloud": "ch-run"}.get(runtime, runtime)):
         pytest.skip(reason)
     image = shell_image(tmp_path / "image")
-    binds = (*python_folders(), Path(__file__).parents[2])
+    place = all_but_one(tmp_path / "a folder" / "kernels" / of_this_processor())
+    binds = (*python_folders(), Path(__file__).parents[2], compiled_before())
     job = Job(
         *(marked, cluster, tmp_path, "chaos-16", "--workers", "3", "--container", str(image)),
         *("--container-runtime", runtime, "--bin", str(Path(sys.executable).parent)),
@@ -255,4 +245,5 @@ def test_a_job_inside_a_container(marked, quiet, cluster, tmp_path, runtime):
     assert job.end()["ExitCode"] == "1:0", job.text
     done = marked.run("conductor", "fingerprint", str(job.out))
     assert done.stdout.strip() == quiet["fingerprint"], done.stderr + job.text
-    assert list((job.out / "kernels").iterdir()), "kernels are kept outside the image"
+    (compiled,) = compiled_in(place)
+    assert compiled.startswith(LEFT_OUT), "kernels are kept outside the image"

@@ -9,6 +9,10 @@ from typing import Any
 import msgspec
 
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.report.content import read_content
+from conductor.report.dossier import open_dossier
+from conductor.report.page import render
+from conductor.report.recorded import failures
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
 from schemas.kpi import SCALARS
@@ -165,3 +169,9 @@ def _scalars(columns: dict[str, list[Any]]) -> dict[str, float | int | None]:
         values["aeb_dtc_m"] = columns["dtc_m"][first]
         values["aeb_ttc_s"] = columns["ttc_s"][first]
     return values
+
+
+def page_of(folder: Path) -> str:
+    """The page as a report has it, without the files beside it: plots take longer than the page."""
+    dossier = open_dossier(folder)
+    return render(read_content(dossier), failures(dossier))

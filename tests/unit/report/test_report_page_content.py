@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import Late
@@ -74,11 +74,11 @@ def test_attempts_that_a_hand_has_steered_are_counted(tmp_path: Path) -> None:
         return replace(end, steered=steered)
 
     make_campaign(tmp_path, campaign_data(), change)
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "Steered by hand</dt><dd>1 attempt, without a verdict" in page
     assert "attempt 1: 3 changes &lt;b&gt;" in page
     make_campaign(tmp_path / "untouched")
-    assert "Steered by hand" not in make_report(tmp_path / "untouched").page.read_text()
+    assert "Steered by hand" not in page_of(tmp_path / "untouched")
 
 
 def test_hostile_text_stays_text(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_the_effects_of_the_axes(tmp_path: Path) -> None:
     assert (clear["value"], clear["passed"], clear["total"], clear["missing"]) == ("clear", 3, 3, 1)
     assert (fog["passed"], fog["total"], fog["missing"]) == (2, 4, 0)
     assert (fog["low"], fog["high"]) == pytest.approx((0.1500, 0.8500), abs=1e-4)
-    assert len(page_data(make_report(tmp_path).page.read_text())["effects"]["data"]) == 3
+    assert len(page_data(page_of(tmp_path))["effects"]["data"]) == 3
 
 
 def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
         return replace(end, verdict="false_braking", passed=True, scalars=far, wall_s=9.25)
 
     make_campaign(tmp_path, change=change)
-    text = without_scripts(make_report(tmp_path).page.read_text())
+    text = without_scripts(page_of(tmp_path))
     table = re.search(r'<section id="false-braking">.*?</section>', text, re.S)
     assert table
     assert "False braking: 4 cases" in table[0]
@@ -165,7 +165,7 @@ def test_failures_come_with_the_command_that_shows_them(tmp_path: Path) -> None:
     make_campaign(
         tmp_path, change=lambda c, e: replace(e, verdict="collision", passed=False, reasons=["hit"])
     )
-    text = without_scripts(make_report(tmp_path).page.read_text())
+    text = without_scripts(page_of(tmp_path))
     assert text.count('<article class="failure">') == 8
     assert "conductor run campaign.yaml --case yolov3-0500-clear --view record" in text
     assert "the case was not recorded" in text
@@ -231,7 +231,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
 
 def test_a_jump_scare_shows_nothing_of_lanes(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "Lateral error" not in without_scripts(page)
     assert "lateral_error_m" not in page_data(page)["curves"]
     assert report_json(tmp_path)["systems"][-1]["lateral_rms_m"] is None
@@ -244,7 +244,7 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
         return msgspec.convert({"outcome": ""}, type(end))
 
     make_campaign(tmp_path, change=change)
-    page = without_scripts(make_report(tmp_path).page.read_text())
+    page = without_scripts(page_of(tmp_path))
     assert "Incomplete: 4 of 8 cases have not ended" in page
     assert "of 8 cases passed so far" in page
     assert page.count("at least ") == 3  # a rate per system under test and of all
@@ -256,7 +256,7 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     assert found["alarms"] == []
     assert found["not_ended"] == 4
     (tmp_path / "conductor.json").write_text("{}")
-    assert "Still running: 4 of 8" in without_scripts(make_report(tmp_path).page.read_text())
+    assert "Still running: 4 of 8" in without_scripts(page_of(tmp_path))
 
 
 def test_missing_numbers_are_dashes_and_gaps(tmp_path: Path) -> None:
@@ -281,7 +281,7 @@ def test_a_damaged_kpi_file_raises_the_alarm(tmp_path: Path, damage: str) -> Non
         path.write_bytes(b"PAR1 not really")
     if damage == "missing":
         path.unlink()
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert 'class="box alarm"' in page
     assert [c["id"] for c in page_data(page)["cases"] if c["time_s"] is None] == [name]
     found = report_json(tmp_path)
@@ -307,7 +307,7 @@ def test_disagreeing_attempts_raise_the_alarm(tmp_path: Path) -> None:
     found = report_json(tmp_path)
     assert (found["audits"], found["disagreements"]) == (8, 1)
     assert "two attempts of this case disagree" in found["alarms"][0]
-    page = without_scripts(make_report(tmp_path).page.read_text())
+    page = without_scripts(page_of(tmp_path))
     assert "Do not trust these results yet: 1 alarm<" in page
 
 
@@ -321,7 +321,7 @@ def test_a_changed_campaign_file_raises_the_alarm(tmp_path: Path) -> None:
 def test_noop_is_refused(tmp_path: Path) -> None:
     make_campaign(tmp_path, campaign_data(simulator="noop"))
     with pytest.raises(UsageError, match="noop"):
-        make_report(tmp_path)
+        make_report(tmp_path).page
     with pytest.raises(UsageError, match="noop"):
         report_json(tmp_path)
 
@@ -347,7 +347,7 @@ def test_heat_maps_fall_back_to_other_axes(
     tmp_path: Path, matrix: dict[str, Any], x: str, y: str, per: str
 ) -> None:
     make_campaign(tmp_path, campaign_data(matrix=matrix))
-    data = page_data(make_report(tmp_path).page.read_text())
+    data = page_data(page_of(tmp_path))
     assert data["heat"] == {"x": x, "y": y, "per": per}
     assert {x, y} <= set(data["all"]["axes"])
     for axis in data["all"]["axes"].values():
@@ -370,7 +370,7 @@ def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
     (clear, cloudy) = cells_of(dossier, dossier.rows, "model", "weather").rows
     assert (worst(clear[0]).status, cell_number(clear[0])) == ("collision", "1/2")
     assert (worst(cloudy[0]).status, cell_number(cloudy[0])) == ("pass", "2/2")
-    severity = page_data(make_report(tmp_path).page.read_text())["all"]["severity"]
+    severity = page_data(page_of(tmp_path))["all"]["severity"]
     assert severity[0] == min(severity) < severity[1]
 
 

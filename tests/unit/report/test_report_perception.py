@@ -8,9 +8,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
-from conductor.report import make_report, report_json
+from conductor.report import report_json
 from conductor.report.dossier import perception_text
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import PerceptionCost
@@ -40,7 +40,7 @@ def test_costs_are_summed_by_model_and_runtime(tmp_path):
         ("yolov2-tiny", "onnxruntime cuda", 2, 100, pytest.approx(0.1), pytest.approx(0.002)),
         ("yolov2-tiny", "opencv cpu", 2, 0, None, 0.0),
     ]
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     table = page.split('id="perception-costs"')[1].split("</table>")[0]
     assert table.count("<tr>") == 4
     assert '<td class="n">400</td>' in table
@@ -50,7 +50,7 @@ def test_costs_are_summed_by_model_and_runtime(tmp_path):
 def test_a_stack_that_does_not_measure_has_no_table(tmp_path):
     make_campaign(tmp_path)
     assert lines(tmp_path) == []
-    assert "perception-costs" not in make_report(tmp_path).page.read_text()
+    assert "perception-costs" not in page_of(tmp_path)
 
 
 def test_a_network_is_named_with_its_file():

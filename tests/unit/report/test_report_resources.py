@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
-from conductor.report import make_report, report_json, resources
+from conductor.report import report_json, resources
 from conductor.report.resources import RESOURCES_FILE, gather_resources, read_resources
 from conductor.report.resources_figure import POINTS_MAX, thinned
 from conductor.report.resources_use import QUANTITIES, WORKERS_MAX, Series
@@ -104,7 +104,7 @@ def test_a_damaged_file_is_told_in_its_section_and_kept(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     write_parts(tmp_path, sample(1))
     (tmp_path / RESOURCES_FILE).write_bytes(b"PAR1 not really")
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "resources.parquet: damaged" in page
     assert 'class="box alarm"' not in page
     assert (tmp_path / "resources" / "w1.jsonl").exists()
@@ -165,7 +165,7 @@ def test_table_2_has_the_peaks_of_each_batch(tmp_path: Path) -> None:
     found = use_of(tmp_path)
     peaks = [(b["name"], b["models"], b["cpu_cores"]["most"]) for b in found["batches"]]
     assert peaks == [("1", ["yolov3"], 4.0), ("2", ["yolov2-tiny"], 1.0)]
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     table = re.search(r'<table class="plain" id="resource-batches">.*?</table>', page, re.S)
     assert table
     text = re.sub(r"<[^>]+>", " ", table[0]).split()
@@ -177,7 +177,7 @@ def test_without_batches_the_peaks_are_of_the_workers(tmp_path: Path) -> None:
     write_parts(tmp_path, sample(1), sample(2, cpu_cores=3.0), sample(1, "w2", ram_bytes=3 * 10**9))
     peaks = [(w["name"], w["cpu_cores"]["most"]) for w in use_of(tmp_path)["workers"]]
     assert peaks == [("w1", 3.0), ("w2", 2.0)]
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert 'id="resource-batches"' not in page
     table = re.search(r'<table class="plain" id="resource-workers">.*?</table>', page, re.S)
     assert table
@@ -186,7 +186,7 @@ def test_without_batches_the_peaks_are_of_the_workers(tmp_path: Path) -> None:
 
 def test_a_run_without_samples_says_so(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "No samples: workers take one every 5 s" in page
     assert not (tmp_path / RESOURCES_FILE).exists()
     found = use_of(tmp_path)
@@ -196,7 +196,7 @@ def test_a_run_without_samples_says_so(tmp_path: Path) -> None:
 def test_a_hostile_host_name_stays_text(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     write_parts(tmp_path, sample(1, host="<script>alert(1)</script>"), sample(1, "w2"))
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "alert(1)" in page
     assert "<script>alert" not in page
 
@@ -239,6 +239,6 @@ def test_every_worker_counts_for_the_mean_and_those_without_a_line_are_said(
     many = WORKERS_MAX + 6
     write_parts(tmp_path, *(sample(1, f"w{n:03}", cpu_cores=float(n)) for n in range(many)))
     assert len(use_of(tmp_path)["workers"]) == many
-    page = make_report(tmp_path).page.read_text()
+    page = page_of(tmp_path)
     assert "<td>and 6 more</td>" in page
     assert f'<td>Mean of all</td>\n<td class="n">{(many - 1) / 2:.1f}</td>' in page
