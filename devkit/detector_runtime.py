@@ -113,8 +113,8 @@ class OnnxRuntime:
 CUDA = "CUDAExecutionProvider"
 
 CUDA_OPTIONS = {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"}
-"""cuDNN's rules choose the algorithms, by shapes and the kind of GPU; a search for the fastest would
-end differently on another day. Whole float32. Both are what a result depends on."""
+"""cuDNN's rules choose the algorithms, by shapes and the kind of GPU; a search for the fastest
+would end differently on another day. Whole float32. Both are what a result depends on."""
 
 
 def open_session(path: Path, model: Any, device: str) -> Any:

@@ -321,7 +321,7 @@ def test_a_changed_campaign_file_raises_the_alarm(tmp_path: Path) -> None:
 def test_noop_is_refused(tmp_path: Path) -> None:
     make_campaign(tmp_path, campaign_data(simulator="noop"))
     with pytest.raises(UsageError, match="noop"):
-        make_report(tmp_path).page
+        make_report(tmp_path)
     with pytest.raises(UsageError, match="noop"):
         report_json(tmp_path)
 
