@@ -67,7 +67,7 @@ lock:
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 
-# The detectors in devkit/models; about ten minutes on one GPU, goes on where it was stopped.
+# The detectors in devkit/models; about a quarter of an hour on one GPU, goes on where it was stopped.
 DEVICE ?= cuda:0
 MODELS = yolov2-w25 yolov2-tiny-w25 yolov3-w25 yolov3-tiny-w25
 models: $(MODELS:%=build/models/%)
