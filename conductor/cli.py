@@ -66,8 +66,9 @@ def run_command(
     workers: Annotated[
         str | None,
         typer.Option(
-            help="Local workers; default: one per core, at most 8. cuda: one on every GPU, 2xcuda: "
-            "two on every GPU, each with cores of its own; without a GPU, the default."
+            help="Local workers; default: one per core, at most 8; with clock realtime one. cuda: "
+            "one on every GPU, 2xcuda: two on every GPU, each with cores of its own; without a "
+            "GPU, the default."
         ),
     ] = None,
     slots: Annotated[
@@ -120,6 +121,8 @@ def run_command(
         loaded = first(loaded, cases)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
+    if workers is None and loaded.clock == "realtime":
+        workers = "1"  # two would take the processor from each other
     asked, device = where(parse_workers(workers), device)
     check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
     options = RunOptions(
@@ -320,9 +323,10 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
     found = compute(folder)
     if output is Output.json:
-        print(json.dumps({"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}))
+        shown = {"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}
+        print(json.dumps({**shown, "realtime": found.realtime}))
     else:
-        print(f"{found.sha256}{' mixed' if found.mixed else ''}")
+        print(f"{found.sha256} {found.caveat}".rstrip())
 
 
 @app.command()

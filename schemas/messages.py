@@ -10,9 +10,11 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
 from schemas.lens import Lens
 from schemas.perception import Perception
+from schemas.realtime import Realtime
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -182,6 +184,40 @@ class Episode(Struct, frozen=True):
     """Where the worker computes, ``cpu`` or ``cuda:N``: there a network may run, too."""
     files: dict[str, str] = {}
     """SHA-256 of the files that ``perception`` names, as they were at submission."""
+
+    @classmethod
+    def of(
+        cls,
+        case: Case,
+        *,
+        seq: int,
+        slot: int,
+        token: int,
+        seed: int,
+        cameras: list[CameraSite],
+        lidars: list[LidarSite],
+        device: str = "cpu",
+    ) -> Episode:
+        """``case`` begins; ``seed`` is the stack's own."""
+        return cls(
+            v=SCHEMA_VERSION,
+            seq=seq,
+            slot=slot,
+            token=token,
+            case=case.id,
+            seed=seed,
+            model=case.model,
+            perception=case.perception,
+            camera=case.camera.name,
+            width=case.camera.width,
+            height=case.camera.height,
+            hfov_deg=case.camera.hfov_deg,
+            control_period_ns=1_000_000_000 // case.control_hz,
+            cameras=cameras,
+            lidars=lidars,
+            device=device,
+            files=case.model_files(),
+        )
 
 
 class Detection(Struct, frozen=True):
@@ -361,6 +397,8 @@ class Result(Struct, frozen=True):
     """Sum over the case; None: the stack reported none."""
     rig_wall_s: float = 0.0
     """The rig's wall time, each tick divided evenly among the cases in its slots [s]."""
+    realtime: Realtime | None = None
+    """How it went by the wall clock; None: in lockstep."""
 
 
 class Ended(Struct, frozen=True):

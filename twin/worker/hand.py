@@ -57,6 +57,8 @@ class Hand:
     """Of a journal, still to come; nothing else is taken then."""
     replayed: bool = False
     """It runs from a journal."""
+    clocked: bool = False
+    """Its rig goes with the wall clock, whatever a hand does."""
     heard_s: float = 0.0
     drive_s: float = 0.0
     paced_tick: int = -1
@@ -112,7 +114,8 @@ class Hand:
             self.paced_tick = -1
             return math.inf
         pace = self.pace
-        if pace is None and self.drive is not None and not self.replayed:
+        paced = self.replayed or self.clocked
+        if pace is None and self.drive is not None and not paced:
             pace = 1.0
         if pace is None:
             return 0.0

@@ -26,11 +26,14 @@ from schemas.interventions import (
     Intervention,
     Look,
     MoveObject,
+    Pause,
     PlaceEgo,
     RemoveObject,
     SetEnvironment,
+    SetPace,
     SetSensors,
     SpawnObject,
+    Step,
     Takeover,
     steers,
 )
@@ -110,7 +113,12 @@ class Steering(Generic[_Slot]):
 
     def begin(self, slot: int, lease: Lease, replay: list[Intervention]) -> None:
         """A case begins in ``slot``; ``replay``: done to it by nobody but this journal."""
-        self._hands[slot] = Hand(lease, replay=list(replay), replayed=bool(replay))
+        self._hands[slot] = Hand(
+            lease,
+            replay=list(replay),
+            replayed=bool(replay),
+            clocked=lease.case.clock == "realtime",
+        )
         if replay:
             self._timed.add(slot)
 
@@ -237,6 +245,8 @@ class Steering(Generic[_Slot]):
             ValueError: it cannot be done; one line, and nothing has changed.
         """
         now_s, tick = time.monotonic(), int(engine.tick[slot])
+        if hand.clocked and isinstance(action, Pause | Step | SetPace):
+            raise ValueError("clock realtime: the case goes with the wall clock; it cannot be held")
         if isinstance(action, GiveBack) and hand.drive is None:
             hand.heard_s = now_s
             return -1

@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from msgspec import structs
 from unit.twin.test_engine import ask, case
 
 from schemas import SCHEMA_VERSION, topics
@@ -247,3 +248,13 @@ def _conductor(payload, lines):
     if request.case not in lines:
         return Reply(v=SCHEMA_VERSION, epoch=1, error="no case")
     return Reply(v=SCHEMA_VERSION, epoch=1, status={"explain": [lines[request.case]]})
+
+
+def test_a_case_that_goes_by_the_wall_clock_cannot_be_held(tmp_path):
+    rig = Rig(tmp_path)
+    paced = structs.replace(case("a"), clock="realtime")
+    rig.steering.begin(0, Lease(7, 1, str(tmp_path), paced), [])
+    for action in (Pause(), Step(3), SetPace(0.5)):
+        assert rig.do(action).error.startswith("clock realtime: the case goes with the wall clock")
+    assert rig.do(SetEnvironment(weather="heavy_rain")).error == ""
+    assert not rig.steering.parked
