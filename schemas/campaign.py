@@ -171,6 +171,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     slots: int = 0
     """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "inline", "node"]
+    cosim: bool = False
+    """The stack may command the car's poses."""
     latency_ms: int
     latency_jitter_ms: int = 0
     rate_hz: int = 0
@@ -452,6 +454,7 @@ def _case(
             environment=environment,
             **driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
+            cosim=campaign.autonomy.cosim,
             latency_ms=autonomy.latency_ms,
             latency_jitter_ms=autonomy.latency_jitter_ms,
             rate_hz=autonomy.rate_hz,

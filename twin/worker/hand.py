@@ -136,6 +136,7 @@ class Hand:
                 steering_rad=self.drive.steering_rad,
                 handbrake=0.0,
                 aeb=False,
+                pose=None,
             )
         if self.lights is not None:
             command = structs.replace(command, lights=self.lights)
