@@ -17,7 +17,7 @@ import typer
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
@@ -98,7 +98,9 @@ def run_command(
     ] = None,
     memory_gb: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
+        typer.Option(
+            min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."
+        ),
     ] = None,
     output: OutputOption = Output.human,
 ) -> None:
@@ -149,7 +151,7 @@ def serve(
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
-        typer.Option(min=0.5, max=3600, help="A silent worker's cases are given to others [s]."),
+        duration("A silent worker's cases are given to others [s].", least=0.5, most=3600),
     ] = 15.0,
     view: View = None,
     metrics: Annotated[
