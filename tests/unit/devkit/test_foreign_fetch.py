@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from devkit.foreign_place import fetched
 from schemas.foreign import Repository
 from twin.fabric.errors import InfrastructureError
+from twin.fabric.fetch import fetch
 from twin.fabric.process import end, spawn
 
 
@@ -44,4 +44,4 @@ def test_a_fetch_ends_with_its_worker(tmp_path):
 
 def test_an_address_is_no_option():
     with pytest.raises(InfrastructureError, match="leading '-'"):
-        fetched(Repository(url="--help"))
+        fetch(Repository(url="--help"))
