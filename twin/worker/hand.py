@@ -23,6 +23,7 @@ from schemas.interventions import (
     SetSensors,
     Step,
     Takeover,
+    Together,
     steers,
 )
 from schemas.messages import Command, Lease, Lights, SensorErrors, Touch
@@ -159,6 +160,8 @@ class Hand:
 
 def told(action: Action) -> str:
     """An action in a few words."""
+    if isinstance(action, Together):
+        return ", ".join(told(part) for part in action.settings)
     values = structs.asdict(action)
     words = [f"{k}={_shown(v)}" for k, v in values.items() if v not in (None, "")]
     name = str(type(action).__struct_config__.tag)
