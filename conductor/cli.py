@@ -17,7 +17,7 @@ import typer
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
@@ -66,8 +66,9 @@ def run_command(
     workers: Annotated[
         str | None,
         typer.Option(
-            help="Local workers; default: one per core, at most 8. cuda: one on every GPU, 2xcuda: "
-            "two on every GPU, each with cores of its own; without a GPU, the default."
+            help="Local workers; default: one per core, at most 8; with clock realtime one. cuda: "
+            "one on every GPU, 2xcuda: two on every GPU, each with cores of its own; without a "
+            "GPU, the default."
         ),
     ] = None,
     slots: Annotated[
@@ -97,7 +98,9 @@ def run_command(
     ] = None,
     memory_gb: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
+        typer.Option(
+            min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."
+        ),
     ] = None,
     output: OutputOption = Output.human,
 ) -> None:
@@ -120,6 +123,8 @@ def run_command(
         loaded = first(loaded, cases)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
+    if workers is None and loaded.clock == "realtime":
+        workers = "1"  # two would take the processor from each other
     asked, device = where(parse_workers(workers), device)
     check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
     options = RunOptions(
@@ -146,7 +151,7 @@ def serve(
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
-        typer.Option(min=0.5, max=3600, help="A silent worker's cases are given to others [s]."),
+        duration("A silent worker's cases are given to others [s].", least=0.5, most=3600),
     ] = 15.0,
     view: View = None,
     metrics: Annotated[
@@ -320,9 +325,10 @@ def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
 
     found = compute(folder)
     if output is Output.json:
-        print(json.dumps({"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}))
+        shown = {"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}
+        print(json.dumps({**shown, "realtime": found.realtime}))
     else:
-        print(f"{found.sha256}{' mixed' if found.mixed else ''}")
+        print(f"{found.sha256} {found.caveat}".rstrip())
 
 
 @app.command()

@@ -16,6 +16,9 @@ from twin.fabric.kpi_file import canonical, read_kpi
 
 KPI_FILE = "kpi.parquet"
 
+REALTIME = "realtime: of this run alone, it repeats on no other"
+"""What stands behind the fingerprint of a campaign that went by the wall clock."""
+
 
 class Fingerprint(msgspec.Struct, frozen=True):
     """What ``conductor fingerprint`` prints."""
@@ -26,6 +29,15 @@ class Fingerprint(msgspec.Struct, frozen=True):
     """Cases ran on more than one device class; such fingerprints need not be equal."""
     outcomes: dict[str, int]
     """``verdict/pass`` and so on -> cases."""
+    realtime: bool = False
+    """The cases went by the wall clock: no other run has this fingerprint."""
+
+    @property
+    def caveat(self) -> str:
+        """What it is worth less than others, in words; empty: nothing."""
+        if self.realtime:
+            return REALTIME
+        return "mixed" if self.mixed else ""
 
 
 class Fingerprinter:
@@ -51,6 +63,7 @@ class Fingerprinter:
             sha256=self._sha.hexdigest(),
             cases=len(outcomes.cases),
             mixed=len(outcomes.device_classes) > 1,
+            realtime=outcomes.clock == "realtime",
             outcomes=dict(sorted(self._counts.items())),
         )
 

@@ -233,7 +233,9 @@ def _committed(state: State, fact: Committed) -> None:
     _end(state, campaign, case, fact)
     campaign.durations.add(fact.result.wall_s)
     if case.late:
-        campaign.disagreements += sum(not agrees(fact.result, late.result) for late in case.late)
+        campaign.disagreements += sum(
+            agrees(fact.result, late.result) is False for late in case.late
+        )
 
 
 def _attempt_ended(state: State, fact: AttemptEnded) -> None:
@@ -315,15 +317,18 @@ def _late(state: State, fact: LateAttempt) -> None:
     _expect(fact.result.token in case.issued and fact.result.token not in case.live, fact)
     case.late += (fact,)
     if isinstance(case.end, Committed):
-        campaign.disagreements += not agrees(case.end.result, fact.result)
+        campaign.disagreements += agrees(case.end.result, fact.result) is False
 
 
 def _replied(state: State, fact: Replied) -> None:
     state.workers[fact.worker].replied = fact
 
 
-def agrees(one: Result, other: Result) -> bool:
-    """Whether two attempts of one case came to the same result, to the last bit."""
+def agrees(one: Result, other: Result) -> bool | None:
+    """Whether two attempts of one case came to the same result, to the last bit; None: they went
+    by the wall clock and cannot be expected to."""
+    if one.realtime is not None:
+        return None
     return (one.outcome, one.verdict, one.kpi_sha256) == (
         other.outcome,
         other.verdict,

@@ -14,7 +14,9 @@ from conductor.facts import Committed
 from conductor.fold import agrees
 from conductor.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
+from schemas.campaign import Clock
 from schemas.messages import PerceptionCost
+from schemas.realtime import Realtime
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
 
@@ -31,7 +33,7 @@ class Late(msgspec.Struct, frozen=True):
     kpi_sha256: str
     attempt_dir: str
     agrees: bool | None
-    """With the committed result; None: nothing was committed."""
+    """With the committed result; None: nothing was committed, or it ran by the wall clock."""
 
 
 class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,6 +62,8 @@ class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
     rig_wall_s: float = 0.0
     """Wall time of the rig, each tick divided evenly among its cases [s]."""
     late: list[Late] = []
+    realtime: Realtime | None = None
+    """How it went by the wall clock; None: in lockstep."""
     steered: list[str] = []
     """Attempts without a verdict, because a hand has steered them."""
 
@@ -80,6 +84,8 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     """Device classes of the committed results, sorted."""
     complete: bool
     """Every case has an outcome."""
+    clock: Clock = "lockstep"
+    """``realtime``: its results do not repeat."""
     cases: dict[str, CaseOutcome]
 
 
@@ -118,6 +124,7 @@ def _head(campaign: CampaignState) -> Outcomes:
         digest=campaign.digest,
         seed=campaign.campaign.seed,
         simulator=campaign.campaign.simulator,
+        clock=campaign.campaign.clock,
         software=campaign.software,
         device=campaign.campaign.device,
         device_classes=[],
@@ -197,5 +204,6 @@ def _case(case: CaseState) -> CaseOutcome:
         wall_s=end.result.wall_s,
         perception=end.result.perception,
         rig_wall_s=end.result.rig_wall_s,
+        realtime=end.result.realtime,
         late=late,
     )

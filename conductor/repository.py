@@ -1,20 +1,13 @@
-"""The repository of a stack: fetched and built where there is a network, and pinned to its commit.
-
-That is the business of ``hpc``, which is asked as any user would ask it: by a process of its own.
-"""
+"""The repository of a stack: fetched and built where there is a network, pinned to its commit."""
 
 from __future__ import annotations
-
-import json
-import subprocess
-import sys
 
 import msgspec
 
 from schemas.campaign import Campaign
 from schemas.validation import Mistake
-from twin.fabric.cache import cache_folder
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.fetch import fetch
 
 
 def with_repository(campaign: Campaign, shown: str) -> Campaign:
@@ -26,13 +19,10 @@ def with_repository(campaign: Campaign, shown: str) -> Campaign:
     repository = campaign.autonomy.repository
     if repository is None:
         return campaign
-    words = [sys.executable, "-m", "hpc", "fetch", "repository"]
-    words += ["--ref", repository.ref, "--setup", repository.setup, "--output", "json"]
-    words += ["--cache", str(cache_folder()), "--", repository.url]
-    done = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    if done.returncode:
-        said = done.stderr.strip().removeprefix("hpc: ") or f"exit code {done.returncode}"
-        raise UsageError(Mistake("autonomy.repository", said).line(shown))
-    pinned = msgspec.structs.replace(repository, ref=str(json.loads(done.stdout)["commit"]))
+    try:
+        commit = fetch(repository).commit
+    except InfrastructureError as error:
+        raise UsageError(Mistake("autonomy.repository", str(error)).line(shown)) from None
+    pinned = msgspec.structs.replace(repository, ref=commit)
     autonomy = msgspec.structs.replace(campaign.autonomy, repository=pinned)
     return msgspec.structs.replace(campaign, autonomy=autonomy)

@@ -26,11 +26,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from conductor.fingerprint import fingerprint
+from conductor.fingerprint import Fingerprint, fingerprint
 from conductor.gpu_memory import slots_that_fit
 from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
 from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
+from conductor.realtime import too_slow
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
@@ -122,8 +123,8 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
                 soft_wrap=True,
             )
             return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
-    outcomes, digest = result
-    return _tell(campaign, options, outcomes, digest, time.monotonic() - started)
+    outcomes, found = result
+    return _tell(campaign, options, outcomes, found, time.monotonic() - started)
 
 
 def _execute(
@@ -257,7 +258,7 @@ def _wait(
             time.sleep(POLL_S)
 
 
-def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, str]:
+def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:
     """Report and fingerprint; a report needs a simulator that simulates."""
     outcomes = read_outcomes(options.out)
     found = None
@@ -266,29 +267,35 @@ def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, str]:
 
         # Plots wait for `conductor report`. The fingerprint: every file has just been read.
         found = make_report(options.out, plots=False).content.evidence.fingerprint
-    return outcomes, (found or fingerprint(options.out)).sha256
+    return outcomes, found or fingerprint(options.out)
 
 
 def _tell(
-    campaign: Campaign, options: RunOptions, outcomes: Outcomes, digest: str, wall_s: float
+    campaign: Campaign,
+    options: RunOptions,
+    outcomes: Outcomes,
+    found: Fingerprint,
+    wall_s: float,
 ) -> int:
     counts = count_outcomes(outcomes)
     code = EXIT_PASS if counts["passed"] == counts["cases"] else EXIT_FAILED
     if counts["unresolved"]:
         code = EXIT_INFRASTRUCTURE
+    if warning := too_slow(outcomes):
+        print(warning, file=sys.stderr)
     if options.json:
-        found = {
+        shown = {
             "campaign": campaign.campaign,
             "out": str(options.out),
             **counts,
             "wall_s": round(wall_s, 3),
-            "fingerprint": digest,
+            "fingerprint": found.sha256,
         }
-        print(json.dumps(found))
+        print(json.dumps(shown))
         return code
     verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(_verdicts(outcomes).items()))
     print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
-    print(f"fingerprint {digest}")
+    print(f"fingerprint {found.sha256} {found.caveat}".rstrip())
     if campaign.simulator == "noop":
         print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
         return code

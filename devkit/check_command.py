@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.fabric.cli import Output, OutputOption
+from twin.fabric.cli import Output, OutputOption, duration
 from twin.fabric.errors import UsageError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def check(
     parameters: Annotated[str, typer.Option(help="Stack parameters as JSON.")] = "{}",
     ticks: Annotated[int, typer.Option(min=15, max=10_000, help="Ticks of every drive.")] = 40,
     deadline_s: Annotated[
-        float, typer.Option(min=0.1, help="Longest time for an answer, start-up included.")
+        float, duration("Longest time for an answer, start-up included [s].", least=0.1)
     ] = 60.0,
     output: OutputOption = Output.human,
 ) -> None:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
-from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
 from schemas.lens import Lens
 from schemas.lidar import POINT_COLUMNS
@@ -80,23 +80,14 @@ def episode_of(case: Case, drive: Drive, slot: int, token: int, seq: int) -> Epi
         )
         for lidar in case.lidars
     ]
-    return Episode(
-        v=SCHEMA_VERSION,
+    return Episode.of(
+        structs.replace(case, id=drive.case),
         seq=seq,
         slot=slot,
         token=token,
-        case=drive.case,
         seed=drive.seed,
-        model=case.model,
-        perception=case.perception,
-        camera=case.camera.name,
-        width=case.camera.width,
-        height=case.camera.height,
-        hfov_deg=case.camera.hfov_deg,
-        control_period_ns=1_000_000_000 // case.control_hz,
         cameras=sites,
         lidars=lidars,
-        files=case.model_files(),
     )
 
 

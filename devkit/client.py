@@ -139,9 +139,8 @@ class Client:
         (``gnss_noise=3``, ``imu_bias=0``, ``gnss_dropout=True``), ``pace`` (a factor or ``"max"``).
 
         Raises:
-            UsageError: an unknown name or a value that is not allowed: nothing has changed; or the
-                simulator refuses one (no such weather, say): those of other kinds that went before
-                stay, and the line names them.
+            UsageError: an unknown name, or a value that is not allowed or that the simulator
+                refuses (no such weather, say): nothing has changed.
         """
         try:
             actions = actions_of(settings)

@@ -159,13 +159,31 @@ class Script:
         self.start()
 
 
-def run_command(script: Script) -> int:
+class Ending:
+    """The end of everything that this process started, and of what remains of it: once."""
+
+    def __init__(self, after: Callable[[], None]) -> None:
+        """``after``: runs when every process has ended."""
+        self._after = after
+        self._lock = threading.Lock()
+        self._done = False
+
+    def __call__(self) -> None:
+        """Whoever comes second waits for the first: it would end what that one runs."""
+        with self._lock:
+            if not self._done:
+                end_descendants()
+                self._after()
+                self._done = True
+
+
+def run_command(script: Script, ending: Ending) -> int:
     """Run a foreign stack to its end; its exit code."""
     script.start()
     try:
         code = script.wait()
     finally:
-        end_descendants()
+        ending()
     if code < 0:  # as if it had been our own end, so that the worker tells the signal
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         with contextlib.suppress(OSError, ValueError):
@@ -174,10 +192,17 @@ def run_command(script: Script) -> int:
     return code if code >= 0 else 128 - code
 
 
-def watch_lifeline(*, supervised: bool) -> None:
+def watch_lifeline(*, supervised: bool, ending: Ending) -> None:
     """End everything when the worker is gone, or when asked to if there is none."""
+
+    def leave() -> None:
+        try:
+            ending()
+        finally:
+            os._exit(0)
+
     if not supervised:
-        signal.signal(signal.SIGTERM, lambda *_: _leave())
+        signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=leave).start())
         return
     # The scheduler may signal everybody at once; the worker decides.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -186,7 +211,7 @@ def watch_lifeline(*, supervised: bool) -> None:
     def wait() -> None:
         while os.read(0, 65536):
             pass
-        _leave()
+        leave()
 
     threading.Thread(target=wait, name="lifeline", daemon=True).start()
 
@@ -240,8 +265,3 @@ _OWN: set[int] = set()
 def _signal(process: psutil.Process, number: int) -> None:
     with contextlib.suppress(psutil.Error):
         process.send_signal(number)
-
-
-def _leave() -> None:
-    end_descendants()
-    os._exit(0)

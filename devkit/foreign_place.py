@@ -5,27 +5,30 @@ Fetching and entering are the business of ``hpc``, which is asked by processes o
 
 from __future__ import annotations
 
-import json
+import contextlib
+import shutil
 import subprocess
 import sys
 
-from schemas.foreign import Foreign, Repository
-from twin.fabric.cache import cache_folder
-from twin.fabric.errors import InfrastructureError
+from schemas.foreign import Foreign
+from twin.fabric.fetch import fetch
+
+VACATE_S = 4.0
+"""Longest time for that; the worker waits a little longer for the end of a stack [s]."""
 
 
-def placed(foreign: Foreign) -> tuple[list[str], str | None]:
-    """The command line that starts ``foreign``, and its working folder (None: ours).
+def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
+    """The command line that starts ``foreign`` for ``rig``, and its working folder (None: ours).
 
     Raises:
         InfrastructureError: its files cannot be had.
     """
-    folder = fetched(foreign.repository) if foreign.repository is not None else None
+    folder = fetch(foreign.repository).folder if foreign.repository is not None else None
     if foreign.image is None:
         return list(foreign.command), folder
     image = foreign.image
     words = [sys.executable, "-m", "hpc", "enter", "--container", image.path]
-    words += ["--runtime", image.runtime]
+    words += ["--runtime", image.runtime, "--name", _name(rig)]
     for path in image.binds:
         words += ["--bind", path]
     if image.gpus:
@@ -33,12 +36,15 @@ def placed(foreign: Foreign) -> tuple[list[str], str | None]:
     return [*words, "--", *foreign.command], folder
 
 
-def fetched(repository: Repository) -> str:
-    """The folder of its files, read-only; nothing is done if they are there already."""
-    words = [sys.executable, "-m", "hpc", "fetch", "repository"]
-    words += ["--ref", repository.ref, "--setup", repository.setup, "--output", "json"]
-    words += ["--cache", str(cache_folder()), "--", repository.url]
-    done = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    if done.returncode:
-        raise InfrastructureError(done.stderr.strip().removeprefix("hpc: ") or "hpc fetch failed")
-    return str(json.loads(done.stdout)["folder"])
+def vacate(foreign: Foreign, rig: str) -> None:
+    """When its processes have ended: a runtime may keep a dead container, which is removed."""
+    kept = foreign.image is not None and foreign.image.runtime in ("auto", "podman")
+    if foreign.image is None or not kept or shutil.which("podman") is None:
+        return
+    words = [sys.executable, "-m", "hpc", "leave", "--runtime", foreign.image.runtime, _name(rig)]
+    with contextlib.suppress(subprocess.TimeoutExpired):  # it costs a name in a list
+        subprocess.run(words, stdin=subprocess.DEVNULL, timeout=VACATE_S)
+
+
+def _name(rig: str) -> str:
+    return f"drivetwin-{rig}"

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from devkit.bridges import ScriptBridge
-from devkit.foreign import Script, drive_variables, end_descendants, run_command
+from devkit.foreign import Ending, Script, drive_variables, run_command
 from devkit.foreign import watch_lifeline as watch_script_lifeline
-from devkit.foreign_place import placed
+from devkit.foreign_place import placed, vacate
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
 from schemas.foreign import Foreign
@@ -84,13 +84,15 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         key=str(options.key.path) if options.key else "",
     )
     # From here on nothing outlives the worker: neither a fetch of files nor what runs in them.
-    watch_script_lifeline(supervised=os.environ.pop(PARENT_VARIABLE, "") != "")
+    supervised = os.environ.pop(PARENT_VARIABLE, "") != ""
+    ending = Ending(lambda: vacate(foreign, options.rig))
+    watch_script_lifeline(supervised=supervised, ending=ending)
     try:
-        command, folder = placed(foreign)
+        command, folder = placed(foreign, options.rig)
         script = Script(command, variables, folder)
-        return _run_stack(options, script) if options.stack else run_command(script)
+        return _run_stack(options, script) if options.stack else run_command(script, ending)
     finally:
-        end_descendants()
+        ending()
 
 
 def _run_stack(options: HostOptions, script: Script | None) -> int:

@@ -12,11 +12,13 @@ What was found out about the runtimes:
 - ``ch-run`` cannot: the places of the bound folders are made in the image folder before, see
   :func:`preparation`. A squashfs image is read-only, so such an image must hold them already.
 - ``ch-run`` has no option for GPUs: ``ch-fromhost`` copies the driver's libraries into the folder.
-- Podman hides the environment: names are given one by one or by prefix.
+- Podman hides the environment: names are given one by one or by prefix. ``--rm`` is the work of its
+  monitor, so a container whose monitor was killed stays in the list: it is removed by name.
 """
 
 from __future__ import annotations
 
+import re
 import shlex
 from dataclasses import dataclass
 from typing import Literal
@@ -73,6 +75,8 @@ class Container:
     """Working folder inside; absolute, and below one of ``binds``."""
     gpus: bool = False
     """Let the host's NVIDIA driver in."""
+    name: str = ""
+    """Podman's name of it, by which what is left of it is removed; empty: it chooses one."""
 
     def __post_init__(self) -> None:
         if self.runtime not in RUNTIMES:
@@ -81,6 +85,8 @@ class Container:
             )
         if not self.image or self.image.startswith("-"):
             raise UsageError(f"--container {self.image!r}: give the path of an image")
+        if self.name and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", self.name):
+            raise UsageError(f"--name {self.name!r}: allowed are letters, digits and _ . -")
         if self.runtime != "podman" and not self.image.startswith("/"):
             raise UsageError(
                 f"--container {self.image!r}: give an absolute path that all nodes see; "
@@ -110,6 +116,13 @@ def preparation(container: Container) -> list[list[str]]:
     if container.gpus:
         found.append(["ch-fromhost", "--nvidia", container.image])
     return found
+
+
+def removal(runtime: Runtime, name: str) -> list[list[str]]:
+    """Commands that remove what a runtime keeps of a container whose processes were killed."""
+    if runtime != "podman":
+        return []
+    return [["podman", "rm", "--force", "--ignore", "--time=0", name]]
 
 
 def mounted(container: Container) -> tuple[str, ...]:
@@ -171,6 +184,8 @@ def _charliecloud(container: Container) -> list[str]:
 def _podman(container: Container) -> list[str]:
     # One user, one network: the worker reaches the conductor, files belong to who started the job.
     words = ["run", "--rm", "--init", "--network=host", "--ipc=host", "--userns=keep-id"]
+    if container.name:  # one that was killed stays in the list, and its name with it
+        words += [f"--name={container.name}", "--replace"]
     words.append("--security-opt=label=disable")
     if container.gpus:
         words.append("--device=nvidia.com/gpu=all")

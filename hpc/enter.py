@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from hpc.container import COMMANDS, RUNTIMES, Container, Runtime, prefix, preparation
+from hpc.container import COMMANDS, RUNTIMES, Container, Runtime, prefix, preparation, removal
 from twin.fabric.errors import InfrastructureError, UsageError
 
 
@@ -28,6 +28,7 @@ def enter(
         Path | None, typer.Option(help="Working folder, bound as well; default: this one.")
     ] = None,
     gpus: Annotated[bool, typer.Option("--gpus", help="Let the NVIDIA driver in.")] = False,
+    name: Annotated[str, typer.Option(help="Podman's name of it, for `hpc leave`.")] = "",
 ) -> None:
     """Run a command inside a container image; its exit code is the command's."""
     from hpc.commands import become, call
@@ -39,6 +40,7 @@ def enter(
         binds=(*(bind or []), inside),
         folder=inside,
         gpus=gpus,
+        name=name,
     )
     with contextlib.suppress(KeyError):  # not every number has a name
         os.environ.setdefault("USER", getpass.getuser())  # charliecloud does not start without
@@ -49,6 +51,21 @@ def enter(
         if done.code:
             raise InfrastructureError(f"container {container}: {words[0]}: {done.last_words}")
     become(*prefix(given), *command)
+
+
+def leave(
+    name: Annotated[str, typer.Argument(help="As given to `hpc enter --name`.")],
+    runtime: Annotated[
+        str, typer.Option(help=f"{', '.join(RUNTIMES)}, or auto: the first that is installed.")
+    ] = "auto",
+) -> None:
+    """Remove what a runtime keeps of a container whose processes were killed; podman does."""
+    from hpc.commands import call
+
+    for words in removal(found_runtime(runtime), name):
+        done = call(*words)
+        if done.code:
+            raise InfrastructureError(f"container {name}: {words[0]}: {done.last_words}")
 
 
 def found_runtime(given: str) -> Runtime:

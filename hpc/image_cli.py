@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hpc.enter import enter
+from hpc.enter import enter, leave
 from twin.fabric.cli import Output, OutputOption
 
 Source = Annotated[
@@ -31,6 +31,7 @@ def add_commands(app: typer.Typer) -> None:
     app.add_typer(image)
     app.command("bundle")(bundle)
     app.command("enter", context_settings={"allow_interspersed_args": False})(enter)
+    app.command("leave")(leave)
     fetch = typer.Typer(
         name="fetch",
         help="Fetch what a campaign needs from the internet; compute nodes have none.",

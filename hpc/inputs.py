@@ -332,9 +332,17 @@ def _scratch(folder: Path, name: str, alone: bool) -> Iterator[Path]:
 
 
 def _remove(folder: Path) -> None:
-    for name, _, _ in os.walk(folder):
-        Path(name).chmod(0o700)  # else nothing can be removed from it
+    _open(folder)  # else nothing can be removed from it
+    for name, folders, _ in os.walk(folder):
+        for below in folders:  # before they are looked into: a set-up may have taken all rights
+            _open(Path(name) / below)
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def _open(folder: Path) -> None:
+    if not folder.is_symlink():
+        with contextlib.suppress(OSError):  # somebody else may remove it as well
+            folder.chmod(0o700)
 
 
 @contextlib.contextmanager

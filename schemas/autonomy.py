@@ -44,6 +44,10 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     placement: Literal["worker", "inline", "node"] = "worker"
     """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
     simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
+    cosim: bool = False
+    """The stack may command the car's poses: its own model moves the car, the simulator shows it,
+    senses, and finds out what it hits. Poses count at the end of their tick, whatever the delays
+    below."""
     latency_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Delay between a frame and the effect of its command, in sim time [ms]."""
     latency_jitter_ms: Annotated[int, Meta(ge=0, le=10_000)] = 0

@@ -25,6 +25,7 @@ from schemas.names import Weather as Weather
 from schemas.perception import GroundTruthPerception as GroundTruthPerception
 from schemas.perception import NetworkPerception as NetworkPerception
 from schemas.perception import Perception, file_fields
+from schemas.scenario import Scenario as Scenario
 from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
 from schemas.view_mode import Keep, Recording, View
@@ -69,50 +70,8 @@ class Camera(_Spec, frozen=True):
         return tuple(e for e in EFFECTS if e in self.effects or "all" in self.effects)
 
 
-class Scenario(_Spec, frozen=True):
-    """What the ego is asked to do, where, and when that counts as done."""
-
-    type: Literal["jump_scare", "lane_keeping"] = "jump_scare"
-    """``jump_scare``: a broken-down car stands in the ego's lane. ``lane_keeping``: the ego follows
-    its lane from its beginning on."""
-    scene: str = "downtown"
-    """Name of a shipped scene, or the path of a scene file."""
-    vehicle: str = "opencav"
-    """Name of a shipped vehicle, or the path of a vehicle file."""
-    ego_start_m: Annotated[float, Meta(ge=5, le=180)] = 148.0
-    """Hull-to-hull distance from the ego to the broken-down car; jump_scare only [m]."""
-    ego_speed_mps: Annotated[float, Meta(ge=0, le=30)] = 0.0
-    """Speed of the ego at the start [m/s]."""
-    duration_s: Annotated[float, Meta(ge=0.1, le=3600)] = 60.0
-    """Longest sim time of a case [s]."""
-    standstill_s: Annotated[float, Meta(ge=0, le=60)] = 2.0
-    """The case ends this long after the ego has come to rest [s]."""
-    false_braking_m: Annotated[float, Meta(gt=0, le=1000)] = 30.0
-    """Coming to rest further than this from the obstacle is false braking; jump_scare only [m]."""
-    distance_m: Annotated[float, Meta(ge=1, le=100_000)] = 1000.0
-    """Way along the lane after which the case ends; lane_keeping only [m]."""
-    lateral_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.75
-    """Largest distance of the rear axle's middle from the lane's centre; beyond it the ego leaves
-    its lane and the case ends; lane_keeping only [m]."""
-    lateral_rms_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.25
-    """Largest root mean square of that distance over the case; lane_keeping only [m]."""
-
-    def __post_init__(self) -> None:
-        """Refuse limits that the type would not look at."""
-        for type_, names in _OF_TYPE.items():
-            for name in names:
-                default = Scenario.__struct_defaults__[Scenario.__struct_fields__.index(name)]
-                if self.type != type_ and getattr(self, name) != default:
-                    raise ValueError(
-                        f"{name} is set, but it belongs to type {type_} and this is {self.type}"
-                    )
-
-
-_OF_TYPE = {
-    "jump_scare": ("ego_start_m", "false_braking_m"),
-    "lane_keeping": ("distance_m", "lateral_limit_m", "lateral_rms_limit_m"),
-}
-"""Keys of the scenario that only one type looks at."""
+Clock = Literal["lockstep", "realtime"]
+"""What sim time waits for: the stack, or the wall clock."""
 
 
 Tag = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=-]{0,62}$")]
@@ -163,6 +122,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     render: bool = True
     """Off: no camera sees anything, so there are no boxes either; for stacks that drive by lidars
     or the car's own sensors."""
+    clock: Clock = "lockstep"
+    """``lockstep``: sim time waits for the stack. ``realtime``: it goes with the wall clock and
+    waits for nobody; such results do not repeat."""
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
@@ -209,6 +171,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     slots: int = 0
     """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "inline", "node"]
+    cosim: bool = False
+    """The stack may command the car's poses."""
     latency_ms: int
     latency_jitter_ms: int = 0
     rate_hz: int = 0
@@ -232,6 +196,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Of its recording."""
     render: bool = True
     """Its cameras see."""
+    clock: Clock = "lockstep"
+    """What sim time waits for."""
 
     @property
     def seeing(self) -> list[Camera]:
@@ -239,7 +205,9 @@ class Case(_Spec, frozen=True, kw_only=True):
         return [self.camera, *self.cameras] if self.render else []
 
     def rig_slots(self, offered: int) -> int:
-        """Slots of its rig on a worker that offers so many."""
+        """Slots of its rig on a worker that offers so many; a clock is that of one case."""
+        if self.clock == "realtime":
+            return 1
         return min(self.slots, offered) if self.slots else offered
 
     def simulator_files(self) -> dict[str, str]:
@@ -347,6 +315,7 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
     seeing = [campaign.camera.name, *(c.name for c in campaign.cameras)] if campaign.render else []
     mistakes += driver_mistakes(campaign.autonomy, campaign.sensors, seeing)
+    mistakes += _clock_mistakes(campaign)
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -358,6 +327,22 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     count += product if campaign.matrix else 0
     if count > CASES_MAX:
         mistakes.append(Mistake("matrix", f"{count} cases, at most {CASES_MAX} are allowed"))
+    return mistakes
+
+
+def _clock_mistakes(campaign: Campaign) -> list[Mistake]:
+    """In real time nothing waits for the stack, and a clock is that of one case."""
+    if campaign.clock == "lockstep":
+        return []
+    mistakes = []
+    if campaign.simulator == "noop":
+        mistakes.append(Mistake("clock", "realtime needs simulator warp; noop has no time"))
+    if campaign.autonomy.placement == "inline":
+        waits = "inline waits for the stack, clock realtime does not; take worker or node"
+        mistakes.append(Mistake("autonomy.placement", waits))
+    if campaign.autonomy.slots > 1:
+        alone = f"given {campaign.autonomy.slots}, a rig of clock realtime has 1"
+        mistakes.append(Mistake("autonomy.slots", alone))
     return mistakes
 
 
@@ -469,6 +454,7 @@ def _case(
             environment=environment,
             **driver(campaign.autonomy),
             placement=campaign.autonomy.placement,
+            cosim=campaign.autonomy.cosim,
             latency_ms=autonomy.latency_ms,
             latency_jitter_ms=autonomy.latency_jitter_ms,
             rate_hz=autonomy.rate_hz,
@@ -491,6 +477,7 @@ def _case(
             view=campaign.view,
             keep=campaign.recording.keep,
             render=campaign.render,
+            clock=campaign.clock,
         ),
         [],
     )

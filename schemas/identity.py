@@ -42,7 +42,7 @@ def rig_key(case: Case) -> str:
         *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
         *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
-        *(case.foreign, case.slots, case.keep),
+        *(case.foreign, case.slots, case.keep, case.clock, case.cosim),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -73,6 +73,8 @@ def _rig_key(case: Case) -> str:
         "stack": case.stack,
         "parameters": case.parameters,
         "placement": case.placement,
+        "clock": case.clock,
+        "cosim": case.cosim,
         "files": case.simulator_files(),
         "view": case.view,
         "keep": case.keep,

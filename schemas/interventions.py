@@ -135,6 +135,19 @@ class GiveBack(_Action, frozen=True, tag="release"):
     """The stack drives again."""
 
 
+Setting = SetEnvironment | PlaceEgo | SetLights | SetSensors | SetPace
+"""What a request may ask for together with others."""
+
+SETTINGS_MAX = 16
+"""Most settings of one :class:`Together`."""
+
+
+class Together(_Action, frozen=True, tag="together"):
+    """Several settings at the same tick: all of them, or none if one is refused."""
+
+    settings: Annotated[list[Setting], Meta(min_length=1, max_length=SETTINGS_MAX)]
+
+
 Action = (
     Look
     | SetEnvironment
@@ -151,6 +164,7 @@ Action = (
     | FreeObject
     | Takeover
     | GiveBack
+    | Together
 )
 
 STEERING = (
@@ -283,4 +297,9 @@ JournalLine = JournalHead | Intervention | JournalEnd
 
 def steers(action: Action) -> bool:
     """Whether it changes what is simulated."""
-    return isinstance(action, STEERING)
+    return any(isinstance(part, STEERING) for part in parts_of(action))
+
+
+def parts_of(action: Action) -> list[Action]:
+    """What it consists of: itself, or its settings."""
+    return [*action.settings] if isinstance(action, Together) else [action]

@@ -10,9 +10,13 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
 from schemas.lens import Lens
 from schemas.perception import Perception
+from schemas.pose import Pose as Pose
+from schemas.pose import pose_mistake
+from schemas.realtime import Realtime
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -182,6 +186,43 @@ class Episode(Struct, frozen=True):
     """Where the worker computes, ``cpu`` or ``cuda:N``: there a network may run, too."""
     files: dict[str, str] = {}
     """SHA-256 of the files that ``perception`` names, as they were at submission."""
+    cosim: bool = False
+    """Commands may hold poses; since 1.2."""
+
+    @classmethod
+    def of(
+        cls,
+        case: Case,
+        *,
+        seq: int,
+        slot: int,
+        token: int,
+        seed: int,
+        cameras: list[CameraSite],
+        lidars: list[LidarSite],
+        device: str = "cpu",
+    ) -> Episode:
+        """``case`` begins; ``seed`` is the stack's own."""
+        return cls(
+            v=SCHEMA_VERSION,
+            seq=seq,
+            slot=slot,
+            token=token,
+            case=case.id,
+            seed=seed,
+            model=case.model,
+            perception=case.perception,
+            camera=case.camera.name,
+            width=case.camera.width,
+            height=case.camera.height,
+            hfov_deg=case.camera.hfov_deg,
+            control_period_ns=1_000_000_000 // case.control_hz,
+            cameras=cameras,
+            lidars=lidars,
+            device=device,
+            files=case.model_files(),
+            cosim=case.cosim,
+        )
 
 
 class Detection(Struct, frozen=True):
@@ -251,6 +292,9 @@ class Command(Struct, frozen=True):
     """None: the errors of the sensors stay as they are."""
     handbrake: float = 0.0
     """0 to 1; since 1.1."""
+    pose: Pose | None = None
+    """Where the car is at the next tick, in a case of ``autonomy.cosim``; the pedals then do
+    nothing. None: the simulator moves it. Since 1.2."""
 
 
 class Commands(Struct, frozen=True):
@@ -283,6 +327,8 @@ def command_mistake(command: Command) -> str:
         for name in ("confidence", "x_px", "y_px", "width_px", "height_px"):
             if not math.isfinite(getattr(detection, name)):
                 return f"detection {name} is {getattr(detection, name)}, allowed: finite numbers"
+    if command.pose is not None and (mistake := pose_mistake(command.pose)):
+        return mistake
     if command.sensors is not None:
         for name in ("gnss_noise", "gnss_bias", "imu_noise", "imu_bias"):
             value = getattr(command.sensors, name)
@@ -361,6 +407,8 @@ class Result(Struct, frozen=True):
     """Sum over the case; None: the stack reported none."""
     rig_wall_s: float = 0.0
     """The rig's wall time, each tick divided evenly among the cases in its slots [s]."""
+    realtime: Realtime | None = None
+    """How it went by the wall clock; None: in lockstep."""
 
 
 class Ended(Struct, frozen=True):

@@ -12,7 +12,7 @@ import typer
 
 from schemas.view import ViewMode
 from twin.bench.command import app as bench_app
-from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
+from twin.fabric.cli import SECONDS_MAX, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
 from twin.validate.command import app as validate_app
@@ -33,9 +33,7 @@ def worker(
         Path | None,
         typer.Option(help="Or: the conductor's state folder, on a shared file system."),
     ] = None,
-    wait: Annotated[
-        float, typer.Option(min=0, help="With --state: wait this long for a conductor [s].")
-    ] = 0.0,
+    wait: Annotated[float, duration("With --state: wait this long for a conductor [s].")] = 0.0,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
@@ -65,19 +63,22 @@ def worker(
         bool, typer.Option("--until-done", help="Leave when no case is left.")
     ] = False,
     drain_s: Annotated[
-        float, typer.Option(min=0, help="After SIGTERM, running cases may go on this long [s].")
+        float, duration("After SIGTERM, running cases may go on this long [s].")
     ] = 0.0,
     walltime_s: Annotated[
         float | None,
-        typer.Option(
+        duration(
+            "The allocation ends so long from now: only cases that fit are leased, and "
+            "everything is given back before it; below 0: it is over [s].",
+            least=-SECONDS_MAX,
             envvar="TWIN_WALLTIME_S",
-            help="The allocation ends so long from now: only cases that fit are leased, and "
-            "everything is given back before it [s].",
         ),
     ] = None,
     memory_gb: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Most memory of a rig; one that needs more is ended [GB]."),
+        typer.Option(
+            min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."
+        ),
     ] = None,
     tag: Annotated[
         list[str] | None,
@@ -335,7 +336,9 @@ def memory(
     ] = "",
     free_gb: Annotated[
         float | None,
-        typer.Option(min=0, help="With --campaign: free memory, instead of the device's [GB]."),
+        typer.Option(
+            min=0, max=1e6, help="With --campaign: free memory, instead of the device's [GB]."
+        ),
     ] = None,
     output: OutputOption = Output.human,
 ) -> None:

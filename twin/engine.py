@@ -15,7 +15,7 @@ import warp as wp
 from schemas.assets import asset_digest
 from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
-from schemas.messages import Command, Lights, command_mistake
+from schemas.messages import Command, Lights, Pose, command_mistake
 from twin.command_delay import Delays
 from twin.fabric.frames import Channel
 from twin.fabric.stopwatch import Stopwatch
@@ -30,6 +30,7 @@ from twin.sensors.feedback import by_wire, environment
 from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
 from twin.steerable import Steerable
+from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -44,6 +45,9 @@ from twin.world.street import World, build_world
 from twin.world.wind import Winds
 
 _NO_LIGHTS = Lights()
+
+CARRIED = "co-simulated: the stack commanded the car's poses"
+"""Reason beside the verdict of a case whose car the simulator's own model did not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,8 @@ class _Run:
     """Lamps in force."""
     lane: LaneProgress | None = None
     """Of a case of lane keeping."""
+    carried: bool = False
+    """The stack has commanded a pose."""
 
     def __post_init__(self) -> None:
         self.delays = Delays(self.case)
@@ -147,6 +153,9 @@ class Engine(Steerable):
             movers=self._world.motion.count,
             stop_at_impact=True,
         )
+        self._carrier = Carrier(self._vehicles, self._steps)
+        if case.cosim:
+            self._carrier.prepare()
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = self._eyes.lidar_sites
         self._suite = SensorSuite(case, scene.origin, slots, warp_device)
@@ -336,6 +345,9 @@ class Engine(Steerable):
             command = commands[slot]
             assert command is not None, f"slot {slot} is active and has no command"
             mistake = command_mistake(command) or self._suite.mistake(command.sensors)
+            mistake = mistake or self._carrier.mistake(
+                slot, command.pose, allowed=run.case.cosim, first=not run.carried
+            )
             if mistake:
                 mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
             else:
@@ -348,14 +360,29 @@ class Engine(Steerable):
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
         self._vehicles.wind[...] = self._winds.advance(self.tick)
+        poses = {slot: command.pose for slot, _, command in good if command.pose is not None}
         self._watch.lap("step")
-        self._vehicles.advance(self._steps)
+        if poses:
+            self._carry(poses)
+        else:
+            self._vehicles.advance(self._steps)
         self._watch.lap("physics")
         self.tick[self.active] += 1
         self.sim_time_ns[self.active] += self.control_period_ns
         finished += self._ended()
         self._watch.lap("step")
         return finished
+
+    def _carry(self, poses: Mapping[int, Pose]) -> None:
+        """One control period of which the stack says how it ends in some slots."""
+        for slot in poses:
+            self._vehicles.active[slot] = 0
+        self._vehicles.advance(self._steps)
+        for slot in self._carrier.carry(poses):
+            self._eyes.moved(slot)
+        for slot in poses:
+            self._vehicles.active[slot] = 1
+            self._runs[slot].carried = True
 
     def wait(self) -> None:
         """Until what was sensed is written: another process may read it then."""
@@ -424,12 +451,11 @@ class Engine(Steerable):
         self._record([slot], [None])
         rows = self._recorder.of(slot)
         result = judging.judge(run.case.scenario, rows, state, run.lane)
+        reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
         scalars = judging.scalars(rows, state, run.lane)
         table = rows.table()
         self.clear(slot)
-        return Finished(
-            slot, "verdict", result.verdict, result.passed, result.reasons, scalars, table
-        )
+        return Finished(slot, "verdict", result.verdict, result.passed, reasons, scalars, table)
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._runs[slot], self._recorder.of(slot)

@@ -63,6 +63,14 @@ class Steerable:
         """Name of a slot's weather; empty: intensities set by hand."""
         return self._environment(slot).shown
 
+    def check_environment(self, slot: int, change: SetEnvironment) -> None:
+        """Whether :meth:`set_environment` would take it.
+
+        Raises:
+            ValueError: no such weather; one line.
+        """
+        self._environment(slot).check(change)
+
     def set_environment(self, slot: int, change: SetEnvironment) -> None:
         """Weather and time of day of a slot from now on.
 

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import KeyOption, Output, OutputOption, make_app, run
+from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.errors import UsageError
 from twin.fabric.process import PARENT_VARIABLE
 from viewer.steer_commands import register as register_steering
@@ -65,11 +65,11 @@ def shot(
     size: Annotated[str, typer.Option(help="Width x height of the picture [px].")] = "1280x720",
     key: KeyOption = None,
     wait: Annotated[
-        float, typer.Option(min=0, help="Of the wall: how long running cases are waited for [s].")
+        float, duration("Of the wall: how long running cases are waited for [s].")
     ] = 60.0,
     watch: Annotated[
         float,
-        typer.Option(min=0, help="Of the wall: look on first, until verdicts and plots come [s]."),
+        duration("Of the wall: look on first, until verdicts and plots come [s]."),
     ] = 0.0,
 ) -> None:
     """Render one moment of a recorded case, or the wall of running ones; needs no display."""
@@ -123,9 +123,7 @@ def strip(
     case: Case,
     out: Annotated[Path, typer.Option(help="JPEG file to write.")] = Path("strip.jpg"),
     at: At = "aeb",
-    around_s: Annotated[
-        float, typer.Option(min=0.0, max=600.0, help="How long before and after [s].")
-    ] = 1.0,
+    around_s: Annotated[float, duration("How long before and after [s].", most=600.0)] = 1.0,
     frames: Annotated[int, typer.Option(min=1, max=15, help="Pictures.")] = 5,
 ) -> None:
     """Write the camera's pictures around a moment side by side, with boxes; needs no graphics
@@ -236,7 +234,7 @@ def live(
     key: KeyOption = None,
     wait: Annotated[
         float | None,
-        typer.Option(min=0, help="Give up without a conductor after this long [s]; default: wait."),
+        duration("Give up without a conductor after this long [s]; default: wait."),
     ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the hub; 0: a free one.")
@@ -345,9 +343,7 @@ def _end_with_parent() -> None:
 def bench_command(
     cases: Annotated[int, typer.Option(min=1, max=1000, help="Synthetic live cases.")] = 64,
     focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
-    seconds: Annotated[
-        float, typer.Option(min=0, help="How long the viewer is measured; 0: not [s].")
-    ] = 60.0,
+    seconds: Annotated[float, duration("How long the viewer is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
         str, typer.Option(help="Campaign that is run with and without viewers.")
     ] = "aeb-demo",

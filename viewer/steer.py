@@ -48,7 +48,7 @@ class SteerOptions:
 
 
 def steer(options: SteerOptions, actions: list[Action]) -> int:
-    """Carry out actions one after the other; the exit code.
+    """Carry out actions, settings together; the exit code.
 
     Raises:
         UsageError: no such case runs, or something cannot be done; what was done before it stays.

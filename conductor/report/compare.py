@@ -52,6 +52,7 @@ _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
     ("sensors", lambda case: case.sensors),
     ("environment", lambda case: (case.environment, case.weather, case.time_of_day_min)),
     ("autonomy.latency_ms", lambda case: case.latency_ms),
+    ("clock", lambda case: case.clock),
     ("scene and vehicle files", lambda case: case.simulator_files()),
 )
 """What the test is, as opposed to what is tested: it should be the same in both runs."""
@@ -325,6 +326,11 @@ def _notes(
             "not in them"
         ]
     notes = []
+    if "realtime" in (before.outcomes.clock, after.outcomes.clock):
+        notes.append(
+            "clock realtime: a case may end otherwise in another run of the same stack; one flip "
+            "says little"
+        )
     for name, setting in _SETTINGS:
         differing = sum(setting(a.case) != setting(b.case) for a, b in pairs)
         if differing:
@@ -337,7 +343,7 @@ def _notes(
         shown = [", ".join(each.device_classes) or "none" for each in (one, two)]
         notes.append(f"device classes differ ({shown[0]}; {shown[1]}): so may the last bits")
     elif one.software and (one.software, one.digest) == (two.software, two.digest):
-        if not identical and len(one.device_classes) == 1:
+        if not identical and len(one.device_classes) == 1 and one.clock == "lockstep":
             notes.append(
                 "software, campaign and device class are the same and the results are not: "
                 "the stack's own code has changed, or it is not deterministic"

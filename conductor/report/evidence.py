@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from conductor.fingerprint import Fingerprint
+from conductor.realtime import too_slow
 from conductor.report.dossier import Dossier
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
@@ -56,6 +57,8 @@ def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -
             "the campaign asks for one device class, its results come from "
             + ", ".join(dossier.outcomes.device_classes)
         )
+    if warning := too_slow(dossier.outcomes):
+        alarms.append(warning)
     steered = [f"{row.case.id}, {each}" for row in dossier.rows for each in row.end.steered]
     missing = "" if found else _missing(dossier)
     return Evidence(found, missing, alarms, audits, disagreements, steered)

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from conductor.report.axes import PLAIN, axis_value, further_axes
 from conductor.report.dossier import Dossier, open_dossier
 from schemas.kpi import SCALARS
+from schemas.realtime import Realtime
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
 
@@ -82,6 +83,10 @@ def summary_table(dossier: Dossier) -> pa.Table:
     for column in SCALARS:
         values = [row.scalar(column.name) for row in rows]
         add(column.name, values, _SCALAR_TYPES[column.type])
+    if dossier.campaign.clock == "realtime":
+        for name in Realtime.__struct_fields__:
+            values = [row.end.realtime and getattr(row.end.realtime, name) for row in rows]
+            add(f"realtime_{name}", values, None)
     add("attempts", [row.end.attempts for row in rows], pa.int64())
     for name in ("attempt_dir", "kpi_sha256", "device_class", "worker"):
         text(name, [getattr(row.end, name) for row in rows])

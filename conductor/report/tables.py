@@ -6,6 +6,8 @@ import statistics
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from conductor.report.axes import axis_value, further_axes
 from conductor.report.dossier import NOT_ENDED, Dossier, Row, perception_text
 from conductor.report.statistics import wilson
@@ -130,6 +132,7 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
         "passed": row.passed,
         "reasons": end.reasons,
         **{column.name: row.scalar(column.name) for column in SCALARS},
+        "realtime": msgspec.to_builtins(end.realtime),
         "attempts": end.attempts,
         "charges": end.charges,
         "attempt_dir": end.attempt_dir or None,

@@ -121,6 +121,7 @@ class AutodriveBridge(ScriptBridge):
         if not slots:
             return []
         assert self._client is not None
+        assert self._episode is not None
         self._look(observation, slots[0])
         tick = int(observation.tick[slots[0]])
         fields = telemetry(self._rows, self._images, self._points, self._given.ticks_per_rev)
@@ -130,6 +131,7 @@ class AutodriveBridge(ScriptBridge):
             answer = command(
                 *(data, slots[0], int(observation.token[slots[0]]), tick),
                 *(self._given.steering_max_rad, self._given.aeb_brake),
+                cosim=self._episode.cosim,
             )
         except (SocketError, FieldError) as error:
             self._check_script()  # its own end says more than that of the connection

@@ -22,10 +22,14 @@ from schemas.messages import (
     VEHICLE_COLUMNS,
     Command,
     Lights,
+    Pose,
 )
 
 ENVIRONMENT = ("Auto Time", "Time Scale", "Time", "Weather", "Clouds", "Fog", "Rain", "Snow")
 """What a script may ask of the world; a campaign's matrix decides it instead."""
+
+POSE_FIELDS = ("PosX", "PosY", "PosZ", "RotX", "RotY", "RotZ", "RotW")
+"""Of a commanded pose, in the order of :class:`schemas.messages.Pose`."""
 
 _REAR = (ENCODER_COLUMNS.index("rear_left_ticks"), ENCODER_COLUMNS.index("rear_right_ticks"))
 
@@ -70,7 +74,14 @@ def telemetry(
 
 
 def command(
-    data: Any, slot: int, token: int, tick: int, steering_max_rad: float, aeb_brake: float
+    data: Any,
+    slot: int,
+    token: int,
+    tick: int,
+    steering_max_rad: float,
+    aeb_brake: float,
+    *,
+    cosim: bool = False,
 ) -> Command:
     """What a script asks of the vehicle, as a command of the drive plane.
 
@@ -79,9 +90,17 @@ def command(
     """
     if not isinstance(data, dict):
         raise FieldError(f"answered {type(data).__name__} instead of the fields of 'Bridge'")
+    pose = None
     if _number(data, "V1 CoSim", 0.0) != 0.0:
-        raise FieldError("V1 CoSim is set: poses cannot be commanded in a campaign; set it to 0")
-    steering = _number(data, "V1 Steering")
+        if not cosim:
+            raise FieldError(
+                "V1 CoSim is set, but poses may not be commanded in this campaign; set it to 0, or "
+                "autonomy.cosim to true"
+            )
+        pose = Pose(*(_number(data, f"V1 {name}") for name in POSE_FIELDS))
+    # Who commands poses need not say anything of pedals, and they do nothing then.
+    needed = 0.0 if pose is not None else None
+    steering = _number(data, "V1 Steering", needed)
     if abs(steering) > 1.0 + 1e-9:
         raise FieldError(f"V1 Steering is {steering:g}, allowed: -1 to 1")
     brake = _number(data, "V1 Brake", 0.0)
@@ -89,12 +108,13 @@ def command(
         slot=slot,
         token=token,
         tick=tick,
-        throttle=_number(data, "V1 Throttle"),
+        throttle=_number(data, "V1 Throttle", needed),
         brake=brake,
         steering_rad=steering * steering_max_rad,
         aeb=brake >= aeb_brake,
         lights=_lights(data),
         handbrake=_number(data, "V1 Handbrake", 0.0),
+        pose=pose,
     )
 
 

@@ -56,7 +56,7 @@ def bridge(sid, data):
     assert abs(sum(q * q for q in quaternion) - 1) < 1e-6
     assert len(euler) == len(rates) == len(accelerations) == 3
     if seen["start"] is None:
-        seen["start"] = position
+        seen["start"] = position + quaternion
         print("first picture", left.size, "at", position, "accelerations", accelerations)
     gone_m = sum((position[i] - seen["start"][i]) ** 2 for i in range(3)) ** 0.5
     seen["count"] += 1
@@ -85,6 +85,12 @@ def bridge(sid, data):
         "Rain": "0",
         "Snow": "0",
     }
+    if MODE == "cosim":  # its own model: 5 m/s along a line, for six metres
+        x, y, z, qx, qy, qz, qw = seen["start"]
+        pose = (x + 0.25 * min(seen["count"], 24), y, z, qx, qy, qz, qw)
+        names = ("PosX", "PosY", "PosZ", "RotX", "RotY", "RotZ", "RotW")
+        answer.update(("V1 " + name, str(pose[i])) for i, name in enumerate(names))
+        answer["V1 CoSim"] = "1"
     if seen["count"] == 4:
         print("now comes", MODE, flush=True)
         if MODE == "slow":

@@ -49,3 +49,30 @@ def test_scripts_of_2020_and_of_today_drive_to_standstill(marked, tmp_path):
     # Packages of another Python must not be found by this one.
     python = ["env", "-u", "PYTHONPATH", environment_of_2020(old, tmp_path / "environment")]
     assert drive(marked, tmp_path, "of-2020", python, "1") == now
+
+
+@pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
+def test_a_script_may_move_the_car_itself(marked, tmp_path):
+    """Co-simulation: what the file holds is what was sent, and the verdict follows from it."""
+    autonomy = {
+        "bridge": "autodrive",
+        "cosim": True,
+        "command": [today(), str(SCRIPT), "cosim", "14571"],
+        "parameters": {"port": 14571},
+    }
+    path = campaign(tmp_path, "cosim", autonomy, **{**SECTIONS, "matrix": {"weather": ["clear"]}})
+    done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    (case,) = outcomes(tmp_path / "out").values()
+    assert case["verdict"] == "pass"
+    assert case["reasons"][-1] == "co-simulated: the stack commanded the car's poses"
+    (kpi,) = (tmp_path / "out").glob("cases/*/attempt-*/kpi.parquet")
+    rows = parquet.read_table(kpi).to_pydict()
+    start = rows["x_m"][0]
+    assert rows["x_m"] == pytest.approx(
+        [start + 0.25 * min(tick, 24) for tick in rows["tick"]], abs=1e-9
+    )
+    assert rows["y_m"] == pytest.approx([rows["y_m"][0]] * len(rows["tick"]), abs=1e-9)
+    # A quarter of a metre per twentieth of a second, at rest from the 24th on for half a second.
+    assert rows["speed_mps"][1:25] == pytest.approx([5.0] * 24)
+    assert rows["speed_mps"][25:] == [0.0] * 11

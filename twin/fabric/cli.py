@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -49,6 +49,21 @@ KeyOption = Annotated[
     ),
 ]
 """The option of every command that connects."""
+
+
+SECONDS_MAX = 1e9
+"""Longest duration that an option takes, 32 years; without a limit ``inf`` and ``nan`` pass [s]."""
+
+
+def duration(text: str, *, least: float = 0.0, most: float = SECONDS_MAX, **more: Any) -> Any:
+    """The option of a duration [s]: a finite number in a range, anything else is one clear line.
+
+    Args:
+        text: its help.
+        least, most: its range [s].
+        more: further arguments of :func:`typer.Option`.
+    """
+    return typer.Option(min=least, max=most, help=text, **more)
 
 
 def make_app(name: str, help_text: str) -> typer.Typer:

@@ -184,7 +184,7 @@ class SimulatorEnd:
         on_wait: Callable[[], None],
     ) -> Commands:
         """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise."""
-        self._publish(tick, sensors, episodes)
+        self.publish(tick, sensors, episodes)
         sent = looked = time.monotonic()
         while True:
             sample = self._receive(min(LOOK_S, self._resend_s))
@@ -198,21 +198,29 @@ class SimulatorEnd:
             if sample is None:
                 if now - sent >= self._resend_s:
                     self.resent += 1
-                    self._publish(tick, sensors, episodes)
+                    self.publish(tick, sensors, episodes)
                     sent = time.monotonic()
                 continue
-            if not sample.key.endswith("/command"):
-                continue  # a late ready
-            try:
-                commands: Commands = decode(sample.payload, Commands)
-            except WireError as error:
-                raise InfrastructureError(f"stack: {error}") from None
-            if commands.error:
-                raise InfrastructureError(f"stack: {commands.error}")
-            if commands.seq == seq:
+            commands = _commands_in(sample)
+            if commands is not None and commands.seq == seq:
                 return commands
 
-    def _publish(self, tick: Tick, sensors: list[Outgoing], episodes: list[Episode]) -> None:
+    def answered(self, seq: int, timeout_s: float) -> Commands | None:
+        """The commands for ``seq`` if they come within ``timeout_s``, without asking again."""
+        until_s = time.monotonic() + timeout_s
+        for _ in range(WAITING_MAX):  # a stack that says a lot holds nobody up
+            sample = self._receive(max(0.0, until_s - time.monotonic()))
+            if self._fault:
+                raise InfrastructureError(self._fault)
+            if sample is None:
+                return None
+            commands = _commands_in(sample)
+            if commands is not None and commands.seq == seq:
+                return commands
+        return None
+
+    def publish(self, tick: Tick, sensors: list[Outgoing], episodes: list[Episode]) -> None:
+        """Publish one seq, and wait for nothing."""
         for episode in episodes:
             self._put(topics.EPISODE, encode(episode))
         for sensor in sensors:
@@ -230,6 +238,19 @@ class SimulatorEnd:
             return None
         self._read += len(sample.payload)
         return sample
+
+
+def _commands_in(sample: Sample) -> Commands | None:
+    """The stack's commands, or None if it says something else, such as a late ``ready``."""
+    if not sample.key.endswith("/command"):
+        return None
+    try:
+        commands: Commands = decode(sample.payload, Commands)
+    except WireError as error:
+        raise InfrastructureError(f"stack: {error}") from None
+    if commands.error:
+        raise InfrastructureError(f"stack: {commands.error}")
+    return commands
 
 
 @dataclass(slots=True)

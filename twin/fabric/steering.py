@@ -13,7 +13,16 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from schemas import SCHEMA_VERSION, topics
-from schemas.interventions import Action, ControlReply, ControlRequest, HandState, Look
+from schemas.interventions import (
+    Action,
+    ControlReply,
+    ControlRequest,
+    HandState,
+    Look,
+    Setting,
+    Together,
+    parts_of,
+)
 from schemas.messages import Explain, Reply, StatusRequest
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
@@ -74,22 +83,27 @@ class Hands(Protocol):
 
 
 def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action, ControlReply]]:
-    """Actions one after the other, each with its answer; those before a refused one stay.
+    """Actions with their answers: settings together, at the same tick, all of them or none; then
+    the others one after the other.
 
     Raises:
         UsageError: one is refused; the line says which were done before.
         UnreachableError: the simulator does not answer any more; the same.
     """
+    settings = [action for action in actions if isinstance(action, Setting)]
+    others: list[Action] = [action for action in actions if not isinstance(action, Setting)]
+    asked = [Together(settings), *others] if len(settings) > 1 else list(actions)
     done: list[str] = []
-    for action in actions:
+    for action in asked:
         try:
             reply = hands.do(action)
         except (UsageError, UnreachableError) as error:
             if not done:
                 raise
             raise type(error)(f"{error}; done before it: {', '.join(done)}") from None
-        done.append(f"{action.__struct_config__.tag} at tick {reply.tick}")
-        yield action, reply
+        for part in parts_of(action):
+            done.append(f"{part.__struct_config__.tag} at tick {reply.tick}")
+            yield part, reply
 
 
 class Steered:

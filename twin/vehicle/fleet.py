@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from twin.vehicle import kernel
+from twin.vehicle.carry_kernel import carry_kernel
 from twin.vehicle.ground import FlatGround, GroundMesh
 from twin.vehicle.guard import FAULTS
 from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel, vehicle_model
@@ -232,6 +233,58 @@ class Fleet:
             ],
             device=self._device,
             block_dim=_BLOCK,
+        )
+
+    def carry(self, steps: int, carried: np.ndarray, com: np.ndarray, turn: np.ndarray) -> None:
+        """Move vehicles 0 of some slots evenly to a place, and see what they hit on the way; the
+        others stay as they are. After :meth:`advance`, in which these slots were not active.
+
+        Args:
+            steps: physics steps that it takes.
+            carried: int32 [S], see :mod:`twin.vehicle.carry_kernel`.
+            com: centre of mass at the end, float64 [S, 3].
+            turn: orientation at the end, float64 [S, 4].
+        """
+        wp.launch(
+            carry_kernel,
+            self.slots,
+            inputs=[
+                self._models,
+                self._scene,
+                steps,
+                self._first_step.device,
+                wp.array(carried, dtype=wp.int32, device=self._device),
+                wp.array(com, dtype=wp.vec3d, device=self._device),
+                wp.array(turn, dtype=wp.quatd, device=self._device),
+                self._movers.device,
+            ],
+            outputs=[
+                self._rows,
+                self._props.device,
+                self._events.device,
+                self._event_count.device,
+            ],
+            device=self._device,
+            block_dim=_BLOCK,
+        )
+        self._state.pull()
+
+    def body_at(self, x_m: float, y_m: float, z_m: float, turn: np.ndarray) -> np.ndarray:
+        """Centre of mass [3] of a vehicle 0 with its reference point there; ``turn``: xyzw."""
+        model = self._host_models[0]
+        x, y, z, w = turn
+        forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+        left_z, up_z = 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+        yaw = math.atan2(forward[1], forward[0])
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        ahead, aside = float(model.reference_x), float(model.reference_y)
+        # As twin.vehicle.chassis.observe finds the reference point, the other way round.
+        return np.array(
+            [
+                x_m - cosine * ahead + sine * aside,
+                y_m - sine * ahead - cosine * aside,
+                z_m - ahead * forward[2] - aside * left_z + float(model.com_height) * up_z,
+            ]
         )
 
     def faulty(self) -> np.ndarray:

@@ -202,7 +202,7 @@ def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
 
 
 @wp.func
-def _vehicle_contacts(
+def vehicle_contacts(
     models: wp.array(dtype=VehicleModel),
     scene: Scene,
     states: wp.array2d(dtype=VehicleState),
@@ -244,7 +244,7 @@ def _vehicle_contacts(
 
 
 @wp.func
-def _mover_contacts(
+def mover_contacts(
     m: VehicleModel,
     scene: Scene,
     states: wp.array2d(dtype=VehicleState),
@@ -289,7 +289,7 @@ def _prop_contacts(scene: Scene, props: wp.array3d(dtype=wp.float64), slot: int,
 
 
 @wp.func
-def _measure(m: VehicleModel, scene: Scene, state: VehicleState) -> VehicleState:
+def measure(m: VehicleModel, scene: Scene, state: VehicleState) -> VehicleState:
     """Distance to the obstacle (collider 0) and closing speed."""
     s = state
     k = scene.colliders
@@ -317,7 +317,7 @@ def measure_kernel(
     slot, v = wp.tid()
     q = states[slot, v].orientation
     if wp.dot(q, q) > _ZERO:
-        states[slot, v] = _measure(models[v], scene, observe(models[v], states[slot, v]))
+        states[slot, v] = measure(models[v], scene, observe(models[v], states[slot, v]))
 
 
 @wp.kernel
@@ -380,12 +380,12 @@ def drive_kernel(
         for v in range(vehicles):
             frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
             if states[slot, v].fault == _ZERO and not frozen:
-                _vehicle_contacts(models, scene, states, props, events, counts, slot, v, now)
+                vehicle_contacts(models, scene, states, props, events, counts, slot, v, now)
                 since = wp.float64(k + 1) * _STEP_S
-                _mover_contacts(
+                mover_contacts(
                     models[v], scene, states, movers, events, counts, slot, v, now, since
                 )
         for p in range(props.shape[1]):
             _prop_contacts(scene, props, slot, p)
     for v in range(vehicles):
-        states[slot, v] = _measure(models[v], scene, states[slot, v])
+        states[slot, v] = measure(models[v], scene, states[slot, v])

@@ -11,6 +11,7 @@ from twin.engine import Finished
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+from twin.worker.realtime import CSV_FILE, Paced
 
 
 def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
@@ -45,6 +46,19 @@ def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
         manifest_sha256=digest([b"kpi.parquet", sha.encode(), b"log.txt", log_sha.encode()]),
         wall_s=wall_s,
     )
+
+
+def write_pace(lease: Lease, paced: Paced) -> None:
+    """Write what happened at each tick of an attempt that ran by the wall clock.
+
+    Raises:
+        TwinError: the folder cannot be written (disk full, no permission).
+    """
+    path = Path(lease.out) / f"cases/{lease.case.id}/attempt-{lease.attempt}" / CSV_FILE
+    try:
+        write_atomic(path, paced.table.encode())
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
 
 
 def _log_text(lease: Lease, finished: Finished) -> str:

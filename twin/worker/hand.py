@@ -23,6 +23,7 @@ from schemas.interventions import (
     SetSensors,
     Step,
     Takeover,
+    Together,
     steers,
 )
 from schemas.messages import Command, Lease, Lights, SensorErrors, Touch
@@ -57,6 +58,8 @@ class Hand:
     """Of a journal, still to come; nothing else is taken then."""
     replayed: bool = False
     """It runs from a journal."""
+    clocked: bool = False
+    """Its rig goes with the wall clock, whatever a hand does."""
     heard_s: float = 0.0
     drive_s: float = 0.0
     paced_tick: int = -1
@@ -112,7 +115,8 @@ class Hand:
             self.paced_tick = -1
             return math.inf
         pace = self.pace
-        if pace is None and self.drive is not None and not self.replayed:
+        paced = self.replayed or self.clocked
+        if pace is None and self.drive is not None and not paced:
             pace = 1.0
         if pace is None:
             return 0.0
@@ -133,6 +137,7 @@ class Hand:
                 steering_rad=self.drive.steering_rad,
                 handbrake=0.0,
                 aeb=False,
+                pose=None,
             )
         if self.lights is not None:
             command = structs.replace(command, lights=self.lights)
@@ -155,6 +160,8 @@ class Hand:
 
 def told(action: Action) -> str:
     """An action in a few words."""
+    if isinstance(action, Together):
+        return ", ".join(told(part) for part in action.settings)
     values = structs.asdict(action)
     words = [f"{k}={_shown(v)}" for k, v in values.items() if v not in (None, "")]
     name = str(type(action).__struct_config__.tag)

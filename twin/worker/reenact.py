@@ -37,6 +37,8 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
         InfrastructureError: the rig died, or hangs.
     """
     head, entries, end = read_journal(attempt)
+    if head.case.clock == "realtime":
+        raise UsageError(f"{attempt}: went by the wall clock (clock: realtime), it cannot repeat")
     if out is not None:
         _check_free(out / "cases" / head.case.id / f"attempt-{head.attempt}")
     for name, was, now in (

@@ -14,6 +14,7 @@ from schemas.messages import Lease, PerceptionCost, Result
 
 if TYPE_CHECKING:
     from twin.engine import Finished
+    from twin.worker.realtime import Paced
     from twin.worker.steering_journal import SteeringJournal
 
 WAITING_MAX = 4096
@@ -34,6 +35,8 @@ class Ended:
     """That a hand has made; if any, it is no result of the case."""
     journal: SteeringJournal | None = None
     """Of these."""
+    paced: Paced | None = None
+    """How it went by the wall clock; None: in lockstep."""
 
 
 class ResultWriter:
@@ -90,9 +93,13 @@ class ResultWriter:
 
 def _written(ended: Ended) -> Result:
     # Late: this module imports Parquet only after the engine is warm.
-    from twin.worker.attempt import write_attempt
+    from twin.worker.attempt import write_attempt, write_pace
 
     result = write_attempt(ended.lease, ended.finished, ended.wall_s)
     if ended.journal is not None:
         ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
-    return structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)
+    result = structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)
+    if ended.paced is None:
+        return result
+    write_pace(ended.lease, ended.paced)
+    return structs.replace(result, realtime=ended.paced.summary)

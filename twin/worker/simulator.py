@@ -60,13 +60,14 @@ from twin.worker.pipe import (
     Upstream,
 )
 from twin.worker.profile import LoopLog
+from twin.worker.realtime import RealtimeLink
 from twin.worker.results import Ended, ResultWriter
 from twin.worker.steering import Steering
 from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
-    from twin.engine import Engine, Finished
+    from twin.engine import Finished
     from twin.sensors.data import SensorData
     from twin.worker.inline import InlineStack
 
@@ -148,6 +149,8 @@ class Simulator:
         self._reported_s = 0.0
         self._log = LoopLog(rig, device, slots)
         self._inline: InlineStack | None = None
+        self._realtime: RealtimeLink | None = None
+        """In place of the lockstep."""
         self._handles: dict[str, bytes] = {}
 
     def run(self) -> None:
@@ -193,7 +196,9 @@ class Simulator:
         slots = len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
-        best = os.environ.get(TRANSPORT_VARIABLE, "device") if case.placement == "worker" else ""
+        # In real time the stack looks at pictures while the next are drawn: it gets copies.
+        near = case.placement == "worker" and case.clock == "lockstep"
+        best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
         shared = best in ("device", "memory") and size > 0
         frames = FrameBuffer(size) if shared else None
         buffers = {}
@@ -207,6 +212,8 @@ class Simulator:
             self._log.transport = "inline"
         else:
             self._meet(slots, frames, best)
+            if case.clock == "realtime":
+                self._realtime = RealtimeLink(self._end, self._engine.control_period_ns)
         self._upward.send(Built(self._log.transport))
 
     def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> None:
@@ -283,7 +290,8 @@ class Simulator:
             self._engine.wait()
             answer = self._inline.exchange(tick, sensed, episodes)
         else:
-            answer = self._end.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+            link = self._realtime or self._end
+            answer = link.exchange(self._seq, tick, sensors, episodes, self._on_wait)
         self._log.exchanged(answer)
         self._seq += 1
         for slot in self._slots:
@@ -301,6 +309,9 @@ class Simulator:
             changes, journal = self._steering.finish(finished.slot)
             if changes:
                 finished = steered(finished, changes)
+            paced = self._realtime.finish() if self._realtime else None
+            if paced is not None:
+                finished = replace(finished, reasons=[*finished.reasons, paced.summary.told()])
             shown = replace(finished, outcome="intervened", verdict="") if changes else finished
             self._feed.end(shown)
             self._slots[finished.slot] = None
@@ -313,6 +324,7 @@ class Simulator:
                     slot.rig_wall_s,
                     changes,
                     journal,
+                    paced,
                 )
             )
         watch.lap("results")
@@ -386,7 +398,17 @@ class Simulator:
 
     def _episodes(self) -> list[Episode]:
         return [
-            _episode(index, slot.lease, self._seq, self._engine, self._device)
+            Episode.of(
+                slot.lease.case,
+                seq=self._seq,
+                slot=index,
+                token=slot.lease.token,
+                # A stream of its own; the stack cannot draw the simulator's numbers again.
+                seed=stream_key(slot.lease.case.seed, slot.lease.case.id, "stack") >> 1,
+                cameras=self._engine.camera_sites,
+                lidars=self._engine.lidar_sites,
+                device=self._device,
+            )
             for index, slot in enumerate(self._slots)
             if slot is not None and slot.fresh
         ]
@@ -473,30 +495,6 @@ def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> Percept
         return cost
     return structs.replace(
         total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
-    )
-
-
-def _episode(index: int, lease: Lease, seq: int, engine: Engine, device: str) -> Episode:
-    case = lease.case
-    return Episode(
-        v=SCHEMA_VERSION,
-        seq=seq,
-        slot=index,
-        token=lease.token,
-        case=case.id,
-        # The stack gets a stream of its own; it cannot draw the simulator's numbers again.
-        seed=stream_key(case.seed, case.id, "stack") >> 1,
-        model=case.model,
-        perception=case.perception,
-        camera=case.camera.name,
-        width=case.camera.width,
-        height=case.camera.height,
-        hfov_deg=case.camera.hfov_deg,
-        control_period_ns=engine.control_period_ns,
-        cameras=engine.camera_sites,
-        lidars=engine.lidar_sites,
-        device=device,
-        files=case.model_files(),
     )
 
 

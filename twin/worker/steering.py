@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -26,12 +26,16 @@ from schemas.interventions import (
     Intervention,
     Look,
     MoveObject,
+    Pause,
     PlaceEgo,
     RemoveObject,
     SetEnvironment,
+    SetPace,
     SetSensors,
     SpawnObject,
+    Step,
     Takeover,
+    parts_of,
     steers,
 )
 from schemas.messages import Command, Lease, Touch
@@ -110,7 +114,12 @@ class Steering(Generic[_Slot]):
 
     def begin(self, slot: int, lease: Lease, replay: list[Intervention]) -> None:
         """A case begins in ``slot``; ``replay``: done to it by nobody but this journal."""
-        self._hands[slot] = Hand(lease, replay=list(replay), replayed=bool(replay))
+        self._hands[slot] = Hand(
+            lease,
+            replay=list(replay),
+            replayed=bool(replay),
+            clocked=lease.case.clock == "realtime",
+        )
         if replay:
             self._timed.add(slot)
 
@@ -237,6 +246,9 @@ class Steering(Generic[_Slot]):
             ValueError: it cannot be done; one line, and nothing has changed.
         """
         now_s, tick = time.monotonic(), int(engine.tick[slot])
+        parts = parts_of(action)
+        for part in parts:
+            self._check(engine, slot, hand, part)
         if isinstance(action, GiveBack) and hand.drive is None:
             hand.heard_s = now_s
             return -1
@@ -245,15 +257,31 @@ class Steering(Generic[_Slot]):
             hand.heard_s = hand.drive_s = now_s  # the same pedals again: it is still there
             return -1
         if steers(action) and not hand.replayed:
-            found = self._journalled(engine, slot, hand, action)
+            found = self._journalled(engine, slot, hand, [part for part in parts if steers(part)])
         else:
-            found = self._apply(engine, slot, action)
-        hand.take(action, tick, now_s)
+            found = max(self._apply(engine, slot, part) for part in parts)
+        for part in parts:
+            hand.take(part, tick, now_s)
         self._sort(slot, hand)
         if not isinstance(action, Look) and not again:
             hand.note = Touch(tick, told(action), hand.changes)
             self._tell(slot, hand)
         return found
+
+    def _check(self, engine: Engine, slot: int, hand: Hand, action: Action) -> None:
+        """Refuse what cannot be done before any of it is.
+
+        Raises:
+            ValueError: one line.
+        """
+        match action:
+            case Pause() | Step() | SetPace() if hand.clocked:
+                raise ValueError("clock realtime: the case goes with the wall clock, nobody else's")
+            case SetEnvironment():
+                engine.check_environment(slot, action)
+            case SetSensors(errors):
+                if mistake := engine.sensors_mistake(errors):
+                    raise ValueError(mistake)
 
     def _apply(self, engine: Engine, slot: int, action: Action) -> int:
         match action:
@@ -261,21 +289,21 @@ class Steering(Generic[_Slot]):
                 engine.set_environment(slot, action)
             case PlaceEgo():
                 engine.place_ego(slot, action)
-            case SetSensors(errors):
-                if mistake := engine.sensors_mistake(errors):
-                    raise ValueError(mistake)
             case MoveObject() | SpawnObject() | RemoveObject() | FreeObject():
                 return engine.move_object(slot, action)
         return -1
 
-    def _journalled(self, engine: Engine, slot: int, hand: Hand, action: Action) -> int:
-        """Apply an action that has a place in the journal, or neither do nor write anything."""
+    def _journalled(self, engine: Engine, slot: int, hand: Hand, actions: Sequence[Action]) -> int:
+        """Apply actions that have a place in the journal, or neither do nor write anything.
+
+        Several are settings that were checked, so that none of them can be refused any more.
+        """
         journal = open_ = self._journals.get(slot)
         try:
             if open_ is None:
                 open_ = SteeringJournal(hand.lease, len(self._slots), self._device)
-            open_.add(int(engine.tick[slot]), int(engine.sim_time_ns[slot]), action)
-            found = self._apply(engine, slot, action)
+            open_.add(int(engine.tick[slot]), int(engine.sim_time_ns[slot]), actions)
+            found = max(self._apply(engine, slot, action) for action in actions)
         except TwinError as error:
             if journal is None and open_ is not None:
                 open_.discard()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -56,16 +57,16 @@ class SteeringJournal:
             self.discard()
             raise
 
-    def add(self, tick: int, sim_time_ns: int, action: Action) -> None:
-        """One action, before it is applied.
+    def add(self, tick: int, sim_time_ns: int, actions: Sequence[Action]) -> None:
+        """What is done together, before it is applied.
 
         Raises:
             TwinError: it cannot be written; the journal is as it was.
         """
-        self._write(Intervention(tick, sim_time_ns, action))
+        self._write(*(Intervention(tick, sim_time_ns, action) for action in actions))
 
     def take_back(self) -> None:
-        """The action that was added last could not be applied."""
+        """What was added last could not be applied."""
         self._cut(self._before)
 
     def end(self, result: Result, ticks: int) -> None:
@@ -84,9 +85,9 @@ class SteeringJournal:
         self.close()
         self._path.unlink(missing_ok=True)
 
-    def _write(self, line: JournalLine) -> None:
-        """Append a line, whole or not at all."""
-        data = memoryview(msgspec.json.encode(line) + b"\n")
+    def _write(self, *lines: JournalLine) -> None:
+        """Append lines, whole or not at all."""
+        data = memoryview(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
         size = self._size + len(data)
         try:
             while data:  # a disk that is nearly full takes a part

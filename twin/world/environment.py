@@ -54,16 +54,25 @@ class CaseEnvironment:
         Raises:
             ValueError: no such weather; one line.
         """
-        own = self._environment
-        if change.weather:
-            self._hand_weather = self._weather(change.weather)
+        found = self.check(change)
+        if found is not None:
+            self._hand_weather = found
             self.shown = change.weather
-        elif change.conditions is not None:
-            found = parameters(change.conditions, own.family)
-            self._hand_weather = overridden(found, own.friction, own.water_mm)
-            self.shown = ""
         if change.time_of_day_min is not None:
             self._hand_minute = change.time_of_day_min
+
+    def check(self, change: SetEnvironment) -> WeatherParameters | None:
+        """The weather that :meth:`override` would bring; None: it stays.
+
+        Raises:
+            ValueError: no such weather; one line.
+        """
+        own = self._environment
+        if change.weather:
+            return self._weather(change.weather)
+        if change.conditions is not None:
+            return overridden(parameters(change.conditions, own.family), own.friction, own.water_mm)
+        return None
 
     def clock_min(self, time_ns: int) -> float:
         """Local time at a sim time [minutes after midnight]."""

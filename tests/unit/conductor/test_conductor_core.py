@@ -11,6 +11,7 @@ from conductor.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Lea
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Beat, Next, Submit
+from schemas.realtime import Realtime
 from schemas.view_mode import ViewMode
 from schemas.wire import encode
 
@@ -44,14 +45,24 @@ def test_another_digest_for_a_committed_token_is_fenced_and_kept() -> None:
     assert bench.status()["campaigns"]["alpha"]["disagreements"] == 1
 
 
-@pytest.mark.parametrize(("kpi", "disagreements"), [("", 0), ("other", 1)])
+PACED = Realtime(40, 0, 0, 50.0, 50.0, 50.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kpi", "realtime", "disagreements"),
+    [("", None, 0), ("other", None, 1), ("other", PACED, 0)],
+)
 @pytest.mark.parametrize("late_first", [True, False])
-def test_a_late_result_must_agree(kpi: str, disagreements: int, late_first: bool) -> None:
+def test_a_late_result_must_agree(
+    kpi: str, realtime: Realtime | None, disagreements: int, late_first: bool
+) -> None:
     bench = started(cases=1, workers=2)
     (old,) = bench.lease("w1")
     bench.now_ns += bench.config.ttl_ns
     (new,) = bench.lease("w2")
-    requests = [("w1", result(old, kpi=kpi)), ("w2", result(new))]
+    results = [result(old, kpi=kpi), result(new)]
+    results = [msgspec.structs.replace(each, realtime=realtime) for each in results]
+    requests = list(zip(("w1", "w2"), results, strict=True))
     for worker, finished in requests if late_first else reversed(requests):
         bench.next(worker, k=0, results=[finished])
     assert [fact.result.token for fact in bench.facts(Committed)] == [new.token]

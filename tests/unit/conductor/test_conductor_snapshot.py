@@ -191,9 +191,10 @@ def _is_as_it_was(state: State, expected: dict[str, object]) -> None:
     found = json.loads(encode_outcomes(outcomes_of(alpha)))
     for row in found["cases"].values():
         assert (row.pop("perception"), row.pop("rig_wall_s")) == (None, 0.0)  # were not known
-        assert row.pop("steered") == []
+        assert (row.pop("steered"), row.pop("realtime")) == ([], None)
         # Charges name their worker since version 2.
         row["charges"] = [text.removesuffix(" (worker w1)") for text in row["charges"]]
+    assert found.pop("clock") == "lockstep"
     assert found == expected["outcomes"]
     assert list(state.workers) == expected["workers"]
     assert sorted(state.departed) == expected["departed"]

@@ -14,7 +14,7 @@ from devkit.bridges.autodrive import POINT, AutodriveBridge
 from devkit.bridges.autodrive_fields import FieldError, command, euler, telemetry
 from devkit.foreign import Script
 from devkit.stack import Observation
-from schemas.messages import CameraSite, Episode
+from schemas.messages import CameraSite, Episode, Pose
 from schemas.perception import GroundTruthPerception
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 
@@ -215,3 +215,18 @@ def test_steering_is_a_share_of_the_largest_angle():
     found = command({"V1 Throttle": "0.2", "V1 Steering": "-0.5"}, 0, 7, 3, 0.6, 1.0)
     assert found.steering_rad == -0.3
     assert (found.slot, found.token, found.tick, found.handbrake) == (0, 7, 3, 0.0)
+
+
+def test_a_pose_needs_no_pedals_and_all_of_its_numbers():
+    names = ("PosX", "PosY", "PosZ", "RotX", "RotY", "RotZ", "RotW")
+    answer = {f"V1 {name}": str(number) for number, name in enumerate(names)}
+    found = command({"V1 CoSim": "1", **answer}, 0, 7, 3, 0.6, 1.0, cosim=True)
+    assert found.pose == Pose(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert (found.throttle, found.steering_rad) == (0.0, 0.0)
+    pedals = {"V1 Throttle": "0.2", "V1 Steering": "0.5"}
+    assert (
+        command({"V1 CoSim": "0", **answer, **pedals}, 0, 7, 3, 0.6, 1.0, cosim=True).pose is None
+    )
+    del answer["V1 RotY"]
+    with pytest.raises(FieldError, match="without the field 'V1 RotY'"):
+        command({"V1 CoSim": "1", **answer}, 0, 7, 3, 0.6, 1.0, cosim=True)

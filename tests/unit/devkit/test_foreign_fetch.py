@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from devkit.foreign_place import fetched
 from schemas.foreign import Repository
 from twin.fabric.errors import InfrastructureError
+from twin.fabric.fetch import fetch
 from twin.fabric.process import end, spawn
 
 
@@ -44,4 +44,20 @@ def test_a_fetch_ends_with_its_worker(tmp_path):
 
 def test_an_address_is_no_option():
     with pytest.raises(InfrastructureError, match="leading '-'"):
-        fetched(Repository(url="--help"))
+        fetch(Repository(url="--help"))
+
+
+def test_a_container_that_was_killed_is_removed_by_its_name(tmp_path, monkeypatch):
+    """With what stands in for podman: it says how it is called, and runs the command."""
+    tool, said = tmp_path / "podman", tmp_path / "said"
+    tool.write_text(f'#!/bin/sh\necho "$@" >> {said}\n[ "$1" = rm ] || exec sleep 600\n')
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    foreign = {"command": ["x"], "image": {"path": "org/name:1", "runtime": "podman"}}
+    words = [*("--connect", "tcp/127.0.0.1:1", "--rig", "r7"), "--foreign", json.dumps(foreign)]
+    host = spawn([sys.executable, "-m", "devkit", "host", *words, "--stack", ""])
+    while not said.exists() or "--name=drivetwin-r7 --replace" not in said.read_text():
+        assert host.poll() is None
+    end(host, 60.0)
+    assert said.read_text().splitlines()[-1] == "rm --force --ignore --time=0 drivetwin-r7"

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from hpc.container import Container, mounted, prefix, preparation, shell_lines
+from hpc.container import Container, mounted, prefix, preparation, removal, shell_lines
 from twin.fabric.errors import UsageError
 
 FOLDERS = ("/work/me", "/work/me/runs/aeb", "/scratch/job 7")
@@ -40,6 +40,23 @@ def test_podman():
         "--env=CUDA_VISIBLE_DEVICES --env=CUDA_DEVICE_ORDER --env=WARP_CACHE_PATH --env=TMPDIR "
         "--env=TZ '--env=SLURM*' '--env=PBS_*' '--env=TWIN_*' '--env=ZENOH_*' drivetwin:1"
     )
+
+
+def test_podman_forgets_a_container_that_was_killed():
+    words = prefix(container(image="drivetwin:1", runtime="podman", name="drivetwin-7f"))
+    assert words[:8] == [
+        *("podman", "run", "--rm", "--init", "--network=host", "--ipc=host", "--userns=keep-id"),
+        "--name=drivetwin-7f",
+    ]
+    assert words[8] == "--replace"
+    assert removal("podman", "drivetwin-7f") == [
+        ["podman", "rm", "--force", "--ignore", "--time=0", "drivetwin-7f"]
+    ]
+    for runtime in ("apptainer", "charliecloud"):
+        assert removal(runtime, "drivetwin-7f") == []
+        assert not [word for word in prefix(container(runtime=runtime, name="x1")) if "x1" in word]
+    with pytest.raises(UsageError, match="--name '-f': allowed are letters"):
+        container(name="-f")
 
 
 @pytest.mark.parametrize(

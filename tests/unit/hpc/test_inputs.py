@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -405,3 +406,29 @@ def test_the_commands_fail_in_one_line(bare, tmp_path):
     assert (done.returncode, done.stdout) == (2, "")
     assert "no branch, tag or commit 'no'" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_what_a_setup_left_without_rights_is_removed():
+    """By who is not root: root may do anything anyway."""
+    outside = Path(tempfile.mkdtemp())
+    try:
+        left = outside / "left"
+        (left / "a" / "b").mkdir(parents=True)
+        (left / "a" / "b" / "file").write_text("x")
+        (outside / "kept").mkdir(mode=0o500)
+        (left / "link").symlink_to(outside / "kept")
+        nobody = 65534 if os.geteuid() == 0 else os.geteuid()
+        for path in (outside, *outside.rglob("*")):
+            os.chown(path, nobody, -1, follow_symlinks=False)
+        for path in (left / "a" / "b", left / "a", left):
+            path.chmod(0)
+        before = os.geteuid()
+        os.seteuid(nobody)
+        try:
+            inputs._remove(left)
+        finally:
+            os.seteuid(before)
+        assert not left.exists()
+        assert (outside / "kept").stat().st_mode & 0o777 == 0o500
+    finally:
+        inputs._remove(outside)

@@ -65,6 +65,7 @@ def make_campaign(
         digest=campaign_digest(campaign, cases),
         seed=campaign.seed,
         simulator=campaign.simulator,
+        clock=campaign.clock,
         software="5" * 64,
         device=campaign.device,
         device_classes=["cpu:avx2"],

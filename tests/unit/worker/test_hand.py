@@ -123,3 +123,12 @@ def test_actions_in_words():
     )
     assert told(Takeover(0.3)) == "takeover"
     assert told(SetPace(None)) == "pace"
+
+
+def test_a_takeover_paces_nothing_where_the_clock_does():
+    paced, clocked = Hand(None), Hand(None, clocked=True)
+    for hand in (paced, clocked):
+        hand.take(Takeover(0.5), 10, 100.0)
+        hand.wait_s(10, PERIOD_S, 100.0)
+    assert paced.wait_s(11, PERIOD_S, 100.0) == pytest.approx(PERIOD_S)
+    assert clocked.wait_s(11, PERIOD_S, 100.0) == 0.0

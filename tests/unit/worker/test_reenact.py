@@ -4,6 +4,7 @@ import queue
 import types
 
 import pytest
+from msgspec import structs
 from unit.twin.test_engine import case
 
 from schemas.messages import Lease
@@ -32,3 +33,10 @@ def test_a_rig_that_hangs_is_not_waited_for(ticks):
         InfrastructureError, match=f"no progress for 0.01 s at tick {max([0, *ticks])}"
     ):
         _run(None, inbox, lease, [])
+
+
+def test_what_went_by_the_wall_clock_cannot_be_run_again(tmp_path):
+    paced = structs.replace(case("a"), clock="realtime")
+    SteeringJournal(Lease(1, 2, str(tmp_path), paced), 1, "cpu").close()
+    with pytest.raises(UsageError, match="went by the wall clock"):
+        reenact(tmp_path / "cases" / "a" / "attempt-2", "cpu", None, None)

@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from msgspec import structs
 from unit.twin.test_engine import ask, case
 
 from schemas import SCHEMA_VERSION, topics
@@ -15,14 +16,18 @@ from schemas.interventions import (
     ControlRequest,
     GiveBack,
     Look,
+    MoveObject,
     Pause,
+    PlaceEgo,
     SetEnvironment,
     SetPace,
+    SetSensors,
     SpawnObject,
     Step,
     Takeover,
+    Together,
 )
-from schemas.messages import Explain, Lease, Reply, StatusRequest
+from schemas.messages import Explain, Lease, Reply, SensorErrors, StatusRequest
 from schemas.wire import decode, encode
 from twin.engine import Engine
 from twin.fabric.errors import UnreachableError, UsageError
@@ -37,6 +42,7 @@ class Rig:
     """An engine of two slots with its steering; a turn is what the simulator's loop does."""
 
     def __init__(self, folder):
+        self.folder = folder
         self.engine = Engine(case("a"), 2)
         self.slots = [None, None]
         self.touched = []
@@ -212,9 +218,14 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
         with pytest.raises(UsageError, match="case 'c' does not run in this rig; running: a, b"):
             find_in_rig(viewer, "rig", case="c")
         found = find(viewer, "b")
-        wrong = [SetPace(1000.0), SetEnvironment("fog"), SetPace(2.0)]
-        with pytest.raises(UsageError, match=r"allowed.*; done before it: pace at tick 0$"):
+        wrong = [SetPace(2.0), PlaceEgo(1.0, 2.0, 0.0), SetEnvironment("fog")]
+        with pytest.raises(UsageError, match=r"fog.*allowed"):
             list(carry_out(found, wrong))
+        state = found.do(Look()).state
+        assert (state.pace, state.changes, state.weather) == (None, 0, "clear")
+        with pytest.raises(UsageError, match=r"given 99.*; done before it: pace at tick 0$"):
+            list(carry_out(found, [SetPace(1000.0), MoveObject(99, 0.0, 0.0)]))
+        assert not list(rig.folder.glob("cases/b/*/*"))
         with pytest.raises(UsageError, match="a case's name: given 'b/\\*'"):
             find(viewer, "b/*")
         assert found.do(Look()).state.pace == 1000.0
@@ -247,3 +258,41 @@ def _conductor(payload, lines):
     if request.case not in lines:
         return Reply(v=SCHEMA_VERSION, epoch=1, error="no case")
     return Reply(v=SCHEMA_VERSION, epoch=1, status={"explain": [lines[request.case]]})
+
+
+def test_a_case_that_goes_by_the_wall_clock_cannot_be_held(tmp_path):
+    rig = Rig(tmp_path)
+    paced = structs.replace(case("a"), clock="realtime")
+    rig.steering.begin(0, Lease(7, 1, str(tmp_path), paced), [])
+    for action in (Pause(), Step(3), SetPace(0.5)):
+        assert rig.do(action).error.startswith("clock realtime: the case goes with the wall clock")
+    assert rig.do(SetEnvironment(weather="heavy_rain")).error == ""
+    assert not rig.steering.parked
+
+
+def test_settings_of_one_request_are_done_together_or_not_at_all(rig):
+    night = SetEnvironment(time_of_day_min=1350.0)
+    there = PlaceEgo(120.0, 1.5, 0.1)
+    lost = SetSensors(SensorErrors(gnss_dropout=True))  # the case has no receiver
+    before = rig.do(Look()).state
+    refused = rig.do(Together([night, there, SetPace(2.0), lost]))
+    assert "gnss" in refused.error
+    after = rig.do(Look()).state
+    assert (after.changes, after.pace) == (0, None)
+    # The ego stands where it would stand anyhow, and it is as light as before.
+    assert (round(after.x_m), after.time_of_day_min) == (round(before.x_m), before.time_of_day_min)
+    assert not list(rig.folder.glob("cases/a/*"))
+    done = rig.do(Together([night, there, SetPace(1000.0)]), id_="x")
+    assert done.error == ""
+    assert (done.state.changes, done.state.pace) == (2, 1000.0)
+    assert (done.state.x_m, done.state.time_of_day_min) == (pytest.approx(120.0), 1350.0)
+    assert rig.do(Together([night, there]), id_="x").tick == done.tick  # asked again, done once
+    assert rig.touched[-1][1] == (
+        "environment time_of_day_min=1350, pose x_m=120 y_m=1.5 yaw_rad=0.1 speed_mps=0, "
+        "pace factor=1000"
+    )
+    _, entries, _ = read_journal(next(rig.folder.glob("cases/a/attempt-1")))
+    assert [(each.tick, each.action) for each in entries] == [
+        (done.tick, night),
+        (done.tick, there),
+    ]
