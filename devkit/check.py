@@ -17,7 +17,8 @@ from typing import Any
 import msgspec
 
 from devkit.check_frames import Drive
-from devkit.check_rig import CheckRig, running
+from devkit.check_rig import CheckRig
+from devkit.stack_rig import running
 from schemas.campaign import Case, expand, parse_campaign
 from schemas.messages import Command, command_mistake
 from schemas.yaml_file import YamlError, load_yaml
@@ -93,10 +94,10 @@ def check_stack(
 
     slots = case.rig_slots(2)
     try:
-        with running(case, slots, timeout_s) as rig:
+        with running(CheckRig, case, slots, timeout_s) as rig:
             say("starts", True, f"{slots} slot{'s' * (slots > 1)}, ready")
             reference = _first_process(rig, slots, ticks, timeout_s, say)
-        with running(case, slots, timeout_s) as rig:
+        with running(CheckRig, case, slots, timeout_s) as rig:
             _second_process(rig, slots, ticks, timeout_s, reference, say)
     except InfrastructureError as error:
         say("answers" if done else "starts", False, str(error))

@@ -230,6 +230,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """What its simulator shows."""
     keep: Keep = "all"
     """Of its recording."""
+    drive: Keep = "none"
+    """Of the record of its drive plane."""
     render: bool = True
     """Its cameras see."""
 
@@ -490,6 +492,7 @@ def _case(
             },
             view=campaign.view,
             keep=campaign.recording.keep,
+            drive=campaign.recording.drive,
             render=campaign.render,
         ),
         [],

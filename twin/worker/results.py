@@ -14,6 +14,7 @@ from schemas.messages import Lease, PerceptionCost, Result
 
 if TYPE_CHECKING:
     from twin.engine import Finished
+    from twin.worker.drive_recorder import AttemptRecord
     from twin.worker.steering_journal import SteeringJournal
 
 WAITING_MAX = 4096
@@ -34,6 +35,8 @@ class Ended:
     """That a hand has made; if any, it is no result of the case."""
     journal: SteeringJournal | None = None
     """Of these."""
+    record: AttemptRecord | None = None
+    """Of what the stack saw."""
 
 
 class ResultWriter:
@@ -95,4 +98,6 @@ def _written(ended: Ended) -> Result:
     result = write_attempt(ended.lease, ended.finished, ended.wall_s)
     if ended.journal is not None:
         ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
+    if ended.record is not None:
+        ended.record.finish(result)
     return structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)

@@ -7,12 +7,13 @@ import json
 import os
 import queue
 import secrets
+import select
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -50,6 +51,9 @@ FILE_GRACE_S = 1.0
 
 FOREIGN_GRACE_S = 5.0
 """Longest wait for the end of everything that a foreign stack started [s]."""
+
+LOG_PERIOD_S = 0.2
+"""How often the size of a stack's log is looked at [s]."""
 
 DRAIN_GRACE_S = 12.0
 """Longest wait for the results of cases that were over when the stack ended; a simulator that can
@@ -192,6 +196,7 @@ class RigProcess:
                 data = b""
             if not data:
                 break
+            self._bound(self._log)  # a few times per second: it reports its progress
             for message in unpacker.feed(data):
                 if isinstance(message, Drained):
                     self._drained.set()
@@ -268,7 +273,7 @@ class RigProcess:
 
     def _watch_stack(self) -> None:
         assert self._stack is not None
-        self._stack.wait()
+        _wait_beside(self._stack, lambda: self._bound(self._stack_log))
         with self._lock:
             stopped = self._stopped
         if not stopped:
@@ -276,6 +281,12 @@ class RigProcess:
             self._write(pack(Drain()))
             self._drained.wait(DRAIN_GRACE_S)
         self._tell_end(self._stack, "stack", self._stack_log)
+
+    def _bound(self, log: IO[bytes]) -> None:
+        """Keep a log from filling the disk."""
+        with self._lock:
+            if not self._stopped:  # then it is closed
+                bound_log(log)
 
     def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:
         code = child.wait()
@@ -290,6 +301,19 @@ class RigProcess:
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
         self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
+
+
+def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> None:
+    """Wait for the end of a child, and ``look`` around meanwhile."""
+    try:
+        descriptor = os.pidfd_open(child.pid)
+    except ProcessLookupError:  # it has ended, and somebody else waited for it
+        return
+    try:
+        while not select.select([descriptor], [], [], LOG_PERIOD_S)[0]:
+            look()
+    finally:
+        os.close(descriptor)
 
 
 def _threads() -> dict[str, str]:

@@ -40,6 +40,7 @@ from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
+from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
 from twin.worker.pipe import (
     Abandon,
@@ -143,6 +144,7 @@ class Simulator:
         self._steering = Steering(rig, self._slots, device, self._touched)
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
         feed.steered_by(self._steering.ask)
+        self._recorder = DriveRecorder(slots, device)
         self._waiting: list[Assign] = []
         self._seq = 0
         self._reported_s = 0.0
@@ -159,6 +161,7 @@ class Simulator:
         try:
             self._loop()
         finally:
+            self._recorder.drain(RESULT_GRACE_S)
             self._results.drain(RESULT_GRACE_S)
             # What could not be written is no case that is over.
             self._upward.send(Progress([], [], ended=self._results.tokens))
@@ -241,6 +244,7 @@ class Simulator:
                 self._engine.clear(index)
                 self._steering.end(index)
                 self._feed.abandon(index)
+                self._recorder.abandon(index)
                 self._slots[index] = None
 
     def _refill(self) -> None:
@@ -257,6 +261,7 @@ class Simulator:
                 self._slots[index] = _Slot(lease, time.monotonic())
                 self._steering.begin(index, lease, order.replay)
                 self._feed.begin(index, lease, self._engine)
+                self._recorder.begin(index, lease)
 
     def _tick(self) -> None:
         started_s = time.monotonic()
@@ -279,6 +284,8 @@ class Simulator:
             episodes=len(episodes),
         )
         watch.lap("messages")
+        self._recorder.seen(tick, sensed, episodes)
+        watch.lap("view")
         if self._inline:
             self._engine.wait()
             answer = self._inline.exchange(tick, sensed, episodes)
@@ -289,7 +296,9 @@ class Simulator:
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
-        commands = self._steering.commanded(self._checked(answer.commands))
+        given = self._checked(answer.commands)
+        self._recorder.answered(given)
+        commands = self._steering.commanded(given)
         watch.lap("messages")
         self._feed.tick(self._engine, sensed, commands)
         watch.lap("view")
@@ -313,6 +322,7 @@ class Simulator:
                     slot.rig_wall_s,
                     changes,
                     journal,
+                    self._recorder.end(finished.slot),
                 )
             )
         watch.lap("results")
@@ -429,6 +439,7 @@ class Simulator:
 
     def _drain(self) -> None:
         """The stack is gone and the worker wants what is there; on the thread of the orders."""
+        self._recorder.drain(RESULT_GRACE_S)
         self._results.drain(RESULT_GRACE_S)
         self._upward.send(Drained())
 
