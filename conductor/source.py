@@ -12,7 +12,7 @@ from conductor.repository import with_repository
 from schemas.assets import asset_digest, file_digest, is_path
 from schemas.campaign import Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
-from schemas.perception import file_fields
+from schemas.perception import file_fields, with_absolute_files
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -168,14 +168,7 @@ def _missing_image(campaign: Campaign) -> list[Mistake]:
 
 
 def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:
-    """Workers may run in another folder: their paths of models begin at the root."""
-    variants = {
-        name: msgspec.structs.replace(
-            variant,
-            **{k: str((folder / path).absolute()) for k, path in file_fields(variant).items()},
-        )
-        for name, variant in campaign.autonomy.perception.items()
-    }
+    variants = with_absolute_files(campaign.autonomy.perception, folder)
     autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
     return msgspec.structs.replace(campaign, autonomy=autonomy)
 
