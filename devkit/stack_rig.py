@@ -17,7 +17,7 @@ import msgspec
 from schemas.campaign import Case
 from schemas.messages import Commands, Episode, Tick
 from twin.fabric.bus import Bus
-from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.drive import STACK_BYTES_MAX, Outgoing, SimulatorEnd
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
@@ -105,7 +105,8 @@ def running(kind: type[R], case: Case, slots: int, timeout_s: float) -> Iterator
     """
     rig = secrets.token_hex(4)
     namespace = f"devkit/{rig}"
-    bus = open_bus("peer", listen=[LOOPBACK], namespace=namespace)
+    limit = STACK_BYTES_MAX
+    bus = open_bus("peer", listen=[LOOPBACK], namespace=namespace, message_bytes_max=limit)
     with tempfile.TemporaryFile() as log:
         arguments = [
             *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", namespace),

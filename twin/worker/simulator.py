@@ -33,7 +33,7 @@ from schemas.messages import (
     Tick,
 )
 from twin.fabric.bus import Bus
-from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.drive import STACK_BYTES_MAX, Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer, lay_out
 from twin.fabric.key_file import Key
@@ -528,7 +528,13 @@ def run_simulator(
     os.dup2(2, 1)
     bus = None
     try:
-        bus = open_bus("peer", listen=[listen], namespace=namespace, key=key)
+        bus = open_bus(
+            "peer",
+            listen=[listen],
+            namespace=namespace,
+            key=key,
+            message_bytes_max=STACK_BYTES_MAX,
+        )
         feed = open_feed(rig, slots, view)
         out.send(Listening(bus.endpoints[0], feed.endpoint))
         Simulator(bus, rig, slots, device, out, feed).run()
