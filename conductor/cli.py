@@ -284,15 +284,22 @@ def keygen(
 @app.command()
 def validate(
     campaign: Source,
+    fetch: Annotated[
+        bool,
+        typer.Option("--fetch", help="Also fetch its stack's repository and run the set-up."),
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Check a campaign file and explain every mistake in one line; lists its cases."""
+    """Check a campaign file and explain every mistake in one line; lists its cases.
+
+    Nothing of it is run: a repository's set-up is only told.
+    """
     from conductor.models import check_models
     from conductor.source import load
     from schemas.campaign import expand
 
     try:
-        loaded = load(campaign)
+        loaded = load(campaign, fetch=fetch)
         check_models(loaded, campaign)
     except UsageError as error:
         if output is Output.json:
@@ -311,6 +318,13 @@ def validate(
         print(json.dumps(found))
         return
     print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
+    repository = loaded.autonomy.repository
+    if repository is not None and not fetch:
+        setup = f", then `{repository.setup}` is run there" if repository.setup else ""
+        print(
+            f"autonomy.repository: {repository.url} at {repository.ref} is fetched where the "
+            f"campaign is run{setup}; --fetch does so now"
+        )
 
 
 @app.command()

@@ -46,12 +46,13 @@ def find(name: str) -> Path:
     raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
 
 
-def load(name: str, *, seed: int | None = None) -> Campaign:
+def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
     """Load and check a campaign.
 
     Args:
         name: shipped name or path.
         seed: replaces the file's seed.
+        fetch: fetch the repository that it names, run its set-up, and pin it to the commit.
 
     Raises:
         UsageError: one line per mistake.
@@ -65,7 +66,8 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
     campaign, mistakes = check(data, path.parent)
     if campaign is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
-    campaign = with_repository(campaign, shown)
+    if fetch:
+        campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
     return msgspec.structs.replace(campaign, files=_digests(campaign))

@@ -52,6 +52,12 @@ FILE_GRACE_S = 1.0
 FOREIGN_GRACE_S = 5.0
 """Longest wait for the end of everything that a foreign stack started [s]."""
 
+FETCH = "-m hpc fetch repository "
+"""In the command line of what fetches and builds the files of a stack."""
+
+FETCH_PERIOD_NS = 1_000_000_000
+"""How often it is looked for [ns]."""
+
 LOG_PERIOD_S = 0.2
 """How often the size of a stack's log is looked at [s]."""
 
@@ -100,6 +106,7 @@ class RigProcess:
         self._stack: subprocess.Popen[bytes] | None = None
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: Path | None = None
+        self._fetches, self._fetch_seen_ns = False, 0
         # Unnamed files: gone with their last user, however this process ends. What matters of
         # them, the last lines of a process that died, goes to the conductor.
         self._log = tempfile.TemporaryFile()  # noqa: SIM115
@@ -155,6 +162,16 @@ class RigProcess:
             for name, child in children.items()
             if child is not None
         }
+
+    def is_fetching(self, now_ns: int) -> bool:
+        """Whether the files of the stack are being fetched and built; looked at once per second."""
+        foreign = self._lease.case.foreign
+        if foreign is None or foreign.repository is None or self._stack is None:
+            return False
+        if now_ns >= self._fetch_seen_ns + FETCH_PERIOD_NS:
+            self._fetch_seen_ns = now_ns
+            self._fetches = runs_fetch(self._stack.pid)
+        return self._fetches
 
     def stop(self) -> None:
         """End all processes and remove what they left."""
@@ -301,6 +318,15 @@ class RigProcess:
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
         self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
+
+
+def runs_fetch(pid: int) -> bool:
+    """Whether the host of a stack waits for ``hpc fetch``."""
+    with contextlib.suppress(psutil.Error):
+        for child in psutil.Process(pid).children():
+            if FETCH in " ".join(child.cmdline()):
+                return True
+    return False
 
 
 def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> None:
