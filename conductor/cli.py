@@ -91,6 +91,13 @@ def run_command(
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
     view: View = None,
+    record_drive: Annotated[
+        bool,
+        typer.Option(
+            "--record-drive",
+            help="Record what the stack sees and answers, without loss, for `devkit replay`.",
+        ),
+    ] = False,
     render: Annotated[
         OnOff | None,
         typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
@@ -109,7 +116,7 @@ def run_command(
     from conductor.models import check_models
     from conductor.places import parse_workers
     from conductor.run import RunOptions, run_campaign, where
-    from conductor.source import load, only_case, with_render
+    from conductor.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
     from twin.fabric.key_file import load_key
 
@@ -120,6 +127,8 @@ def run_command(
         loaded = first(loaded, cases)
     if render is not None:
         loaded = with_render(loaded, render is OnOff.on)
+    if record_drive:
+        loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
     check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
     options = RunOptions(

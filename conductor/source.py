@@ -122,6 +122,12 @@ def with_render(campaign: Campaign, render: bool) -> Campaign:
     return changed
 
 
+def with_drive(campaign: Campaign) -> Campaign:
+    """The campaign with a record of every drive."""
+    recording = msgspec.structs.replace(campaign.recording, drive="all")
+    return msgspec.structs.replace(campaign, recording=recording)
+
+
 def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:
     """Every mistake of a campaign's content, also about things outside the file.
 

@@ -23,10 +23,9 @@ class Fussy(GapStack):
 """Fails in fog: the record of such an attempt ends with the tick that it did not answer."""
 
 
-def run(marked, path, out):
-    done = marked.run(
-        *("conductor", "run", str(path), "--workers", "1", "--output", "json", "--out", str(out))
-    )
+def run(marked, path, out, *options):
+    words = ("--workers", "1", "--output", "json", "--out", str(out), *options)
+    done = marked.run("conductor", "run", str(path), *words)
     return done, json.loads(done.stdout)
 
 
@@ -53,10 +52,9 @@ def test_recorded_drives_for_stacks_without_a_simulator(marked, tmp_path, monkey
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     autonomy = {"stack": "gapstack:Fussy", "parameters": {"gap_m": 7.0}}
     weathers = {"matrix": {"weather": ["clear", "heavy_fog", "heavy_rain"]}, "attempts_max": 1}
-    drive = {"recording": {"drive": "all"}}
-    path = campaign(tmp_path, "recorded", autonomy, **weathers, **drive)
+    path = campaign(tmp_path, "recorded", autonomy, **weathers)
     folder = tmp_path / "run"
-    done, _ = run(marked, path, folder)
+    done, _ = run(marked, path, folder, "--record-drive")
     assert done.returncode == 3, done.stderr
     assert outcomes(folder)["heavy_fog"]["outcome"] == "unresolved"
     # A record costs no bit of the result.

@@ -1,6 +1,7 @@
 """The record of a drive: exact, readable wherever it was cut off, and of no weight to the case."""
 
 import errno
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,6 +91,21 @@ def test_everything_comes_back_byte_for_byte(tmp_path, path):
             assert decoded(array).shape == values.shape
         assert found.seen.sensors["boxes"].count == 1
     assert {a.coding for a in ticks[0].seen.sensors.values()} == {"png", "raw", "zlib"}
+
+
+def test_the_reader_of_the_documentation_reads_it(tmp_path, path):
+    lease, recorder = record(tmp_path)
+    recorder.end(1).finish(result(lease, "collision"))
+    page = Path(__file__).parents[3] / "docs/drive-plane.md"
+    below = page.read_text().partition("## The record of a drive\n")[2]
+    reader = {}
+    exec(below.partition("```python\n")[2].partition("```")[0], reader)
+    blocks = list(reader["blocks"](path))
+    assert [b["block"] for b in blocks] == ["head", *["seen", "answer"] * 3, "end"]
+    for tick, block in enumerate(b for b in blocks if b["block"] == "seen"):
+        for name, array in block["sensors"].items():
+            values = sensed(tick)[name].values[1]
+            assert reader["array"](array).tobytes() == values.tobytes()
 
 
 def test_a_file_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path, path):
