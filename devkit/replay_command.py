@@ -22,7 +22,7 @@ def replay(
         Path, typer.Argument(help="Campaign folder, the folder of an attempt, or its drive.record.")
     ],
     cases: Annotated[
-        list[str] | None, typer.Argument(metavar="[CASE]...", help="Default: all with a record.")
+        list[str] | None, typer.Argument(metavar="CASE", help="Default: all with a record.")
     ] = None,
     stack: Annotated[
         str,
