@@ -14,7 +14,7 @@ from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS
 
 if TYPE_CHECKING:
-    from devkit.replay import Replayed
+    from devkit.replay import Asked, Replayed
 
 
 def replay(
@@ -61,21 +61,11 @@ def replay(
     Without a simulator: the frames of the attempts come byte for byte from their records, which
     campaigns with `recording: {drive: all}` leave.
     """
-    from devkit.check import campaign_of, names_file
-    from devkit.replay import Asked, find_records
+    from devkit.replay import find_records
     from devkit.replay import replay as run_replay
     from devkit.replay_compare import parse_tolerances
 
-    values = parsed_parameters(parameters)
-    campaign = campaign_of(stack, values) if stack else None
-    from_file = campaign is not None and names_file(stack)
-    asked = Asked(
-        campaign=campaign,
-        variants=campaign.autonomy.perception if campaign and from_file else {},
-        parameters=values,
-        device=device,
-        timeout_s=deadline_s,
-    )
+    asked = _asked(stack, parsed_parameters(parameters), device, deadline_s)
     tolerances = parse_tolerances(tolerance or [])
     paths = find_records(run, cases or [], attempt)
 
@@ -96,6 +86,16 @@ def replay(
     else:
         print(f"{equal} of {len(done)} equal")
     raise typer.Exit(EXIT_PASS if equal == len(done) else EXIT_FAILED)
+
+
+def _asked(stack: str, parameters: dict[str, Any], device: str, timeout_s: float) -> Asked:
+    from devkit.check import campaign_of, names_file
+    from devkit.replay import Asked
+
+    campaign = campaign_of(stack, parameters) if stack else None
+    from_file = campaign is not None and names_file(stack)
+    variants = campaign.autonomy.perception if campaign and from_file else {}
+    return Asked(campaign, variants, parameters, device, timeout_s)
 
 
 def _print(one: Replayed) -> None:
