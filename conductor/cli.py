@@ -92,6 +92,13 @@ def run_command(
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
     view: View = None,
+    record_drive: Annotated[
+        bool,
+        typer.Option(
+            "--record-drive",
+            help="Record what the stack sees and answers, without loss, for `devkit replay`.",
+        ),
+    ] = False,
     render: Annotated[
         OnOff | None,
         typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
@@ -112,7 +119,7 @@ def run_command(
     from conductor.models import check_models
     from conductor.places import parse_workers
     from conductor.run import RunOptions, run_campaign, where
-    from conductor.source import load, only_case, with_render
+    from conductor.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
     from twin.fabric.key_file import load_key
 
@@ -125,6 +132,8 @@ def run_command(
         loaded = with_render(loaded, render is OnOff.on)
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other
+    if record_drive:
+        loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
     check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
     options = RunOptions(
@@ -289,15 +298,22 @@ def keygen(
 @app.command()
 def validate(
     campaign: Source,
+    fetch: Annotated[
+        bool,
+        typer.Option("--fetch", help="Also fetch its stack's repository and run the set-up."),
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Check a campaign file and explain every mistake in one line; lists its cases."""
+    """Check a campaign file and explain every mistake in one line; lists its cases.
+
+    Nothing of it is run: a repository's set-up is only told.
+    """
     from conductor.models import check_models
     from conductor.source import load
     from schemas.campaign import expand
 
     try:
-        loaded = load(campaign)
+        loaded = load(campaign, fetch=fetch)
         check_models(loaded, campaign)
     except UsageError as error:
         if output is Output.json:
@@ -316,6 +332,13 @@ def validate(
         print(json.dumps(found))
         return
     print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
+    repository = loaded.autonomy.repository
+    if repository is not None and not fetch:
+        setup = f", then `{repository.setup}` is run there" if repository.setup else ""
+        print(
+            f"autonomy.repository: {repository.url} at {repository.ref} is fetched where the "
+            f"campaign is run{setup}; --fetch does so now"
+        )
 
 
 @app.command()

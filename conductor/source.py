@@ -10,9 +10,9 @@ import msgspec
 
 from conductor.repository import with_repository
 from schemas.assets import asset_digest, file_digest, is_path
-from schemas.campaign import Campaign, Case, only, parse_campaign, parse_cases
+from schemas.campaign import UNREPEATABLE, Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
-from schemas.perception import file_fields
+from schemas.perception import file_fields, with_absolute_files
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
@@ -46,12 +46,13 @@ def find(name: str) -> Path:
     raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
 
 
-def load(name: str, *, seed: int | None = None) -> Campaign:
+def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
     """Load and check a campaign.
 
     Args:
         name: shipped name or path.
         seed: replaces the file's seed.
+        fetch: fetch the repository that it names, run its set-up, and pin it to the commit.
 
     Raises:
         UsageError: one line per mistake.
@@ -65,7 +66,8 @@ def load(name: str, *, seed: int | None = None) -> Campaign:
     campaign, mistakes = check(data, path.parent)
     if campaign is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
-    campaign = with_repository(campaign, shown)
+    if fetch:
+        campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
     return msgspec.structs.replace(campaign, files=_digests(campaign))
@@ -120,6 +122,18 @@ def with_render(campaign: Campaign, render: bool) -> Campaign:
     return changed
 
 
+def with_drive(campaign: Campaign) -> Campaign:
+    """The campaign with a record of every drive.
+
+    Raises:
+        UsageError: it goes with the wall clock.
+    """
+    if campaign.clock == "realtime":
+        raise UsageError(f"--record-drive: {UNREPEATABLE}")
+    recording = msgspec.structs.replace(campaign.recording, drive="all")
+    return msgspec.structs.replace(campaign, recording=recording)
+
+
 def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:
     """Every mistake of a campaign's content, also about things outside the file.
 
@@ -168,14 +182,7 @@ def _missing_image(campaign: Campaign) -> list[Mistake]:
 
 
 def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:
-    """Workers may run in another folder: their paths of models begin at the root."""
-    variants = {
-        name: msgspec.structs.replace(
-            variant,
-            **{k: str((folder / path).absolute()) for k, path in file_fields(variant).items()},
-        )
-        for name, variant in campaign.autonomy.perception.items()
-    }
+    variants = with_absolute_files(campaign.autonomy.perception, folder)
     autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
     return msgspec.structs.replace(campaign, autonomy=autonomy)
 

@@ -17,9 +17,11 @@ from typing import Any
 import msgspec
 
 from devkit.check_frames import Drive
-from devkit.check_rig import CheckRig, running
-from schemas.campaign import Case, expand, parse_campaign
+from devkit.check_rig import CheckRig
+from devkit.stack_rig import running
+from schemas.campaign import Campaign, Case, parse_campaign
 from schemas.messages import Command, command_mistake
+from schemas.perception import with_absolute_files
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import InfrastructureError, UsageError
 
@@ -46,8 +48,8 @@ class Check:
     detail: str
 
 
-def case_of(stack: str, parameters: dict[str, Any]) -> Case:
-    """The case whose stack and sensors are checked.
+def campaign_of(stack: str, parameters: dict[str, Any]) -> Campaign:
+    """The campaign whose stack is meant, and whose sensors it sees.
 
     Args:
         stack: path of a campaign file, ``module:Class``, or a command line.
@@ -64,7 +66,7 @@ def case_of(stack: str, parameters: dict[str, Any]) -> Case:
         raise UsageError("STACK: give module:Class, a command line, or a campaign file")
     data: Any = {"campaign": "check", "matrix": {"weather": ["clear"]}}
     data["camera"] = {"width": 160, "height": 90, "hz": 10}
-    if stack.endswith((".yaml", ".yml")) and (len(words) == 1 or Path(stack).is_file()):
+    if names_file(stack):
         if parameters:
             raise UsageError("--parameters: the campaign file has its own; change them there")
         try:
@@ -78,7 +80,17 @@ def case_of(stack: str, parameters: dict[str, Any]) -> Case:
     campaign, mistakes = parse_campaign(data)
     if campaign is None:
         raise UsageError("\n".join(mistake.line(stack) for mistake in mistakes))
-    return expand(campaign)[0]
+    folder = Path(stack).parent if names_file(stack) else Path()
+    variants = with_absolute_files(campaign.autonomy.perception, folder)
+    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
+    return msgspec.structs.replace(campaign, autonomy=autonomy)
+
+
+def names_file(stack: str) -> bool:
+    """Whether what was given for a stack is the path of a campaign file; a command line may end
+    with a file of its own."""
+    one = " " not in stack.strip()
+    return stack.endswith((".yaml", ".yml")) and (one or Path(stack).is_file())
 
 
 def check_stack(
@@ -93,10 +105,10 @@ def check_stack(
 
     slots = case.rig_slots(2)
     try:
-        with running(case, slots, timeout_s) as rig:
+        with running(CheckRig, case, slots, timeout_s) as rig:
             say("starts", True, f"{slots} slot{'s' * (slots > 1)}, ready")
             reference = _first_process(rig, slots, ticks, timeout_s, say)
-        with running(case, slots, timeout_s) as rig:
+        with running(CheckRig, case, slots, timeout_s) as rig:
             _second_process(rig, slots, ticks, timeout_s, reference, say)
     except InfrastructureError as error:
         say("answers" if done else "starts", False, str(error))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,15 +30,11 @@ def check(
     Two processes of it see made-up drives, without a simulator: the same frames twice, another case
     between, frames that are lost, a seq that comes again, messages of a later version.
     """
-    from devkit.check import case_of, check_stack
+    from devkit.check import campaign_of, check_stack
+    from schemas.campaign import expand
 
-    try:
-        values = json.loads(parameters)
-    except ValueError as error:
-        raise UsageError(f"--parameters: not JSON: {error}") from None
-    if not isinstance(values, dict):
-        raise UsageError("--parameters: expected a JSON object, e.g. '{\"gap_m\": 8}'")
-    case = case_of(stack, values)
+    values = parsed_parameters(parameters)
+    case = expand(campaign_of(stack, values))[0]
     human = output is Output.human
     done = check_stack(case, ticks, deadline_s, _print if human else _quiet)
     passed = all(one.passed for one in done)
@@ -49,6 +45,21 @@ def check(
         rows = [{"check": c.name, "passed": c.passed, "detail": c.detail} for c in done]
         print(json.dumps({"stack": stack, "passed": passed, "checks": rows}, indent=1))
     raise typer.Exit(0 if passed else 1)
+
+
+def parsed_parameters(text: str) -> dict[str, Any]:
+    """Stack parameters as given on the command line.
+
+    Raises:
+        UsageError: no JSON object; one line.
+    """
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise UsageError(f"--parameters: not JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise UsageError("--parameters: expected a JSON object, e.g. '{\"gap_m\": 8}'")
+    return values
 
 
 def _print(one: Check) -> None:

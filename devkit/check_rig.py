@@ -1,42 +1,28 @@
-"""A rig without a simulator: a real stack process, and our end of its lockstep."""
+"""A rig for ``devkit check``: made-up drives, and faults on the way."""
 
 from __future__ import annotations
 
 import contextlib
-import json
-import secrets
 import subprocess
-import sys
-import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import msgpack
-import msgspec
 import numpy as np
 
 from devkit.check_frames import Drive, episode_of, sense
+from devkit.stack_rig import StackRig
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Case
 from schemas.messages import Command, Commands, Episode, Frame, Tick
 from schemas.wire import WireError, decode
 from twin.fabric.bus import Bus, Sample
-from twin.fabric.drive import Outgoing, SimulatorEnd
-from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
-from twin.fabric.zenoh_bus import open_bus
-
-RESEND_S = 0.5
-"""A seq without an answer is published again after this long [s]."""
+from twin.fabric.drive import Outgoing
 
 ANSWERS_MAX = 100
 """Answers that are kept, to be compared with repeated ones."""
-
-END_S = 5.0
-"""Longest wait for the end of everything that a stack started [s]."""
 
 
 def _warm(_tick: int) -> bool:
@@ -75,20 +61,16 @@ class Faulty:
         return getattr(self._bus, name)
 
 
-class CheckRig:
-    """One stack process with S slots; exchanges ticks with it."""
+class CheckRig(StackRig):
+    """One stack process with S slots; drives made-up cases with it."""
 
     def __init__(
         self, case: Case, slots: int, bus: Bus, rig: str, child: subprocess.Popen[bytes], log: Any
     ) -> None:
-        self._case, self._slots, self._rig = case, slots, rig
-        self._child, self._log = child, log
         self.bus = Faulty(bus)
-        self._end = SimulatorEnd(self.bus, rig, slots, None, resend_s=RESEND_S)  # type: ignore[arg-type]
+        super().__init__(case, slots, self.bus, rig, child, log)  # type: ignore[arg-type]
         self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._keep)
-        self._seq = 0
-        self._token = 1 << 32  # as in a campaign, and too large for 32 bits
         self.tokens: list[int] = []
         """Of the last drives, by slot."""
         self._last: tuple[Tick, list[Outgoing]] | None = None
@@ -97,10 +79,6 @@ class CheckRig:
 
     def _keep(self, sample: Sample) -> None:
         self._answers.append(sample.payload)
-
-    def handshake(self, timeout_s: float) -> None:
-        """Wait until the stack is ready."""
-        self._end.handshake(self._patience(timeout_s, "does not say that it is ready"))
 
     def drive(
         self,
@@ -127,9 +105,10 @@ class CheckRig:
     def repeat(self, timeout_s: float) -> tuple[bytes, bytes]:
         """Publish the last seq once more; the answer before, and the one to the repeat."""
         assert self._last is not None
-        wait = self._patience(timeout_s, "does not answer a repeated seq")
+        what = "does not answer a repeated seq"
+        wait = self._patience(timeout_s, what)
         tick, sensors = self._last
-        self._end.exchange(tick.seq, tick, sensors, [], wait)
+        self.exchange(tick, sensors, [], timeout_s, what)
         while len(found := self._answers_to(tick.seq)) < 2:
             wait()
             time.sleep(0.001)  # they are on their way to us twice, on two subscriptions
@@ -158,8 +137,8 @@ class CheckRig:
         ]
         message, sensors = self._messages(drives, tokens, tick, episodes)
         started_s = time.monotonic()
-        wait = self._patience(timeout_s, f"does not answer tick {tick}")
-        answer = self._end.exchange(self._seq, message, sensors, episodes, wait)
+        what = f"does not answer tick {tick}"
+        answer = self.exchange(message, sensors, episodes, timeout_s, what)
         if not faulty:
             self.wall_s.append(time.monotonic() - started_s)
         self._last = message, sensors
@@ -194,43 +173,3 @@ class CheckRig:
             outgoing.append(Outgoing(name, frame, array.tobytes()))
         names = [sensor.name for sensor in outgoing]
         return Tick(**each, sensors=names, episodes=len(episodes)), outgoing
-
-    def _patience(self, timeout_s: float, what: str) -> Callable[[], None]:
-        until_s = time.monotonic() + timeout_s
-
-        def wait() -> None:
-            code = self._child.poll()
-            if code is not None:
-                raise InfrastructureError(f"stack {how_it_ended(code)}{self._words()}")
-            if time.monotonic() > until_s:
-                raise InfrastructureError(f"stack {what} within {timeout_s:g} s{self._words()}")
-
-        return wait
-
-    def _words(self) -> str:
-        said = last_lines(self._log)
-        return f": {said}" if said else ""
-
-
-@contextlib.contextmanager
-def running(case: Case, slots: int, timeout_s: float) -> Iterator[CheckRig]:
-    """A stack process that is ready, and its end afterwards."""
-    rig = secrets.token_hex(4)
-    namespace = f"check/{rig}"
-    bus = open_bus("peer", listen=[LOOPBACK], namespace=namespace)
-    with tempfile.TemporaryFile() as log:
-        arguments = [
-            *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", namespace),
-            *("--slots", str(slots), "--stack", case.stack),
-            *("--parameters", json.dumps(case.parameters)),
-        ]
-        if case.foreign is not None:
-            arguments += ["--foreign", msgspec.json.encode(case.foreign).decode()]
-        child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
-        try:
-            found = CheckRig(case, slots, bus, rig, child, log)
-            found.handshake(timeout_s)
-            yield found
-        finally:
-            end(child, END_S)
-            bus.close()

@@ -5,15 +5,15 @@ from __future__ import annotations
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
-import json
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
 
-from devkit.check_command import check
+from devkit.check_command import check, parsed_parameters
 from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
+from devkit.replay_command import replay
 from devkit.training_commands import evaluate, train
 from schemas.foreign import Foreign
 from twin.fabric.cli import KeyOption, make_app, run
@@ -29,6 +29,7 @@ app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("parity")(parity)
 app.command("check")(check)
+app.command("replay")(replay)
 
 
 @app.command()
@@ -57,12 +58,7 @@ def host(
         raise typer.Exit(run_join(join, found))
     if not (connect and rig and (stack or foreign)):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
-    try:
-        values = json.loads(parameters)
-    except ValueError as error:
-        raise UsageError(f"--parameters: not JSON: {error}") from None
-    if not isinstance(values, dict):
-        raise UsageError("--parameters: expected a JSON object, e.g. '{\"cruise_speed_mps\": 8}'")
+    values = parsed_parameters(parameters)
     try:
         command = msgspec.json.decode(foreign, type=Foreign) if foreign else None
     except msgspec.MsgspecError as error:

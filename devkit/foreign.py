@@ -12,6 +12,7 @@ import ctypes
 import json
 import os
 import resource
+import secrets
 import signal
 import subprocess
 import sys
@@ -33,6 +34,9 @@ LOOK_S = 0.2
 
 ROUNDS_MAX = 100
 """How often descendants are looked for while they are ended; new ones may appear meanwhile."""
+
+MARK_VARIABLE = "TWIN_SCRIPT"
+"""In the environment of a script and all that it starts: tells them from what else we started."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
@@ -73,7 +77,8 @@ class Script:
         """
         self._folder = folder
         self._command = list(command)
-        self._variables = dict(variables)
+        self._mark = secrets.token_hex(8)
+        self._variables = {**variables, MARK_VARIABLE: self._mark}
         self._child: subprocess.Popen[bytes] | None = None
         self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
 
@@ -143,7 +148,7 @@ class Script:
                 self.check()
 
     def end(self) -> None:
-        """End it and what it started; what left its session ends with this process."""
+        """End it and what it started, also in sessions of its own."""
         if self._child is None:
             return
         _end(self._family)
@@ -151,7 +156,8 @@ class Script:
 
     def _family(self) -> list[psutil.Process]:
         own = self._child.pid
-        return [p for p in _descendants() if p.pid == own or _session(p) == own]
+        found = _descendants()
+        return [p for p in found if p.pid == own or _session(p) == own or _mark(p) == self._mark]
 
     def restart(self) -> None:
         """End it and start it again, as if for the first time."""
@@ -249,6 +255,12 @@ def _session(process: psutil.Process) -> int:
     with contextlib.suppress(ProcessLookupError):
         return os.getsid(process.pid)
     return 0
+
+
+def _mark(process: psutil.Process) -> str:
+    with contextlib.suppress(psutil.Error):
+        return str(process.environ().get(MARK_VARIABLE, ""))
+    return ""
 
 
 def _reap(pid: int) -> None:

@@ -33,7 +33,9 @@ def checked(campaign: str) -> CampaignFacts:
         UsageError: it is none; one line per mistake.
         InfrastructureError: the check itself did not work.
     """
-    done = call(sys.executable, "-m", "conductor", "validate", "--output", "json", "--", campaign)
+    # With the repository of its stack: compute nodes may have no network.
+    words = ("conductor", "validate", "--fetch", "--output", "json", "--", campaign)
+    done = call(sys.executable, "-m", *words)
     if done.code == EXIT_USAGE and done.out:
         raise UsageError("\n".join(json.loads(done.out)["mistakes"]))
     if done.code != EXIT_PASS:

@@ -194,6 +194,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """What its simulator shows."""
     keep: Keep = "all"
     """Of its recording."""
+    drive: Keep = "none"
+    """Of the record of its drive plane."""
     render: bool = True
     """Its cameras see."""
     clock: Clock = "lockstep"
@@ -330,6 +332,10 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     return mistakes
 
 
+UNREPEATABLE = "a stack cannot be shown a drive again that went with the wall clock; take lockstep"
+"""Why there are no records of real time."""
+
+
 def _clock_mistakes(campaign: Campaign) -> list[Mistake]:
     """In real time nothing waits for the stack, and a clock is that of one case."""
     if campaign.clock == "lockstep":
@@ -343,6 +349,8 @@ def _clock_mistakes(campaign: Campaign) -> list[Mistake]:
     if campaign.autonomy.slots > 1:
         alone = f"given {campaign.autonomy.slots}, a rig of clock realtime has 1"
         mistakes.append(Mistake("autonomy.slots", alone))
+    if campaign.recording.drive != "none":
+        mistakes.append(Mistake("recording.drive", UNREPEATABLE))
     return mistakes
 
 
@@ -476,6 +484,7 @@ def _case(
             },
             view=campaign.view,
             keep=campaign.recording.keep,
+            drive=campaign.recording.drive,
             render=campaign.render,
             clock=campaign.clock,
         ),

@@ -22,7 +22,8 @@ def digest(parts: Iterable[bytes]) -> str:
 
 def case_digest(case: Case) -> str:
     """Digest of everything that decides a case's result (batch label and viewers do not)."""
-    return digest([_canonical(msgspec.structs.replace(case, batch=0, view="live", keep="all"))])
+    same = msgspec.structs.replace(case, batch=0, view="live", keep="all", drive="none")
+    return digest([_canonical(same)])
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:

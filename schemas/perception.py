@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, structs
 
 MODEL_SUFFIXES = (".onnx", ".cfg")
 """Endings of a model's name that make it the path of a file."""
@@ -78,3 +80,15 @@ def file_fields(variant: Perception) -> dict[str, str]:
     found = {"model": variant.model} if is_model_path(variant.model) else {}
     found.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
     return found
+
+
+def with_absolute_files(variants: Mapping[str, Perception], folder: Path) -> dict[str, Perception]:
+    """The variants of a campaign file in ``folder``; their files' paths, relative to it, begin at
+    the root: workers may run in another folder."""
+    return {
+        name: structs.replace(
+            variant,
+            **{key: str((folder / path).absolute()) for key, path in file_fields(variant).items()},
+        )
+        for name, variant in variants.items()
+    }

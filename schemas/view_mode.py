@@ -14,11 +14,14 @@ Keep = Literal["all", "failed", "none"]
 
 
 class Recording(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is kept of the recordings, where ``view`` says that there are some."""
+    """What is recorded of attempts, and kept."""
 
     keep: Keep = "all"
-    """``failed``: the recording of an attempt is removed at its end if its verdict is ``pass``.
-    ``none``: nothing is recorded."""
+    """Where `view` says that there are recordings. ``failed``: the recording of an attempt is
+    removed at its end if its verdict is ``pass``. ``none``: nothing is recorded."""
+    drive: Keep = "none"
+    """What the stack saw and answered, without loss, whatever `view` says: `devkit replay` gives it
+    to a stack again. ``failed``: removed at the end if the verdict is ``pass``."""
 
 
 class ViewMode(StrEnum):

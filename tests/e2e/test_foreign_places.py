@@ -69,6 +69,20 @@ def test_a_stack_in_a_repository(marked, bare, tmp_path, monkeypatch):
     assert entry.stat().st_mtime_ns == made_ns
 
 
+def test_a_check_runs_nothing_of_a_repository(marked, bare, tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    repository = {"url": str(bare), "ref": "main", "setup": f"touch {tmp_path}/was-run"}
+    path = campaign(tmp_path, "checked", {"command": ["x"], "repository": repository})
+    done = marked.run("conductor", "validate", str(path))
+    assert done.returncode == 0, done.stderr
+    assert f"then `touch {tmp_path}/was-run` is run there; --fetch does so now" in done.stdout
+    assert not (tmp_path / "cache").exists()
+    done = marked.run("conductor", "validate", "--fetch", str(path))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "was-run").exists()
+    assert "is run there" not in done.stdout
+
+
 def test_a_repository_that_cannot_be_used_is_told_at_once(marked, bare, tmp_path, monkeypatch):
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
     setup = "echo step one; echo step two; echo no compiler here >&2; exit 3"

@@ -1,4 +1,4 @@
-"""A queue between two threads whose writer never waits and whose size has a limit."""
+"""A queue between two threads whose size has a limit; its writer waits only if it asks to."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class Channel(Generic[T]):
-    """First in, first out, with a limit on the sum of sizes; what does not fit is refused.
+    """First in, first out, with a limit on the sum of sizes; what does not fit is refused or waits.
 
     A single item may be larger than the limit: it fits when the queue is empty.
     """
@@ -20,7 +20,7 @@ class Channel(Generic[T]):
         self.refused = 0
         """Items that did not fit."""
         self._size_max = size_max
-        self._size = 0
+        self._size = self._writers = 0
         self._items: deque[tuple[T, int]] = deque()
         self._condition = threading.Condition()
 
@@ -32,8 +32,18 @@ class Channel(Generic[T]):
                 return False
             self._items.append((item, size))
             self._size += size
-            self._condition.notify()
+            self._condition.notify_all()
             return True
+
+    def put(self, item: T, size: int = 1) -> None:
+        """Append ``item`` as soon as it fits."""
+        with self._condition:
+            self._writers += 1
+            self._condition.wait_for(lambda: not self._items or self._size + size <= self._size_max)
+            self._writers -= 1
+            self._items.append((item, size))
+            self._size += size
+            self._condition.notify_all()
 
     def take(self, timeout_s: float | None = None) -> T | None:
         """The oldest item; None after ``timeout_s`` (None: wait for ever)."""
@@ -42,6 +52,8 @@ class Channel(Generic[T]):
                 return None
             item, size = self._items.popleft()
             self._size -= size
+            if self._writers:
+                self._condition.notify_all()
             return item
 
     def __len__(self) -> int:

@@ -24,6 +24,7 @@ from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, dec
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
+from twin.fabric.link import LinkWatch
 
 if TYPE_CHECKING:
     from twin.fabric.cuda import DeviceFrame, DeviceMemory, SharedProbe
@@ -39,6 +40,13 @@ WAITING_MAX = 1000
 
 WAITING_BYTES_MAX = 64 << 20
 """Most bytes of the stack that wait for the simulator."""
+
+UNDER_WAY_BYTES_MAX = 32 << 20
+"""Most bytes of the stack that came and are no message yet [bytes]."""
+
+STACK_BYTES_MAX = 64 << 20
+"""Largest message of a stack that the simulator's session puts together; the rest of a larger one
+is dropped as it comes, so this bounds what it costs in memory [bytes]."""
 
 READY_WAITING_MAX = 10
 """A stack's ``ready`` is left out while so many messages wait: it says so again and again."""
@@ -116,16 +124,25 @@ class SimulatorEnd:
         self._fault = ""
         # Each counted by one thread: what arrived, and what was looked at [bytes].
         self._arrived, self._read = 0, 0
+        self._link, self._link_seen_s = LinkWatch(bus.endpoints), time.monotonic()
+        self._came = 0
+        """Bytes of all messages, also those that were left out."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._take_ready)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
 
     def _take_ready(self, sample: Sample) -> None:
         """Keep a ``ready``, unless many wait as they do while the first frame is drawn."""
+        self._came += len(sample.payload)
         if self._inbox.qsize() < READY_WAITING_MAX or len(sample.payload) > MESSAGE_BYTES_MAX:
-            self._take(sample)
+            self._keep(sample)
 
     def _take(self, sample: Sample) -> None:
+        """Keep a command."""
+        self._came += len(sample.payload)
+        self._keep(sample)
+
+    def _keep(self, sample: Sample) -> None:
         """Keep a message of the stack; one that is hostile must not fill our memory."""
         if len(sample.payload) > MESSAGE_BYTES_MAX:
             size = len(sample.payload)
@@ -160,6 +177,7 @@ class SimulatorEnd:
             self._bus.publish(key, encode(offer))
             sample = self._receive(READY_PERIOD_S)
             on_wait()
+            self._look_at_link(time.monotonic())
             if self._fault:
                 raise InfrastructureError(self._fault)
             if sample is None or not sample.key.endswith("/control/stack"):
@@ -188,9 +206,10 @@ class SimulatorEnd:
         sent = looked = time.monotonic()
         while True:
             sample = self._receive(min(LOOK_S, self._resend_s))
+            now = time.monotonic()
+            self._look_at_link(now)
             if self._fault:
                 raise InfrastructureError(self._fault)
-            now = time.monotonic()
             # Also beside a stack that says a lot and never what it was asked for.
             if sample is None or now - looked >= LOOK_S:
                 on_wait()
@@ -210,6 +229,7 @@ class SimulatorEnd:
         until_s = time.monotonic() + timeout_s
         for _ in range(WAITING_MAX):  # a stack that says a lot holds nobody up
             sample = self._receive(max(0.0, until_s - time.monotonic()))
+            self._look_at_link(time.monotonic())
             if self._fault:
                 raise InfrastructureError(self._fault)
             if sample is None:
@@ -218,6 +238,18 @@ class SimulatorEnd:
             if commands is not None and commands.seq == seq:
                 return commands
         return None
+
+    def _look_at_link(self, now_s: float) -> None:
+        """A message that is too large never arrives; the link tells of it while it comes."""
+        if now_s - self._link_seen_s < LOOK_S:
+            return
+        self._link_seen_s = now_s
+        under_way = self._link.excess(self._came)
+        if under_way > UNDER_WAY_BYTES_MAX and not self._fault:
+            self._fault = (
+                f"stack: a message of more than {UNDER_WAY_BYTES_MAX} bytes, "
+                f"at most {MESSAGE_BYTES_MAX} are accepted"
+            )
 
     def publish(self, tick: Tick, sensors: list[Outgoing], episodes: list[Episode]) -> None:
         """Publish one seq, and wait for nothing."""

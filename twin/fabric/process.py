@@ -116,6 +116,31 @@ def how_it_ended(code: int) -> str:
         return f"killed by signal {-code}"
 
 
+LOG_BYTES_MAX = 64 << 20
+"""What a log may take of the disk [bytes]."""
+
+LOG_PART_BYTES = 4 << 20
+"""What is kept of its beginning and of its end when it grew larger [bytes]."""
+
+_KEEP_SIZE_AND_PUNCH = 0x01 | 0x02
+
+
+def bound_log(log: IO[bytes]) -> None:
+    """Give back the middle of a log that has grown too large; whoever writes it notices nothing.
+
+    Its size stays: the middle reads as zeros and takes no space.
+    """
+    descriptor = log.fileno()
+    found = os.fstat(descriptor)
+    if found.st_blocks * 512 <= LOG_BYTES_MAX:
+        return
+    until = found.st_size - LOG_PART_BYTES
+    library = ctypes.CDLL(None, use_errno=True)
+    start, length = ctypes.c_int64(LOG_PART_BYTES), ctypes.c_int64(until - LOG_PART_BYTES)
+    if library.fallocate(descriptor, _KEEP_SIZE_AND_PUNCH, start, length) != 0:
+        os.ftruncate(descriptor, 0)  # a file system without holes gives up all of it
+
+
 def last_lines(log: IO[bytes], count: int = 3) -> str:
     """The last lines of a child's log, on one line; its write position stays where it is."""
     size = os.fstat(log.fileno()).st_size

@@ -45,6 +45,7 @@ def open_bus(
     shared_memory: bool = False,
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
+    message_bytes_max: int = 1 << 30,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
@@ -61,6 +62,9 @@ def open_bus(
         connect_timeout_s: how long to try to connect before giving up [s].
         connect_required: False: open at once and keep trying in the background (peers only).
 
+        message_bytes_max: of a larger message no more is kept in memory; it does not arrive, and
+            nobody is told [bytes].
+
     Raises:
         UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
             another key at ``connect``.
@@ -74,6 +78,7 @@ def open_bus(
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
     config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
         config.insert_json5("access_control", json.dumps(_members_only(key, config)))

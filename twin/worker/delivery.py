@@ -75,7 +75,9 @@ class Delivery:
         """The lease as the simulator gets it: its campaign folder is one that we can write."""
         if lease.token not in self._files:
             return lease
-        return msgspec.structs.replace(lease, out=str(self._root(lease)))
+        # A record of the drive would not be delivered: it is not made.
+        case = msgspec.structs.replace(lease.case, drive="none")
+        return msgspec.structs.replace(lease, case=case, out=str(self._root(lease)))
 
     def holds(self, token: int) -> bool:
         """Whether the files of this token are in our scratch, and end with us."""

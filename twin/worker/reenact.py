@@ -47,7 +47,7 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
     ):
         if was != now:
             print(f"twin: {name} is {now}, the attempt had {was}", file=sys.stderr)
-    case = structs.replace(head.case, placement="worker")
+    case = structs.replace(head.case, placement="worker", drive="none")
     folder = Path(out or tempfile.mkdtemp(prefix="twin-reenact-")).absolute()
     try:
         lease = Lease(token=1, attempt=head.attempt, out=str(folder), case=case)

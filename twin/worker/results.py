@@ -14,6 +14,7 @@ from schemas.messages import Lease, PerceptionCost, Result
 
 if TYPE_CHECKING:
     from twin.engine import Finished
+    from twin.worker.drive_recorder import AttemptRecord
     from twin.worker.realtime import Paced
     from twin.worker.steering_journal import SteeringJournal
 
@@ -37,6 +38,8 @@ class Ended:
     """Of these."""
     paced: Paced | None = None
     """How it went by the wall clock; None: in lockstep."""
+    record: AttemptRecord | None = None
+    """Of what the stack saw."""
 
 
 class ResultWriter:
@@ -98,6 +101,8 @@ def _written(ended: Ended) -> Result:
     result = write_attempt(ended.lease, ended.finished, ended.wall_s)
     if ended.journal is not None:
         ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
+    if ended.record is not None:
+        ended.record.finish(result)
     result = structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)
     if ended.paced is None:
         return result

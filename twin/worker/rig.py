@@ -7,12 +7,13 @@ import json
 import os
 import queue
 import secrets
+import select
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -50,6 +51,15 @@ FILE_GRACE_S = 1.0
 
 FOREIGN_GRACE_S = 5.0
 """Longest wait for the end of everything that a foreign stack started [s]."""
+
+FETCH = "-m hpc fetch repository "
+"""In the command line of what fetches and builds the files of a stack."""
+
+FETCH_PERIOD_NS = 1_000_000_000
+"""How often it is looked for [ns]."""
+
+LOG_PERIOD_S = 0.2
+"""How often the size of a stack's log is looked at [s]."""
 
 DRAIN_GRACE_S = 12.0
 """Longest wait for the results of cases that were over when the stack ended; a simulator that can
@@ -96,6 +106,7 @@ class RigProcess:
         self._stack: subprocess.Popen[bytes] | None = None
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: Path | None = None
+        self._fetches, self._fetch_seen_ns = False, 0
         # Unnamed files: gone with their last user, however this process ends. What matters of
         # them, the last lines of a process that died, goes to the conductor.
         self._log = tempfile.TemporaryFile()  # noqa: SIM115
@@ -152,6 +163,16 @@ class RigProcess:
             if child is not None
         }
 
+    def is_fetching(self, now_ns: int) -> bool:
+        """Whether the files of the stack are being fetched and built; looked at once per second."""
+        foreign = self._lease.case.foreign
+        if foreign is None or foreign.repository is None or self._stack is None:
+            return False
+        if now_ns >= self._fetch_seen_ns + FETCH_PERIOD_NS:
+            self._fetch_seen_ns = now_ns
+            self._fetches = runs_fetch(self._stack.pid)
+        return self._fetches
+
     def stop(self) -> None:
         """End all processes and remove what they left."""
         with self._lock:
@@ -192,6 +213,7 @@ class RigProcess:
                 data = b""
             if not data:
                 break
+            self._bound(self._log)  # a few times per second: it reports its progress
             for message in unpacker.feed(data):
                 if isinstance(message, Drained):
                     self._drained.set()
@@ -268,7 +290,7 @@ class RigProcess:
 
     def _watch_stack(self) -> None:
         assert self._stack is not None
-        self._stack.wait()
+        _wait_beside(self._stack, lambda: self._bound(self._stack_log))
         with self._lock:
             stopped = self._stopped
         if not stopped:
@@ -276,6 +298,12 @@ class RigProcess:
             self._write(pack(Drain()))
             self._drained.wait(DRAIN_GRACE_S)
         self._tell_end(self._stack, "stack", self._stack_log)
+
+    def _bound(self, log: IO[bytes]) -> None:
+        """Keep a log from filling the disk."""
+        with self._lock:
+            if not self._stopped:  # then it is closed
+                bound_log(log)
 
     def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:
         code = child.wait()
@@ -290,6 +318,28 @@ class RigProcess:
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
         self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
+
+
+def runs_fetch(pid: int) -> bool:
+    """Whether the host of a stack waits for ``hpc fetch``."""
+    with contextlib.suppress(psutil.Error):
+        for child in psutil.Process(pid).children():
+            if FETCH in " ".join(child.cmdline()):
+                return True
+    return False
+
+
+def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> None:
+    """Wait for the end of a child, and ``look`` around meanwhile."""
+    try:
+        descriptor = os.pidfd_open(child.pid)
+    except ProcessLookupError:  # it has ended, and somebody else waited for it
+        return
+    try:
+        while not select.select([descriptor], [], [], LOG_PERIOD_S)[0]:
+            look()
+    finally:
+        os.close(descriptor)
 
 
 def _threads() -> dict[str, str]:

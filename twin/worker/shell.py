@@ -235,6 +235,14 @@ class Worker:
         if self._rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
             self._memory_at_ns = now + MEMORY_PERIOD_NS
             self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
+        rig = self._core.rig
+        if (
+            self._rig is not None
+            and rig is not None
+            and not rig.ready
+            and self._rig.is_fetching(now)
+        ):
+            self._carry_out(self._core.on_fetching(now))
         self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
         self._resources.work = work_of(map(self._delivery.localized, leases))

@@ -33,13 +33,14 @@ from schemas.messages import (
     Tick,
 )
 from twin.fabric.bus import Bus
-from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.drive import STACK_BYTES_MAX, Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.frames import FrameBuffer, lay_out
 from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
+from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
 from twin.worker.pipe import (
     Abandon,
@@ -144,6 +145,7 @@ class Simulator:
         self._steering = Steering(rig, self._slots, device, self._touched)
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
         feed.steered_by(self._steering.ask)
+        self._recorder = DriveRecorder(slots, device)
         self._waiting: list[Assign] = []
         self._seq = 0
         self._reported_s = 0.0
@@ -162,6 +164,7 @@ class Simulator:
         try:
             self._loop()
         finally:
+            self._recorder.drain(RESULT_GRACE_S)
             self._results.drain(RESULT_GRACE_S)
             # What could not be written is no case that is over.
             self._upward.send(Progress([], [], ended=self._results.tokens))
@@ -248,6 +251,7 @@ class Simulator:
                 self._engine.clear(index)
                 self._steering.end(index)
                 self._feed.abandon(index)
+                self._recorder.abandon(index)
                 self._slots[index] = None
 
     def _refill(self) -> None:
@@ -264,6 +268,7 @@ class Simulator:
                 self._slots[index] = _Slot(lease, time.monotonic())
                 self._steering.begin(index, lease, order.replay)
                 self._feed.begin(index, lease, self._engine)
+                self._recorder.begin(index, lease)
 
     def _tick(self) -> None:
         started_s = time.monotonic()
@@ -286,6 +291,8 @@ class Simulator:
             episodes=len(episodes),
         )
         watch.lap("messages")
+        self._recorder.seen(tick, sensed, episodes)
+        watch.lap("view")
         if self._inline:
             self._engine.wait()
             answer = self._inline.exchange(tick, sensed, episodes)
@@ -297,7 +304,9 @@ class Simulator:
         for slot in self._slots:
             if slot is not None:
                 slot.fresh = False
-        commands = self._steering.commanded(self._checked(answer.commands))
+        given = self._checked(answer.commands)
+        self._recorder.answered(given)
+        commands = self._steering.commanded(given)
         watch.lap("messages")
         self._feed.tick(self._engine, sensed, commands)
         watch.lap("view")
@@ -325,6 +334,7 @@ class Simulator:
                     changes,
                     journal,
                     paced,
+                    self._recorder.end(finished.slot),
                 )
             )
         watch.lap("results")
@@ -451,6 +461,7 @@ class Simulator:
 
     def _drain(self) -> None:
         """The stack is gone and the worker wants what is there; on the thread of the orders."""
+        self._recorder.drain(RESULT_GRACE_S)
         self._results.drain(RESULT_GRACE_S)
         self._upward.send(Drained())
 
@@ -515,7 +526,13 @@ def run_simulator(
     os.dup2(2, 1)
     bus = None
     try:
-        bus = open_bus("peer", listen=[listen], namespace=namespace, key=key)
+        bus = open_bus(
+            "peer",
+            listen=[listen],
+            namespace=namespace,
+            key=key,
+            message_bytes_max=STACK_BYTES_MAX,
+        )
         feed = open_feed(rig, slots, view)
         out.send(Listening(bus.endpoints[0], feed.endpoint))
         Simulator(bus, rig, slots, device, out, feed).run()

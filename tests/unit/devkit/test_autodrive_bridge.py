@@ -1,8 +1,10 @@
 """The AutoDRIVE bridge with real scripts: every way in which one may fail has its reason."""
 
+import os
 import re
 import signal
 import socket
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -149,6 +151,52 @@ def test_a_script_does_not_ignore_the_signals_that_we_ignore(tmp_path):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert not int(said.read_text().split()[1], 16) & 1 << (signal.SIGTERM - 1)
+
+
+@needs_scripts
+def test_a_script_that_answers_at_once_is_counted_as_well(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    script = Script([sys.executable, str(SCRIPT), "drive", str(port)], {})
+    bridge = AutodriveBridge(1, port=port)
+    try:
+        bridge.attach(script)
+        bridge.reset(0, EPISODE)
+        monkeypatch.setattr("devkit.foreign.PROCESSES_MAX", 0)
+
+        def drive_on():
+            for tick in range(10_000):
+                bridge.step(observation(tick, pictures=tick == 0))
+
+        with pytest.raises(InfrastructureError, match="runs more than 0 processes"):
+            drive_on()
+    finally:
+        script.end()
+        bridge.close()
+
+
+def test_a_script_ends_with_what_left_its_session(tmp_path):
+    """Or it would hold the port when the script is started for the next case."""
+    told, holder = tmp_path / "told", tmp_path / "holder.py"
+    os.mkfifo(told)
+    holder.write_text(
+        "import socket\nserver = socket.create_server(('127.0.0.1', 0))\n"
+        "print(server.getsockname()[1], flush=True)\nserver.accept()\n"
+    )
+    other = subprocess.Popen(["sleep", "600"])
+    try:
+        words = f"setsid {sys.executable} {holder} > {told} & exec sleep 600"
+        script = Script(["sh", "-c", words], {})
+        script.start()
+        with told.open() as lines:
+            port = int(lines.readline())
+        script.end()
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port))
+        assert other.poll() is None
+    finally:
+        other.kill()
+        other.wait()
 
 
 def test_a_command_that_does_not_exist_is_named():

@@ -1,14 +1,29 @@
 """What ``devkit check`` takes its argument for."""
 
+import json
+from pathlib import Path
+
 import pytest
 
-from devkit.check import case_of
+from devkit.check import campaign_of
 from twin.fabric.errors import UsageError
 
 
 def test_a_command_line_may_end_with_a_file_of_its_own():
-    case = case_of("/opt/run --config mine.yaml", {"gap_m": 8})
-    assert case.foreign.command == ["/opt/run", "--config", "mine.yaml"]
-    assert case_of("a.b:C", {}).stack == "a.b:C"
+    found = campaign_of("/opt/run --config mine.yaml", {"gap_m": 8})
+    assert found.autonomy.command == ["/opt/run", "--config", "mine.yaml"]
+    assert campaign_of("a.b:C", {}).autonomy.stack == "a.b:C"
     with pytest.raises(UsageError, match=r"mine\.yaml"):
-        case_of("mine.yaml", {})
+        campaign_of("mine.yaml", {})
+
+
+def test_models_lie_beside_the_campaign_file(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    variants = {"mine": {"type": "network", "model": "nets/mine.onnx"}}
+    data = {"campaign": "c", "autonomy": {"perception": variants}, "matrix": {"repeat": [0]}}
+    (tmp_path / "c.yaml").write_text(json.dumps(data))  # JSON is YAML
+    found = campaign_of("../c.yaml", {})
+    model = Path(found.autonomy.perception["mine"].model)
+    assert model.resolve() == tmp_path / "nets/mine.onnx"
+    assert model.is_absolute()

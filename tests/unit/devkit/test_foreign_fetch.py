@@ -12,6 +12,7 @@ from schemas.foreign import Repository
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.fetch import fetch
 from twin.fabric.process import end, spawn
+from twin.worker.rig import runs_fetch
 
 
 def ended(pid):
@@ -37,7 +38,9 @@ def test_a_fetch_ends_with_its_worker(tmp_path):
         environment={"TWIN_CACHE": str(tmp_path / "cache")},
     )
     pid = int(told.read_text())  # the set-up runs
+    assert runs_fetch(host.pid)
     end(host, 30.0)
+    assert not runs_fetch(host.pid)
     while not ended(pid):
         pass  # the signal is on its way
 

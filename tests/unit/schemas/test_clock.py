@@ -26,6 +26,7 @@ def test_a_rig_has_one_slot_and_shares_nothing_with_the_lockstep():
     ("sections", "words"),
     [
         ({"simulator": "noop"}, "clock: realtime needs simulator warp"),
+        ({"recording": {"drive": "all"}}, "recording.drive: a stack cannot be shown a drive again"),
         ({"autonomy": {"placement": "inline"}}, "autonomy.placement: inline waits for the stack"),
         ({"autonomy": {"command": ["run"], "slots": 2}}, "autonomy.slots: given 2, a rig of clock"),
         ({"matrix": {"clock": ["lockstep"]}}, "matrix.clock: unknown axis"),

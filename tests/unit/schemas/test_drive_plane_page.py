@@ -1,15 +1,19 @@
 """The bytes in docs/drive-plane.md are those of real messages."""
 
 import os
+import queue
+import socket
 from pathlib import Path
 
 import msgpack
 import numpy as np
+import zenoh
 
 from schemas import DRIVE_MINOR, SCHEMA_VERSION
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
 from schemas.perception import GroundTruthPerception
 from schemas.wire import decode, encode
+from twin.fabric.zenoh_bus import open_bus
 
 PAGE = Path(__file__).parents[3] / "docs/drive-plane.md"
 HEADING = "## Bytes\n"
@@ -31,10 +35,10 @@ def ready(role, **fields):
     return Ready(v=SCHEMA_VERSION, role=role, **given)
 
 
-def frame(values):
+def frame(values, name="vehicle", encoding="VEHICLE_COLUMNS [S,7] float64", count=()):
     return Frame(
         v=SCHEMA_VERSION,
-        type="vehicle",
+        type=name,
         seq=7,
         active=[True],
         case=["clear"],
@@ -43,7 +47,8 @@ def frame(values):
         sim_time_ns=[350_000_000],
         dtype=values.dtype.str,
         shape=list(values.shape),
-        encoding="VEHICLE_COLUMNS [S,7] float64",
+        encoding=encoding,
+        count=list(count),
     )
 
 
@@ -68,6 +73,10 @@ def episode():
 def examples():
     """Heading, key, bytes and the Struct of every example."""
     vehicle = np.array([[6.5, 0.1, 0.0, 0.0, 0.3, 0.0, 0.0]], "<f8")
+    boxes = np.zeros((1, 32, 7), "<f4")
+    box = np.array([[0, 30, 14, 5, 4, 17, 21.5]], "<f4")  # BOX_COLUMNS
+    seen = "BOX_COLUMNS [S,B,7] float32"
+    picture = np.zeros((1, 36, 64, 3), "|u1")
     tick = Tick(
         v=SCHEMA_VERSION,
         seq=7,
@@ -87,6 +96,15 @@ def examples():
         ("A case begins", "episode", encode(episode()), Episode),
         ("Attachment of a sensor", "sensor/vehicle", encode(frame(vehicle)), Frame),
         ("Its payload, seven float64", "sensor/vehicle", vehicle.tobytes(), None),
+        (
+            "Attachment of a picture; its payload is 36 rows of 64 pixels, red, green, blue",
+            *("sensor/camera", encode(frame(picture, "camera", "rgb8 [S,H,W,3] uint8")), Frame),
+        ),
+        (
+            "Attachment of the boxes, of which one of 32 rows is valid",
+            *("sensor/boxes", encode(frame(boxes, "boxes", seen, [1])), Frame),
+        ),
+        ("The first row of their payload, seven float32", "sensor/boxes", box.tobytes(), None),
         ("The tick", "tick", encode(tick), Tick),
         ("The answer, in as few words as are allowed", "command", pack(answer), Commands),
     ]
@@ -112,6 +130,27 @@ def test_the_page_shows_the_bytes_of_real_messages():
         PAGE.write_text(wanted)
     assert PAGE.read_text() == wanted, "run this test with UPDATE_GOLDEN=1"
     assert f"Version {SCHEMA_VERSION}.{DRIVE_MINOR}." in head
+
+
+def test_the_configuration_opens_a_session():
+    text = PAGE.read_text().partition("```json5\n")[2].partition("```")[0]
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    namespace = "twin/7f3a0c"
+    simulator = open_bus("peer", listen=[f"tcp/127.0.0.1:{port}"], namespace=namespace)
+    arrived = queue.SimpleQueue()
+    simulator.subscribe("drive/7f3a0c/command", arrived.put)
+    assert "tcp/127.0.0.1:43127" in text
+    config = zenoh.Config.from_json5(text.replace("43127", str(port)))
+    with zenoh.open(config) as session:
+        publisher = session.declare_publisher(
+            "drive/7f3a0c/command", congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        while not publisher.matching_status.matching:
+            pass  # it has just connected
+        publisher.put(b"hello")
+        assert arrived.get(timeout=30).payload == b"hello"
+    simulator.close()
 
 
 def test_the_examples_are_valid_messages():

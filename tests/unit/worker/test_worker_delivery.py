@@ -82,7 +82,11 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
     delivery = Delivery(bus)
     assert "is not the conductor's folder here" in delivery.look([lease(here)])[0]
     assert delivery.look([lease(here, 2)]) == [], "said once"
-    found = delivery.localized(lease(here))
+    recorded = msgspec.structs.replace(lease(here), case=msgspec.structs.replace(CASE, drive="all"))
+    found = delivery.localized(recorded)
+    assert found == msgspec.structs.replace(lease(here), out=found.out), (
+        "nobody would see the record"
+    )
     assert Path(found.out).is_relative_to(scratch)
     assert delivery.holds(1)
     result = simulate(found)

@@ -18,6 +18,7 @@ from twin.engine import Finished
 from twin.fabric.errors import TwinError
 from twin.kpi.recorder import Recorder
 from twin.vehicle.state import COLUMN
+from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.pipe import Progress, Unpacker, Upstream, Upward
 from twin.worker.profile import LoopLog, LoopProfile
 from twin.worker.results import Ended, ResultWriter
@@ -92,6 +93,7 @@ def test_a_simulator_that_breaks_tells_first_what_was_over(tmp_path, monkeypatch
     simulator = Simulator.__new__(Simulator)
     go_on = threading.Event()
     simulator._inline = None
+    simulator._recorder = DriveRecorder(1, "cpu")
     simulator._upward = Upstream(os.fdopen(write, "wb", buffering=0))
 
     def tell(lease_ended, result):
