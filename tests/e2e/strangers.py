@@ -13,7 +13,7 @@ from schemas import SCHEMA_VERSION, topics
 from schemas.messages import StatusRequest
 from schemas.wire import encode
 from twin.fabric.authority import make_keys
-from twin.fabric.key_file import load_key
+from twin.fabric.key_file import Key, load_key
 from twin.fabric.roles import Role
 
 PATIENCE_MS = 500
@@ -51,10 +51,21 @@ class Stranger:
         """Whether it got a session."""
         return self._session is not None
 
+    def answers(self, key: str, payload: bytes) -> list[bytes]:
+        """What comes back for a request."""
+        assert self._session is not None
+        replies = self._session.get(key, payload=payload, timeout=2.0)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
     def close(self) -> None:
         """Go away."""
         if self._session is not None:
             self._session.close()
+
+
+def options_of(key: Key) -> dict[str, object]:
+    """Zenoh's TLS options of somebody who holds ``key``."""
+    return _options(key.authority, key.certificate, key.private)
 
 
 def certificates_on(keys: Path, folder: Path) -> dict[str, dict[str, object]]:
