@@ -420,6 +420,25 @@ def bench_report_command(
     raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
 
 
+@app.command("bench-tls")
+def bench_tls_command(
+    cases: Annotated[int, typer.Option(min=1, help="No-op cases per run.")] = 2000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each, plain and TLS in turns.")] = 3,
+    folder: Annotated[
+        Path, typer.Option(help="Where journals are written; on a real disk.")
+    ] = Path("runs"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what mutual TLS costs: lease and commit, and messages and pictures of a rig."""
+    from conductor.bench.tls import bench_tls
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_tls(cases, rounds, folder, as_json=as_json, check=check))
+
+
 @app.command()
 def fields(
     key: Annotated[
