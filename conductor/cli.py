@@ -156,22 +156,24 @@ def serve(
     ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
+    from conductor.refusals import refusals_logged
     from conductor.serve import serve_folder
     from twin.fabric.key_file import load_key
     from twin.fabric.roles import Role
 
-    raise typer.Exit(
-        serve_folder(
+    found = load_key(key, Role.conductor) if key else None
+    with refusals_logged():
+        code = serve_folder(
             state,
             listen,
             namespace,
-            key=load_key(key, Role.conductor) if key else None,
+            key=found,
             by_batch=by_batch,
             ttl_s=ttl_s,
             view=view,
             metrics=metrics,
         )
-    )
+    raise typer.Exit(code)
 
 
 @app.command()

@@ -26,7 +26,7 @@ CASES = 4
 
 
 @pytest.fixture
-def state(marked, tmp_path):
+def state(marked, tmp_path, request):
     """The folder of a conductor that listens with keys of its own making."""
     folder = tmp_path / "state"
     child = marked.start("conductor", "serve", "--state", str(folder), "--listen", "tcp/0.0.0.0:0")
@@ -42,6 +42,10 @@ def state(marked, tmp_path):
     child.terminate()
     _, err = child.communicate()
     assert "Traceback" not in err
+    refused = {line.partition(": ")[2] for line in err.splitlines() if "refused a conn" in line}
+    if "recorded" in request.node.name:
+        met = {"it does not speak TLS", "it showed no key", "its key is of another fabric"}
+        assert met <= refused, "the listener says why, too"
 
 
 def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, tmp_path):

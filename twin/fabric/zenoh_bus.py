@@ -96,6 +96,11 @@ def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus
     )
 
 
+def log_refusals() -> None:
+    """From now on Zenoh writes a line to file descriptor 1 for every handshake that fails."""
+    zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")
+
+
 def _config(
     mode: Mode,
     listen: Sequence[str],
