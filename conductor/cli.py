@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from conductor.key_commands import add_key_commands
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
@@ -33,7 +34,7 @@ Listen = Annotated[
     str,
     typer.Option(
         help="Where to listen; port 0 takes a free one. Beyond loopback (e.g. 0.0.0.0:0) it is "
-        "TLS, with the key that --key names or conductor.key in the state folder, made if missing."
+        "TLS, with the keys that --key names or keys/ in the state folder, made if missing."
     ),
 ]
 
@@ -122,6 +123,7 @@ def run_command(
     from conductor.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
     from twin.fabric.key_file import load_key
+    from twin.fabric.roles import Role
 
     loaded = load(campaign, seed=seed)
     if case:
@@ -143,7 +145,7 @@ def run_command(
         device=device,
         by_batch=by_batch,
         listen=listen,
-        key=load_key(key) if key else None,
+        key=load_key(key, Role.conductor) if key else None,
         view=view,
         memory_gb=memory_gb,
         json=output is Output.json,
@@ -168,21 +170,24 @@ def serve(
     ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
+    from conductor.refusals import refusals_logged
     from conductor.serve import serve_folder
     from twin.fabric.key_file import load_key
+    from twin.fabric.roles import Role
 
-    raise typer.Exit(
-        serve_folder(
+    found = load_key(key, Role.conductor) if key else None
+    with refusals_logged():
+        code = serve_folder(
             state,
             listen,
             namespace,
-            key=load_key(key) if key else None,
+            key=found,
             by_batch=by_batch,
             ttl_s=ttl_s,
             view=view,
             metrics=metrics,
         )
-    )
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -229,8 +234,9 @@ def status(
     from conductor.client import Client
     from conductor.tables import status_tables
     from conductor.watch import watch as watch_status
+    from twin.fabric.roles import Role
 
-    with Client(connect, state, namespace, key) as client:
+    with Client(connect, state, namespace, key, Role.viewer) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
@@ -257,6 +263,7 @@ def stop(
 
 
 add_commands(app)
+add_key_commands(app)
 
 
 @app.command("relay")
@@ -269,30 +276,14 @@ def relay_command(
 ) -> None:
     """Pass on between a conductor and workers of another cluster that cannot reach its host.
 
-    Run it where both sides can connect, e.g. on a login node; they use the same key file.
+    Run it where both sides can connect, e.g. on a login node; it takes the conductor's own key.
     """
     from conductor.relay import relay
     from twin.fabric.discovery import choose_target
+    from twin.fabric.roles import Role
 
-    target = choose_target(connect, state, namespace, key)
+    target = choose_target(connect, state, namespace, key, Role.conductor)
     raise typer.Exit(relay(target, listen, None if connect else state))
-
-
-@app.command()
-def keygen(
-    file: Annotated[Path, typer.Argument(help="Key file to write, with mode 0600.")],
-    days: Annotated[int, typer.Option(min=1, max=3650, help="How long it is valid [days].")] = 365,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace a key; whoever has the old one is shut out.")
-    ] = False,
-) -> None:
-    """Make a key for a fabric: who has this file may read, work and command; nobody else.
-
-    A conductor that listens beyond loopback makes one by itself, in its state folder.
-    """
-    from twin.fabric.key_file import make_key
-
-    print(make_key(file, days=days, replace=force).path)
 
 
 @app.command()
@@ -458,6 +449,25 @@ def bench_report_command(
 
     as_json = output is Output.json
     raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
+
+
+@app.command("bench-tls")
+def bench_tls_command(
+    cases: Annotated[int, typer.Option(min=1, help="No-op cases per run.")] = 2000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each, plain and TLS in turns.")] = 3,
+    folder: Annotated[
+        Path, typer.Option(help="Where journals are written; on a real disk.")
+    ] = Path("runs"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what mutual TLS costs: lease and commit, and messages and pictures of a rig."""
+    from conductor.bench.tls import bench_tls
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_tls(cases, rounds, folder, as_json=as_json, check=check))
 
 
 @app.command()

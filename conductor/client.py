@@ -11,10 +11,12 @@ import msgspec
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign
+from schemas.doors import door
 from schemas.messages import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire import decode, encode
 from twin.fabric.discovery import choose_target
 from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.roles import Role
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import join
 
@@ -27,9 +29,15 @@ class Client:
     """Talks to the conductor at ``connect``, or to the one that serves ``state``."""
 
     def __init__(
-        self, connect: str, state: Path | None, namespace: str, key: Path | None = None
+        self,
+        connect: str,
+        state: Path | None,
+        namespace: str,
+        key: Path | None = None,
+        role: Role = Role.admin,
     ) -> None:
-        target = choose_target(connect, state, namespace, key)
+        """``role``: which key is taken, where ``key`` or ``state`` is a folder of several."""
+        target = choose_target(connect, state, namespace, key, role)
         self._where = target.endpoint
         self._bus = join(target, CONNECT_TIMEOUT_S)
 
@@ -89,7 +97,7 @@ class Client:
 
     def _ask(self, request: Request, timeout_s: float = 5.0) -> Reply:
         for _ in range(TRIES):
-            data = self._bus.request(topics.RPC.key, encode(request), timeout_s)
+            data = self._bus.request(door(request), encode(request), timeout_s)
             if data is None:
                 continue
             reply: Reply = decode(data, Reply)

@@ -19,6 +19,7 @@ from conductor.journal import JournalError
 from conductor.lease import next_expiry_ns
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
+from schemas.doors import door
 from schemas.messages import Reply, Request, StatusRequest, Submit
 from schemas.wire import WireError, decode, encode
 
@@ -50,6 +51,8 @@ class Message:
     """When it arrived, not when its turn came: a stalled disk must not expire leases whose
     heartbeats wait in line."""
     vanished: str = ""
+    door: str = ""
+    """Key on which it came; empty: from inside this process."""
 
 
 @dataclass(slots=True)
@@ -179,6 +182,12 @@ class Engine:
         except WireError as error:
             self.counters.refused += 1
             return [], self._error(str(error))
+        # The access list knows keys, not requests: what is none of the sender's business must not
+        # come in by a door that is open to it.
+        if message.door not in ("", door(request)):
+            self.counters.refused += 1
+            what = type(request).__name__
+            return [], self._error(f"{what} came on {message.door}; send it to {door(request)}")
         if isinstance(request, Submit) and (error_line := self._check_folder(request)):
             return [], self._error(error_line)
         facts, reply = decide(self.state, request, now_ns)

@@ -33,8 +33,8 @@ class Inbox:
         self._bytes = 0
         self._lock = threading.Lock()
 
-    def receive(self, payload: bytes, respond: Respond) -> None:
-        """A request came in; from any thread."""
+    def receive(self, payload: bytes, respond: Respond, door: str = "") -> None:
+        """A request came in, on the key ``door`` if on any; from any thread."""
         size = len(payload)
         if size > MESSAGE_BYTES_MAX:
             # Unread, so that it does not wait in memory with others of its kind.
@@ -46,7 +46,7 @@ class Inbox:
             if fits:
                 self._bytes += size
         if fits:
-            self._items.put((Message(payload, time.monotonic_ns()), respond))
+            self._items.put((Message(payload, time.monotonic_ns(), door=door), respond))
             return
         self._turn_away(respond, "busy: too many requests are waiting; retry", 1.0)
 

@@ -10,6 +10,7 @@ import typer
 
 from conductor.client import Client
 from twin.fabric.cli import KeyOption
+from twin.fabric.roles import Role
 
 Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
 State = Annotated[
@@ -47,7 +48,7 @@ def explain(
     key: KeyOption = None,
 ) -> None:
     """Say why a case waits, runs or ended."""
-    with Client(connect, state, namespace, key) as client:
+    with Client(connect, state, namespace, key, Role.viewer) as client:
         for line in client.explain(campaign, case):
             print(line)
 

@@ -7,7 +7,6 @@ it is back.
 
 from __future__ import annotations
 
-import shlex
 import signal
 import threading
 from dataclasses import replace
@@ -17,6 +16,7 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import Target, find_target
 from twin.fabric.endpoint import to_listen
 from twin.fabric.errors import TwinError
+from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 LOOK_S = 1.0
@@ -37,7 +37,7 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
     bus = _open(target, to_listen(listen, keyed=target.key is not None))
     try:
         here = bus.endpoints[0]
-        key = f" --key {shlex.quote(str(target.key.path))}" if target.key else ""
+        key = " --key worker.key" if target.key else ""
         print(
             f"relay to {target.endpoint} at {here}\n  worker:  twin worker --connect {here}{key}",
             flush=True,
@@ -69,7 +69,7 @@ def _moved(target: Target, state: Path | None) -> Target | None:
     if state is None:
         return None
     try:
-        found = find_target(state, target.key.path if target.key else None)
+        found = find_target(state, Role.conductor, target.key.path if target.key else None)
     except TwinError:
         return None  # between two conductors
     return replace(target, endpoint=found.endpoint) if found.endpoint != target.endpoint else None

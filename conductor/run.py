@@ -179,7 +179,7 @@ def _execute(
             *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
-            *(("--key", str(conductor.key.path)) if conductor.key else ()),
+            *(("--key", str(conductor.key.path.parent)) if conductor.key else ()),
         ]
         if ViewMode(campaign.view).shows:
             console.print(

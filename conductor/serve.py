@@ -37,7 +37,7 @@ def serve_folder(
         folder: state folder.
         listen: endpoint.
         namespace: prefix of every key.
-        key: the fabric's key, if one was given.
+        key: the conductor's key, if one was given.
         by_batch: run a campaign's batches one after the other.
         ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
         view: what is shown of cases submitted from now on; None: what their campaign says.
@@ -80,7 +80,7 @@ def _metrics(address: str, conductor: Conductor) -> Iterator[None]:
 def _announce(conductor: Conductor, namespace: str) -> None:
     conductor.started.wait()
     option = "" if namespace == "twin" else f" --namespace {namespace}"
-    key = f" --key {shlex.quote(str(conductor.key.path))}" if conductor.key else ""
+    key = f" --key {shlex.quote(str(conductor.key.path.parent))}" if conductor.key else ""
     here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
     folder = shlex.quote(str(Path(conductor.folder).absolute()))
     where = f"--connect {conductor.endpoint}{option}{key}"

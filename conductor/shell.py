@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,13 @@ from conductor.timeline import append_events, mark_start
 from schemas import topics
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
+from twin.fabric.authority import load_or_make
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
-from twin.fabric.key_file import Key, load_or_make
+from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
+from twin.fabric.key_file import Key
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -73,8 +75,8 @@ class Conductor:
         folder: state folder; created if missing.
         listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
         namespace: prefix of every key.
-        key: the fabric's key; if there is none and it listens beyond loopback, the one in the
-            folder is taken, or made.
+        key: the conductor's key; if there is none and it listens beyond loopback, the one in the
+            folder is taken, or made with those of the other roles.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
     """
@@ -95,7 +97,7 @@ class Conductor:
         """Where it listens, once started."""
         self.started = threading.Event()
         self.key = key
-        """The fabric's key, once started; None: plain TCP on loopback."""
+        """The conductor's key, once started; None: plain TCP on loopback."""
         self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
@@ -151,10 +153,11 @@ class Conductor:
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
         )
         if self.key is None and is_tls(self._listen):
-            self.key = load_or_make(self.folder / KEY_FILE_NAME)
+            self.key = load_or_make(self.folder / KEYS_NAME)
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
-        self._bus.serve(topics.RPC.key, self._inbox.receive)
+        for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN):
+            self._bus.serve(topic.key, partial(self._inbox.receive, door=topic.key))
         self._deliveries = Deliveries(self._folder_of)
         self._bus.serve(topics.FILES.key, self._deliveries.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
@@ -166,7 +169,7 @@ class Conductor:
                 epoch=self._engine.state.epoch,
                 namespace=self.namespace,
                 version=_version(),
-                key=str(self.key.path) if self.key else "",
+                key=str(self.key.path.parent) if self.key else "",
             ),
             self._engine.state,
         )

@@ -52,8 +52,9 @@ def host(
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
     from devkit.host import HostOptions, run_host, run_join
     from twin.fabric.key_file import load_key
+    from twin.fabric.roles import Role
 
-    found = load_key(key) if key else None
+    found = load_key(key, Role.stack) if key else None
     if join is not None:
         raise typer.Exit(run_join(join, found))
     if not (connect and rig and (stack or foreign)):

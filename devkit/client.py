@@ -43,6 +43,7 @@ from schemas.validation import convert_all
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.errors import UsageError
+from twin.fabric.roles import Role
 from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
 from twin.fabric.zenoh_bus import Mode, join
 
@@ -79,7 +80,7 @@ class Client:
             run: or: campaign or state folder of the conductor.
             campaign: if several campaigns have a case of that name.
             namespace: of the conductor; or, with ``rig``, of the rig.
-            key: the fabric's key file; by default the one beside ``conductor.json``.
+            key: key file or folder of keys; by default ``keys/`` beside ``conductor.json``.
             rig: ask this rig's simulator directly, as a stack beside it may.
             slot: with ``rig`` and an empty ``case``: whatever runs in this slot.
 
@@ -308,7 +309,7 @@ def _session(
 ) -> Bus:
     folder = Path(run) if run is not None else None
     path = Path(key) if key is not None else None
-    target = choose_target(connect, folder, namespace, path)
+    target = choose_target(connect, folder, namespace, path, Role.admin)
     return join(target, CONNECT_S, mode)
 
 

@@ -54,7 +54,7 @@ class HostOptions:
     stack: str
     parameters: dict[str, Any]
     key: Key | None = None
-    """The fabric's key, for a simulator that listens with TLS."""
+    """Its key, for a simulator that listens with TLS."""
     foreign: Foreign | None = None
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
 

@@ -46,7 +46,10 @@ READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True, False)
 CONTROL = Topic("drive/{rig}/control", "msgpack", "ControlRequest -> ControlReply", True, False)
 SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False, False)
 
-RPC = Topic("conductor/rpc", "msgpack", "Request -> Reply", True, False)
+# Requests to the conductor come on a key for each role that may make them, see schemas.doors.
+RPC_WORKER = Topic("conductor/rpc/worker", "msgpack", "Request -> Reply", True, False)
+RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True, False)
+RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True, False)
 FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True, False)
 EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
@@ -97,7 +100,9 @@ TOPICS: tuple[Topic, ...] = (
     READY,
     CONTROL,
     SIMULATOR_ALIVE,
-    RPC,
+    RPC_WORKER,
+    RPC_STATUS,
+    RPC_ADMIN,
     FILES,
     EVENT,
     WORKER_COMMAND,

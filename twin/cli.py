@@ -91,6 +91,7 @@ def worker(
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
     from twin.fabric.discovery import await_conductor, choose_target
+    from twin.fabric.roles import Role
     from twin.worker.shell import Worker, WorkerOptions
 
     if cores:
@@ -104,9 +105,9 @@ def worker(
         return
     if state is not None and not connect:
         spool = spool or state / "spool"
-        target = await_conductor(state, wait, key)
+        target = await_conductor(state, wait, Role.worker, key)
     else:
-        target = choose_target(connect, None, namespace, key)
+        target = choose_target(connect, None, namespace, key, Role.worker)
     options = WorkerOptions(
         connect=target.endpoint,
         namespace=target.namespace,
@@ -159,10 +160,11 @@ def sim(
 ) -> None:
     """The simulator process of a rig; started by `twin worker`."""
     from twin.fabric.key_file import load_key
+    from twin.fabric.roles import Role
     from twin.worker.simulator import run_simulator
     from twin.worker.view_feed import ViewOptions
 
-    found = load_key(key) if key else None
+    found = load_key(key, Role.worker) if key else None
     options = ViewOptions(view, view_namespace, view_connect, found)
     raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, found, options))
 

@@ -33,9 +33,10 @@ class Run:
 
     cases: int
     wall_s: float
-    """Wall time [s]."""
+    """Wall time from the first lease to the last result: start and report are the same for a long
+    campaign as for a short one [s]."""
     cpu_s: float
-    """Processor time of all its processes [s]."""
+    """Processor time of all its processes, start and report included [s]."""
     fingerprint: str
     recordings_mb: tuple[float, ...] = ()
     """Size of each recording [MB]."""
@@ -69,16 +70,15 @@ def compare(runs: dict[str, list[Run]]) -> dict[str, Any]:
 
 
 def misses(found: dict[str, Any]) -> list[str]:
-    """A line per target that was missed; of processor time as of cases per minute."""
+    """A line per target that was missed; processor time is for information."""
     missed = []
     for mode, least in SHARE_MIN.items():
-        for kind, words in (("cases_per_min", "cases per minute"), ("cpu", "processor time")):
-            share, noise = found["share"][mode][kind], found["noise"][kind]
-            if share + noise < least:
-                missed.append(
-                    f"{NAMES[mode]}: {share:.1%} of the simulation by {words} (noise {noise:.1%}), "
-                    f"at least {least:.0%}"
-                )
+        share, noise = found["share"][mode]["cases_per_min"], found["noise"]["cases_per_min"]
+        if share + noise < least:
+            missed.append(
+                f"{NAMES[mode]}: {share:.1%} of the cases per minute (noise {noise:.1%}), "
+                f"at least {least:.0%}"
+            )
     largest = found["recording_max_mb"]
     if largest is not None and largest > RECORDING_MAX_MB:
         missed.append(f"recorded: {largest} MB a case, at most {RECORDING_MAX_MB:g}")

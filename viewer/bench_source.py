@@ -49,7 +49,7 @@ def main(cases: int) -> None:
     bind_to_parent()
     watch_lifeline()
     bus = open_bus("router", listen=["tcp/127.0.0.1:0"])
-    bus.serve(topics.RPC.key, lambda data, respond: _answer(data, respond, cases))
+    bus.serve(topics.RPC_STATUS.key, lambda data, respond: _answer(data, respond, cases))
     print(json.dumps({"endpoint": bus.endpoints[0]}), flush=True)
     rng = np.random.default_rng(0)
     small = [_picture(rng, 160, 90) for _ in range(PICTURES)]

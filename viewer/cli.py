@@ -38,9 +38,12 @@ def record(
 ) -> None:
     """The recorder process of a rig; started by `twin worker`."""
     from twin.fabric.key_file import load_key
+    from twin.fabric.roles import Role
     from viewer.record import run_record
 
-    raise typer.Exit(run_record(connect, rig, namespace, load_key(key) if key else None))
+    raise typer.Exit(
+        run_record(connect, rig, namespace, load_key(key, Role.worker) if key else None)
+    )
 
 
 Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
@@ -293,12 +296,14 @@ def web(
     output: OutputOption = Output.human,
 ) -> None:
     """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
+    from twin.fabric.roles import Role
     from viewer.browser.serve import WebOptions, run_web
     from viewer.catalogue import read_catalogue
     from viewer.folder import find_moment, find_recording
     from viewer.live import LiveOptions
 
-    if sum((bool(connect), run_folder is not None, folder is not None)) != 1:
+    places = sum((bool(connect), run_folder is not None, folder is not None))
+    if places > 1 or (not places and key is None):
         raise UsageError(
             "give a campaign folder (its recordings), or for running cases one of "
             "--connect tls/HOST:PORT and --run FOLDER"
@@ -307,10 +312,14 @@ def web(
         raise UsageError("--case is for running cases; give a recorded one as viewer web DIR CASE")
     as_json = output is Output.json
     if folder is None:
-        live_options = ["--connect", connect] if connect else ["--run", str(run_folder)]
+        live_options = ["--connect", connect] if connect else []
+        live_options += ["--run", str(run_folder)] if run_folder is not None else []
         live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
         live_options += [f"--case={name}" for name in focus or ()]
-        where = LiveOptions(connect=connect, run=run_folder, namespace=namespace, key=key)
+        # The panel steers; with a viewer's key it says so, and all else is shown.
+        where = LiveOptions(
+            connect=connect, run=run_folder, namespace=namespace, key=key, role=Role.admin
+        )
         options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
         raise typer.Exit(run_web(options))
     moment = None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from schemas import SCHEMA_VERSION, topics
+from schemas.doors import door
 from schemas.messages import Explain, Reply, Request, StatusRequest
 from schemas.view import SceneMesh
 from schemas.wire import WireError, decode, encode
@@ -262,7 +263,7 @@ class Link:
         Raises:
             WireError: it is of another version.
         """
-        data = bus.request(topics.RPC.key, encode(request), ASK_S)
+        data = bus.request(door(request), encode(request), ASK_S)
         return None if data is None else decode(data, Reply)
 
     def _on_view(self, sample: Sample) -> None:

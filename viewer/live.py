@@ -20,6 +20,7 @@ from twin.fabric.discovery import Target, choose_target, find_target
 from twin.fabric.endpoint import check_protected
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.key_file import UnfitKeyError
+from twin.fabric.roles import Role
 from viewer import native
 from viewer.focus import Focus, Scenes, open_stream
 from viewer.hub import Hub, open_hub
@@ -56,7 +57,9 @@ class LiveOptions:
     """Host behind it that the tunnel ends at."""
     namespace: str = "twin"
     key: Path | None = None
-    """The fabric's key, for an endpoint with TLS."""
+    """Key file or folder of keys, for an endpoint with TLS; an invitation says where that is."""
+    role: Role = Role.viewer
+    """Which of several keys is taken."""
     cases: tuple[str, ...] = ()
     """Cases to show in full."""
     wait_s: float | None = None
@@ -69,15 +72,19 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         """Refuse what leads nowhere, or to two places."""
-        if bool(self.connect) == (self.run is not None):
-            raise UsageError("give one of --connect tls/HOST:PORT and --run FOLDER")
+        places = bool(self.connect) + (self.run is not None)
+        if places > 1 or (not places and (self.key is None or self.ssh)):
+            raise UsageError(
+                "give one of --connect tls/HOST:PORT and --run FOLDER, or the --key of an "
+                "invitation, which names the conductor"
+            )
         if self.node and not self.ssh:
             raise UsageError("--node is reached through --ssh me@login; give both")
 
     @property
     def where(self) -> str:
         """For people."""
-        place = self.connect or str(self.run)
+        place = self.connect or str(self.run or self.key)
         return f"{self.ssh}:{place}" if self.ssh else place
 
     def tunnel(self) -> Tunnel | None:
@@ -89,7 +96,7 @@ class LiveOptions:
         if not self.ssh:
             return None
         far = Far(self.ssh, self.node, self.connect, self.run.as_posix() if self.run else "")
-        return Tunnel(far, self.namespace, self.key)
+        return Tunnel(far, self.namespace, self.key, self.role)
 
     def target(self) -> Target:
         """Where the conductor is now.
@@ -99,9 +106,9 @@ class LiveOptions:
             UsageError: it will never be found this way.
         """
         if self.run is None:
-            return choose_target(self.connect, None, self.namespace, self.key)
+            return choose_target(self.connect, None, self.namespace, self.key, self.role)
         try:
-            return find_target(self.run, self.key)
+            return find_target(self.run, self.role, self.key)
         except UnfitKeyError:
             raise
         except UsageError as error:

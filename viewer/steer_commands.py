@@ -161,8 +161,17 @@ def _options(
     key: Path | None,
     output: Output,
 ) -> SteerOptions:
+    from twin.fabric.roles import Role
     from viewer.live import LiveOptions
     from viewer.steer import SteerOptions
 
-    where = LiveOptions(connect=connect, run=run, ssh=ssh, node=node, namespace=namespace, key=key)
+    where = LiveOptions(
+        connect=connect,
+        run=run,
+        ssh=ssh,
+        node=node,
+        namespace=namespace,
+        key=key,
+        role=Role.admin,
+    )
     return SteerOptions(case, where, campaign, json=output is Output.json)

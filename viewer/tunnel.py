@@ -20,8 +20,9 @@ import msgspec
 from twin.fabric.discovery import FILE_NAME, ConductorFile, Target
 from twin.fabric.endpoint import check_endpoint, host_and_port, is_loopback, is_tls
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
-from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
+from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
 from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
 from viewer import native
 
 READY = "drivetwin-tunnel-stands"
@@ -67,7 +68,9 @@ class Far:
 class Tunnel:
     """One tunnel; :meth:`target` may be called again whenever it may have broken."""
 
-    def __init__(self, far: Far, namespace: str, key: Path | None) -> None:
+    def __init__(
+        self, far: Far, namespace: str, key: Path | None, role: Role = Role.viewer
+    ) -> None:
         """
         Raises:
             UsageError: there is no ssh here, or no such key.
@@ -78,7 +81,8 @@ class Tunnel:
             check_endpoint(far.connect)
         self._far = far
         self._namespace = namespace
-        self._key = load_key(key) if key is not None else None
+        self._key = load_key(key, role) if key is not None else None
+        self._role = role
         self._child: subprocess.Popen[bytes] | None = None
         self._to = ""
         """Endpoint over there that the child forwards to."""
@@ -99,7 +103,7 @@ class Tunnel:
         self._pause()
         found = self._look_up()
         if is_tls(found.endpoint) and self._key is None:
-            raise UsageError(f"{found.endpoint}: needs the fabric's key; {self._key_hint()}")
+            raise UsageError(f"{found.endpoint}: needs a key of the fabric; {self._key_hint()}")
         if self._child is None or self._child.poll() is not None or self._to != found.endpoint:
             self._end()
             self._open(found)
@@ -197,9 +201,10 @@ class Tunnel:
     def _key_hint(self) -> str:
         far = self._far
         if not far.folder:
-            return f"copy {KEY_FILE_NAME} from the conductor's state folder and give --key FILE"
-        copy = f"scp {far.login}:{shlex.quote(f'{far.folder}/{KEY_FILE_NAME}')} ."
-        return f"copy it (`{copy}`) and give --key {KEY_FILE_NAME}"
+            return "ask for one (`conductor invite --role viewer`) and give --key FILE"
+        name = f"{self._role}.key"
+        copy = f"scp {far.login}:{shlex.quote(f'{far.folder}/{KEYS_NAME}/{name}')} ."
+        return f"copy it (`{copy}`) and give --key {name}"
 
     def _pause(self) -> None:
         until_s = self._called_s + PAUSE_S

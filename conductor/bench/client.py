@@ -14,7 +14,8 @@ import time
 
 import msgspec
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
+from schemas.doors import door
 from schemas.kpi import SCALARS
 from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_result
 from schemas.wire import decode, encode
@@ -81,7 +82,7 @@ def _full_result(lease: Lease) -> Result:
 def _ask(bus: Bus, request: Request) -> Reply:
     data = encode(request)
     for _ in range(TRIES):
-        answer = bus.request(topics.RPC.key, data, TIMEOUT_S)
+        answer = bus.request(door(request), data, TIMEOUT_S)
         if answer is not None:
             reply: Reply = decode(answer, Reply)
             if reply.error:

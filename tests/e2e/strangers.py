@@ -12,7 +12,9 @@ import zenoh
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import StatusRequest
 from schemas.wire import encode
-from twin.fabric.key_file import load_key, make_key
+from twin.fabric.authority import make_keys
+from twin.fabric.key_file import Key, load_key
+from twin.fabric.roles import Role
 
 PATIENCE_MS = 500
 """How long a stranger tries to get in [ms]; with the key it takes 5."""
@@ -41,7 +43,7 @@ class Stranger:
             return
         self._subscriber = self._session.declare_subscriber("**", lambda _: self.heard.set())
         request = encode(StatusRequest(v=SCHEMA_VERSION))
-        for _ in self._session.get(topics.RPC.key, payload=request, timeout=2.0):
+        for _ in self._session.get(topics.RPC_STATUS.key, payload=request, timeout=2.0):
             self.heard.set()
 
     @property
@@ -49,16 +51,27 @@ class Stranger:
         """Whether it got a session."""
         return self._session is not None
 
+    def answers(self, key: str, payload: bytes) -> list[bytes]:
+        """What comes back for a request."""
+        assert self._session is not None
+        replies = self._session.get(key, payload=payload, timeout=2.0)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
     def close(self) -> None:
         """Go away."""
         if self._session is not None:
             self._session.close()
 
 
-def certificates_on(key: Path, folder: Path) -> dict[str, dict[str, object]]:
-    """Kind of stranger -> its TLS options, with what can be seen of the real ``key``."""
-    real = load_key(key)
-    own = make_key(folder / "stranger.key")
+def options_of(key: Key) -> dict[str, object]:
+    """Zenoh's TLS options of somebody who holds ``key``."""
+    return _options(key.authority, key.certificate, key.private)
+
+
+def certificates_on(keys: Path, folder: Path) -> dict[str, dict[str, object]]:
+    """Kind of stranger -> its TLS options, with what can be seen of the real ``keys``."""
+    real = load_key(keys, Role.viewer)
+    own = load_key(make_keys(folder / "strangers"), Role.admin)
     return {
         "plain": {},
         "no certificate": _options(real.authority),

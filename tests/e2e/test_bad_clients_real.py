@@ -36,7 +36,7 @@ def test_bad_clients(marked, tmp_path):
     try:
         for _ in range(3):
             for reason, payload in BAD.items():
-                reply = decode(bus.request(topics.RPC.key, payload, 30.0), Reply)
+                reply = decode(bus.request(topics.RPC_STATUS.key, payload, 30.0), Reply)
                 assert reason in reply.error
     finally:
         bus.close()

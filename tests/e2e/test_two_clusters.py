@@ -71,8 +71,8 @@ def relaying(marked, listen, state, prefix=()):
 def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     node_a, login, node_b = hosts
     state = tmp_path / "state"
-    key = ("--key", str(state / "conductor.key"))
-    copy = tmp_path / "copied.key"
+    key = ("--key", str(state / "keys"))
+    copy, laptop = tmp_path / "copied.key", tmp_path / "laptop.key"
     marked.start(
         *("conductor", "serve", "--state", str(state), "--ttl-s", "5"),
         *("--listen", f"tcp/{node_a.addresses[0]}:0"),
@@ -84,8 +84,8 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     unreachable = [*node_b.inside, "bash", "-c", f"exec 3<>/dev/tcp/{host}/{port}"]
     assert subprocess.run(unreachable, capture_output=True, check=False).returncode != 0
     relay, entrance = relaying(marked, f"tls/{login.addresses[1]}:0", state, login.inside)
-    # B has a copy of the key and nothing else of A's disk.
-    copy.write_bytes((state / "conductor.key").read_bytes())
+    # B has a copy of a worker's key and nothing else of A's disk.
+    copy.write_bytes((state / "keys/worker.key").read_bytes())
     copy.chmod(0o600)
     submit = marked.start(
         *("conductor", "submit", "chaos-16", "--connect", endpoint, *key), prefix=node_a.inside
@@ -108,9 +108,12 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     errors = [worker.communicate()[1] for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0], errors
     assert ["not the conductor's folder here" in error for error in errors] == [False, True]
-    stop = marked.start(
-        *("conductor", "stop", "--connect", entrance, "--key", str(copy)), prefix=node_b.inside
+    invitation = marked.run(
+        *("conductor", "invite", "--role", "admin", "--state", str(state)),
+        *("--connect", entrance, "--out", str(laptop)),
     )
+    assert invitation.returncode == 0, invitation.stderr
+    stop = marked.start(*("conductor", "stop", "--key", str(laptop)), prefix=node_b.inside)
     assert stop.communicate()[0].startswith("draining"), "and a laptop may command through it"
     relay.terminate()
     wait_for(lambda: not marked.processes(), "the end")
@@ -132,7 +135,7 @@ def test_jobs_of_two_slurm_clusters(marked, quiet, tmp_path, clusters):
     submit(clusters[0], "a.sh", JOB_A)
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     relay, entrance = relaying(marked, "tls/127.0.0.1:0", state)
-    submit(clusters[1], "b.sh", JOB_B, entrance=entrance, key=state / "conductor.key")
+    submit(clusters[1], "b.sh", JOB_B, entrance=entrance, key=state / "keys/worker.key")
     wait_for(lambda: marked.processes("sim"), "a simulator in B")
     (tmp_path / "go").touch()
     ends = [wait_for(lambda: c.ended(job), f"job {job}") for c, job in jobs]  # noqa: B023

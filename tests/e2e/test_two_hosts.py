@@ -70,7 +70,7 @@ def test_worker_on_another_host(marked, quiet, tmp_path, hosts):
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     endpoint = find_conductor(state).endpoint
     assert endpoint.startswith(f"tls/{address}:"), "what was asked for as tcp/ is TLS"
-    connect = ("--connect", endpoint, "--key", str(state / "conductor.key"))
+    connect = ("--connect", endpoint, "--key", str(state / "keys"))
     submit = marked.start("conductor", "submit", "chaos-16", *connect, prefix=outside)
     assert submit.communicate()[0].startswith("submitted")
     worker = marked.start(

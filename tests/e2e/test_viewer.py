@@ -317,7 +317,7 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
                 "no conductor serves this folder",
             ),
             (["live", "--connect", "nowhere"], "expected tcp/HOST:PORT"),
-            (["live", "--connect", "tls/h:1"], "needs the fabric's key"),
+            (["live", "--connect", "tls/h:1"], "needs a key of the fabric"),
         ]
     ]
     for child, words in done:

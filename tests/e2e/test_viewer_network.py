@@ -60,7 +60,7 @@ def test_what_happens_to_the_network_and_the_conductor_is_told_and_heals(marked,
     stranger = marked.start(*look, "--key", str(tmp_path / "theirs"), prefix=there.inside)
     _, err = stranger.communicate()
     assert stranger.returncode == 2
-    assert "it holds another key" in err
+    assert "it is of another fabric" in err
     assert len(err.splitlines()) == 1
     # The cable is pulled out on the conductor's side: nobody over there hears of it.
     cable(here, "down")

@@ -44,8 +44,8 @@ KeyOption = Annotated[
     typer.Option(
         "--key",
         envvar="TWIN_KEY",
-        help="The fabric's key file (mode 0600), for tls/ endpoints; "
-        "default: conductor.key beside conductor.json.",
+        help="Key file (mode 0600) or folder of keys, for tls/ endpoints; "
+        "default: keys/ beside conductor.json.",
     ),
 ]
 """The option of every command that connects."""

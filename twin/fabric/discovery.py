@@ -11,8 +11,9 @@ import msgspec
 from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import FILE_NAME as KEY_FILE_NAME
+from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
 from twin.fabric.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.roles import Role
 
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""
@@ -31,7 +32,7 @@ class ConductorFile(msgspec.Struct, frozen=True):
     namespace: str
     version: str
     key: str = ""
-    """Path of the key file, as the conductor sees it; empty: there is none."""
+    """Path of the folder of keys, as the conductor sees it; empty: there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Target:
     key: Key | None
 
 
-def await_conductor(folder: Path, wait_s: float, key: Path | None = None) -> Target:
+def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = None) -> Target:
     """Like :func:`find_target`, but a conductor that is just starting may take ``wait_s`` [s].
 
     A file of a conductor that was killed is left behind, so the endpoint must answer.
@@ -55,7 +56,7 @@ def await_conductor(folder: Path, wait_s: float, key: Path | None = None) -> Tar
     until_s = time.monotonic() + wait_s
     while True:
         try:
-            found = find_target(folder, key)
+            found = find_target(folder, role, key)
             greet(found.endpoint, found.key)
             return found
         except UnfitKeyError:
@@ -71,8 +72,9 @@ def await_conductor(folder: Path, wait_s: float, key: Path | None = None) -> Tar
         time.sleep(POLL_S)
 
 
-def find_target(folder: Path, key: Path | None = None) -> Target:
-    """Where the conductor of a state or campaign folder is; its key lies there too, unless given.
+def find_target(folder: Path, role: Role, key: Path | None = None) -> Target:
+    """Where the conductor of a state or campaign folder is; the key of ``role`` lies there too,
+    unless given.
 
     Raises:
         UsageError: there is no conductor, or no fit key.
@@ -80,24 +82,36 @@ def find_target(folder: Path, key: Path | None = None) -> Target:
     found = find_conductor(folder)
     if key is None and is_tls(found.endpoint):
         # Seen from another host, the folder may have another path than the file says.
-        beside = folder / KEY_FILE_NAME
+        beside = folder / KEYS_NAME
         key = beside if beside.exists() or not found.key else Path(found.key)
-    return Target(found.endpoint, found.namespace, load_key(key) if key is not None else None)
+    return Target(found.endpoint, found.namespace, load_key(key, role) if key is not None else None)
 
 
-def choose_target(connect: str, folder: Path | None, namespace: str, key: Path | None) -> Target:
-    """What the command line says: an endpoint, or the folder of a conductor.
+def choose_target(
+    connect: str, folder: Path | None, namespace: str, key: Path | None, role: Role
+) -> Target:
+    """What the command line says: an endpoint, the folder of a conductor, or a key that knows.
+
+    Args:
+        connect: endpoint; empty: see the others.
+        folder: state or campaign folder.
+        namespace: prefix of every key at ``connect``.
+        key: key file, or a folder of keys.
+        role: what the command does needs a key of this role.
 
     Raises:
-        UsageError: neither; or no conductor there, or no fit key.
+        UsageError: none of them; or no conductor there, or no fit key.
     """
+    if folder is not None and not connect:
+        return find_target(folder, role, key)
+    found = load_key(key, role) if key is not None else None
     if connect:
-        return Target(connect, namespace, load_key(key) if key is not None else None)
-    if folder is not None:
-        return find_target(folder, key)
+        return Target(connect, namespace, found)
+    if found is not None and found.endpoint:
+        return Target(found.endpoint, found.namespace, found)
     raise UsageError(
         "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
-        "(`conductor serve` prints both)"
+        "(`conductor serve` prints both), or the --key of an invitation, which names it"
     )
 
 

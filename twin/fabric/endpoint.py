@@ -7,7 +7,7 @@ import ipaddress
 from twin.fabric.errors import UsageError
 
 PROTOCOLS = ("tcp", "tls")
-"""``tcp`` is plain and stays on loopback; ``tls`` needs the fabric's key."""
+"""``tcp`` is plain and stays on loopback; ``tls`` needs a key."""
 
 LOOPBACK = "tcp/127.0.0.1:0"
 """A free port that only this host reaches."""
@@ -65,8 +65,8 @@ def check_protected(endpoint: str, *, keyed: bool) -> None:
     check_endpoint(endpoint)
     if is_tls(endpoint) and not keyed:
         raise UsageError(
-            f"{endpoint}: needs the fabric's key; give --key FILE or set TWIN_KEY "
-            "(the conductor keeps it as conductor.key in its state folder)"
+            f"{endpoint}: needs a key of the fabric; give --key FILE or set TWIN_KEY "
+            "(the conductor keeps them in keys/ of its state folder, `conductor invite` makes more)"
         )
     if is_tls(endpoint) and "[" in endpoint and "/[::]:" not in endpoint:
         # Zenoh 1.10 takes the brackets for a part of the server's name.

@@ -6,25 +6,30 @@ fails, so a member with a wrong key must not be left to try again and again.
 
 from __future__ import annotations
 
+import contextlib
+import os
 import socket
 import ssl
+from collections.abc import Iterator
+from typing import Any
 
 from twin.fabric.endpoint import check_protected, host_and_port, is_tls
 from twin.fabric.errors import UnreachableError
 from twin.fabric.key_file import Key, UnfitKeyError
+from twin.fabric.roles import Role, split_name
 
 _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""
 
 
 def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0) -> None:
-    """Return if somebody listens at ``endpoint`` and, for TLS, holds the same key.
+    """Return if somebody listens at ``endpoint`` and, for TLS, is one to connect to.
 
-    A side that proves to hold our certificate's private key accepts it from us as well.
+    A side that proves to be of our fabric accepts a certificate of it from us as well.
 
     Raises:
         UnreachableError: nobody listens, or what listens there does not speak TLS.
-        UnfitKeyError: the other side holds another key.
+        UnfitKeyError: the other side is of another fabric, or of a role that nobody connects to.
     """
     check_protected(endpoint, keyed=key is not None)
     try:
@@ -40,17 +45,18 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.load_verify_locations(cadata=key.authority.decode())
-    context.load_cert_chain(key.path)
+    with _in_memory(key.certificate + key.private) as path:
+        context.load_cert_chain(path)
     try:
-        with context.wrap_socket(connection):
-            return
+        with context.wrap_socket(connection) as session:
+            _check_listener(endpoint, session.getpeercert())
     except ssl.SSLCertVerificationError as error:
         if error.verify_code in (_NOT_YET_VALID, _EXPIRED):
             line = f"{endpoint}: {error.verify_message}; compare the clocks, or make a new key"
         else:
             line = (
-                f"{endpoint}: refused: it holds another key than {key.path}; take the "
-                "conductor.key of its state folder, as it is now"
+                f"{endpoint}: refused: it is of another fabric than {key.path}; take one of the "
+                "keys/ in its state folder, as they are now, or ask for a new one"
             )
         raise UnfitKeyError(line) from None
     except (ssl.SSLError, TimeoutError):
@@ -58,3 +64,27 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
             f"{endpoint}: something listens there, but does not speak TLS; a conductor on "
             "loopback without a key is reached by tcp/"
         ) from None
+
+
+def _check_listener(endpoint: str, certificate: Any) -> None:
+    """Raise UnfitKeyError unless it is a conductor (or its relay), or a worker's simulator."""
+    parts = certificate["subject"] if certificate else ()
+    name = dict(pair for part in parts for pair in part).get("commonName", "")
+    with contextlib.suppress(ValueError):
+        if split_name(name)[1] in (Role.conductor, Role.worker):
+            return
+    raise UnfitKeyError(
+        f"{endpoint}: refused: what listens there shows the certificate '{name}', "
+        "allowed: a conductor's or a worker's; somebody may pose as one"
+    )
+
+
+@contextlib.contextmanager
+def _in_memory(data: bytes) -> Iterator[str]:
+    """A path to ``data`` that is on no disk: the library takes certificates as files only."""
+    descriptor = os.memfd_create("key", os.MFD_CLOEXEC)
+    try:
+        os.write(descriptor, data)
+        yield f"/proc/self/fd/{descriptor}"
+    finally:
+        os.close(descriptor)

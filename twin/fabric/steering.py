@@ -183,7 +183,7 @@ def _ask(bus: Bus, key: str, request: ControlRequest) -> list[ControlReply]:
 
 def _why_not(bus: Bus, case: str, campaign: str) -> UsageError | InfrastructureError:
     """Why nobody answers for a case, as the conductor knows it."""
-    data = bus.request(topics.RPC.key, encode(StatusRequest(v=SCHEMA_VERSION)), CONDUCTOR_S)
+    data = bus.request(topics.RPC_STATUS.key, encode(StatusRequest(v=SCHEMA_VERSION)), CONDUCTOR_S)
     if data is None:
         return UnreachableError("no conductor answers there; check --connect and --namespace")
     try:
@@ -192,7 +192,7 @@ def _why_not(bus: Bus, case: str, campaign: str) -> UsageError | InfrastructureE
         names = [campaign] if campaign else known
         for name in names:
             request = Explain(v=SCHEMA_VERSION, campaign=name, case=case)
-            answer = bus.request(topics.RPC.key, encode(request), CONDUCTOR_S)
+            answer = bus.request(topics.RPC_STATUS.key, encode(request), CONDUCTOR_S)
             reply: Reply | None = None if answer is None else decode(answer, Reply)
             if reply is None or reply.error:
                 continue

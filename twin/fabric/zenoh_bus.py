@@ -17,22 +17,10 @@ from twin.fabric.discovery import Target
 from twin.fabric.endpoint import check_protected, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import Key
+from twin.fabric.key_file import Key, WrongRoleError
+from twin.fabric.roles import Act, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
-
-_MESSAGES = [
-    "put",
-    "delete",
-    "declare_subscriber",
-    "query",
-    "reply",
-    "declare_queryable",
-    "liveliness_token",
-    "liveliness_query",
-    "declare_liveliness_subscriber",
-]
-"""All that Zenoh's access control knows."""
 
 
 def open_bus(
@@ -49,7 +37,8 @@ def open_bus(
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
-    Beyond loopback all is TLS in both directions: who does not hold the key hears nothing.
+    Beyond loopback all is TLS in both directions: who does not hold a key hears nothing, and who
+    holds one is let do what its role may.
 
     Args:
         mode: ``router`` for the conductor, ``client`` for those who connect to it, ``peer`` for
@@ -57,7 +46,7 @@ def open_bus(
         listen: endpoints such as ``tcp/127.0.0.1:0`` or ``tls/0.0.0.0:7447`` (0: a free port).
         connect: endpoints to connect to.
         namespace: prefix of every key; sessions of other namespaces hear nothing.
-        key: the fabric's key; needed for ``tls/`` endpoints.
+        key: what this process shows; needed for ``tls/`` endpoints.
         shared_memory: Zenoh's own shared memory; off, because a killed publisher leaks segments.
         connect_timeout_s: how long to try to connect before giving up [s].
         connect_required: False: open at once and keep trying in the background (peers only).
@@ -67,7 +56,7 @@ def open_bus(
 
     Raises:
         UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
-            another key at ``connect``.
+            another fabric at ``connect``.
         InfrastructureError: nobody answers at ``connect``.
     """
     for endpoint in [*listen, *connect]:
@@ -81,7 +70,9 @@ def open_bus(
     config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
-        config.insert_json5("access_control", json.dumps(_members_only(key, config)))
+        plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
+        allowed = access_control(key.fabric, namespace, plain=plain)
+        config.insert_json5("access_control", json.dumps(allowed))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
         config.insert_json5("connect/exit_on_failure", "false")
@@ -91,7 +82,7 @@ def open_bus(
     except zenoh.ZError as error:
         raise _explain(error, listen, connect, key, connect_timeout_s) from None
     opened = [port for port in _listening() if port not in before]
-    return _ZenohBus(session, [_with_port(e, opened) for e in listen])
+    return _ZenohBus(session, [_with_port(e, opened) for e in listen], key)
 
 
 def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus:
@@ -108,6 +99,11 @@ def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus
         key=target.key,
         connect_timeout_s=connect_timeout_s,
     )
+
+
+def log_refusals() -> None:
+    """From now on Zenoh writes a line to file descriptor 1 for every handshake that fails."""
+    zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")
 
 
 def _config(
@@ -159,34 +155,8 @@ def _tls(key: Key) -> dict[str, Any]:
         "listen_private_key_base64": private,
         "connect_certificate_base64": certificate,
         "connect_private_key_base64": private,
-        # Members move between hosts; they are known by the certificate's name, see below.
+        # Members move between hosts; they are known by the certificate's name, see roles.
         "verify_name_on_connect": False,
-    }
-
-
-def _members_only(key: Key, config: zenoh.Config) -> dict[str, Any]:
-    """Exchange messages with the fabric's members only.
-
-    When connecting, Zenoh also trusts the public web's authorities, and host names are not checked:
-    whoever owns a web site could stand between two members. No web certificate has our name.
-    """
-    subjects: list[dict[str, Any]] = [{"id": "members", "cert_common_names": [key.name]}]
-    if "tcp" in json.loads(config.get_json("transport/link/protocols")):
-        subjects.append({"id": "this host", "link_protocols": ["tcp"]})
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": [
-            {
-                "id": "everything",
-                "permission": "allow",
-                "flows": ["ingress", "egress"],
-                "messages": _MESSAGES,
-                "key_exprs": ["**"],
-            }
-        ],
-        "subjects": subjects,
-        "policies": [{"rules": ["everything"], "subjects": [s["id"] for s in subjects]}],
     }
 
 
@@ -243,8 +213,9 @@ def _cause(text: str) -> str:
 
 
 class _ZenohBus:
-    def __init__(self, session: zenoh.Session, endpoints: list[str]) -> None:
+    def __init__(self, session: zenoh.Session, endpoints: list[str], key: Key | None) -> None:
         self.endpoints = endpoints
+        self._key = key
         self._session = session
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
@@ -255,6 +226,7 @@ class _ZenohBus:
     def publish(
         self, key: str, payload: bytes, attachment: bytes = b"", *, block: bool = False
     ) -> None:
+        self._check(Act.publish, key)
         control = zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP
         try:
             self._session.put(
@@ -263,6 +235,12 @@ class _ZenohBus:
         except zenoh.ZError:
             if not self._closed:
                 raise
+
+    def _check(self, act: Act, key: str) -> None:
+        """Raise WrongRoleError for what the other side would drop without a word."""
+        own = self._key
+        if own is not None and not may(own.role, act, key):
+            raise WrongRoleError(f"{own.path}: {refusal(own.role, act, key)}")
 
     def wanted(self, key: str) -> bool:
         if key not in self._publishers:
@@ -275,6 +253,8 @@ class _ZenohBus:
             publisher.undeclare()
 
     def subscribe(self, key: str, handler: Callable[[Sample], None]) -> Cancel:
+        self._check(Act.subscribe, key)
+
         def receive(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
             handler(
@@ -298,6 +278,8 @@ class _ZenohBus:
         return cancel
 
     def serve(self, key: str, handler: Callable[[bytes, Respond], None]) -> Cancel:
+        self._check(Act.answer, key)
+
         def receive(query: zenoh.Query) -> None:
             payload = query.payload.to_bytes() if query.payload is not None else b""
 
@@ -340,6 +322,7 @@ class _ZenohBus:
         timeout_s: float,
         consolidation: zenoh.ConsolidationMode = zenoh.ConsolidationMode.AUTO,
     ) -> list[zenoh.Reply]:
+        self._check(Act.ask, key)
         try:
             return list(
                 self._session.get(
@@ -350,9 +333,12 @@ class _ZenohBus:
             return []
 
     def announce(self, key: str) -> None:
+        self._check(Act.announce, key)
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def watch(self, key: str, handler: Callable[[str, bool], None]) -> None:
+        self._check(Act.watch, key)
+
         def receive(sample: zenoh.Sample) -> None:
             handler(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 

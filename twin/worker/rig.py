@@ -27,7 +27,9 @@ from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
+from twin.fabric.key_file import beside
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
+from twin.fabric.roles import Role
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -142,6 +144,12 @@ class RigProcess:
         """Children are told where the key lies, never the key."""
         return ("--key", str(self._options.key.path)) if self._options.key else ()
 
+    @property
+    def _stack_key(self) -> tuple[str, ...]:
+        """A stack is somebody else's program: where there is a key for stacks, it gets that."""
+        key = self._options.key
+        return ("--key", str(beside(key, Role.stack))) if key else ()
+
     def assign(self, lease: Lease, replay: Sequence[Intervention] = ()) -> None:
         """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
         self._write(pack(Assign(lease, list(replay))))
@@ -227,7 +235,7 @@ class RigProcess:
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
             *("--slots", str(self._slots), "--stack", self._lease.case.stack),
-            *("--parameters", json.dumps(self._lease.case.parameters), *self._key),
+            *("--parameters", json.dumps(self._lease.case.parameters), *self._stack_key),
         ]
         if self._lease.case.foreign is not None:
             foreign = msgspec.json.encode(self._lease.case.foreign).decode()

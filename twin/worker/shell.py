@@ -17,6 +17,7 @@ from typing import Any
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
+from schemas.doors import door
 from schemas.messages import Beat, Hello, Next, Reply, Request
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
@@ -58,7 +59,7 @@ class WorkerOptions:
     """Endpoint of the conductor."""
     namespace: str = "twin"
     key: Key | None = None
-    """The fabric's key; with it the rig's own sessions are TLS too."""
+    """The worker's key; with it the rig's own sessions are TLS too."""
     slots: int = 1
     device: str = "cpu"
     drive_listen: str = LOOPBACK
@@ -214,7 +215,7 @@ class Worker:
 
     def _ask(self, request: Request) -> Reply | None:
         assert self._bus is not None
-        data = self._bus.request(topics.RPC.key, encode(request), REQUEST_TIMEOUT_S)
+        data = self._bus.request(door(request), encode(request), REQUEST_TIMEOUT_S)
         self._asked_s = time.monotonic()
         if data is None:
             return None

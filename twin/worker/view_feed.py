@@ -67,7 +67,7 @@ class ViewOptions:
     connect: str = ""
     """The conductor's router, for viewers; need not be reachable."""
     key: Key | None = None
-    """The fabric's key; with it the recorder's session is TLS too."""
+    """The worker's key; with it the recorder's session is TLS too."""
 
 
 def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:

@@ -22,6 +22,7 @@ from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas import topics
 from schemas.campaign import Campaign
+from schemas.doors import door
 from schemas.messages import Next, Reply, StatusRequest, Stop
 from schemas.wire import decode, encode
 from schemas.yaml_file import load_yaml
@@ -151,13 +152,13 @@ def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
         client.subscribe(topics.EVENT.key, hear)
 
         def ask(message: msgspec.Struct) -> Reply:
-            return decode(client.request(topics.RPC.key, encode(message), WAIT_S) or b"", Reply)
+            return decode(client.request(door(message), encode(message), WAIT_S) or b"", Reply)
 
         assert not ask(submit()).error
         assert not ask(hello()).error
         assert done.wait(WAIT_S)
         assert heard == ["submitted", "worker_joined"]
-        rubbish = client.request(topics.RPC.key, b"\xc1", WAIT_S)
+        rubbish = client.request(topics.RPC_STATUS.key, b"\xc1", WAIT_S)
         assert "not MessagePack" in decode(rubbish or b"", Reply).error
         assert ask(StatusRequest(v=V)).status["left"] == 4
 

@@ -15,10 +15,11 @@ import conductor.inbox
 from conductor.shell import Conductor
 from schemas import SCHEMA_VERSION as V
 from schemas import topics
-from schemas.messages import Beat, Next, Reply, StatusRequest
-from schemas.wire import MESSAGE_BYTES_MAX, decode, encode
+from schemas.doors import door
+from schemas.messages import Beat, Next, Reply, Request, StatusRequest, Stop
+from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
 
-Ask = Callable[[bytes], Reply]
+Ask = Callable[..., Reply]
 
 
 @pytest.fixture
@@ -26,13 +27,39 @@ def served(tmp_path: Path) -> Iterator[tuple[Conductor, Ask]]:
     with running_hub() as hub, serving(tmp_path / "state", hub) as conductor:
         bus = hub.open()
 
-        def ask(payload: bytes) -> Reply:
-            return decode(bus.request(topics.RPC.key, payload, WAIT_S) or b"", Reply)
+        def ask(payload: bytes, at: str = "") -> Reply:
+            return decode(bus.request(at or _door(payload), payload, WAIT_S) or b"", Reply)
 
         assert not ask(encode(submit())).error
         assert not ask(encode(hello())).error
         yield conductor, ask
         assert ask(encode(StatusRequest(v=V))).status["left"] == 4, "a good client is still served"
+
+
+def _door(payload: bytes) -> str:
+    """Where a good client sends it; what is no request may come anywhere."""
+    try:
+        return door(decode(payload, Request))
+    except WireError:
+        return topics.RPC_STATUS.key
+
+
+def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> None:
+    """Access lists know keys only: a viewer must not cancel through the door for questions."""
+    conductor, ask = served
+    before = conductor.snapshot()["campaigns"]
+    requests = [submit(), hello("w2"), Stop(v=V), Next(v=V, worker="w1", seq=1, k=1)]
+    tries = [
+        (request, topic.key)
+        for request in requests
+        for topic in (topics.RPC_STATUS, topics.RPC_WORKER, topics.RPC_ADMIN)
+        if topic.key != door(request)
+    ]
+    for request, at in tries:
+        assert f"came on {at}; send it to {door(request)}" in ask(encode(request), at).error
+    assert counters(conductor)["refused"] == len(tries) == 8
+    assert conductor.snapshot()["campaigns"] == before
+    assert [worker["id"] for worker in conductor.snapshot()["workers"]] == ["w1"]
 
 
 def counters(conductor: Conductor) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import pytest
 
 from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor, find_conductor
 from twin.fabric.errors import UnreachableError, UsageError
+from twin.fabric.roles import Role
 
 
 def announce(folder, port):
@@ -29,7 +30,7 @@ def test_a_stale_file_is_no_conductor(tmp_path):
         free.bind(("127.0.0.1", 0))
         announce(tmp_path, free.getsockname()[1])
     with pytest.raises(UnreachableError, match="no conductor answers"):
-        await_conductor(tmp_path, 0)
+        await_conductor(tmp_path, 0, Role.worker)
 
 
 def test_a_conductor_that_comes_later_is_awaited(tmp_path):
@@ -37,5 +38,5 @@ def test_a_conductor_that_comes_later_is_awaited(tmp_path):
         port = server.getsockname()[1]
         timer = threading.Timer(0.3, announce, (tmp_path, port))
         timer.start()
-        assert await_conductor(tmp_path, 60).endpoint == f"tcp/127.0.0.1:{port}"
+        assert await_conductor(tmp_path, 60, Role.worker).endpoint == f"tcp/127.0.0.1:{port}"
         timer.join()

@@ -1,6 +1,7 @@
 """Sessions over mutual TLS, and everybody who must get nothing from them."""
 
 import base64
+import dataclasses
 import json
 import os
 import socket
@@ -12,29 +13,44 @@ import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from schemas import topics
+from twin.fabric.authority import load_authority, make_keys
 from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import Key, make_key
+from twin.fabric.key_file import Key, load_key
+from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]
+SHOWN = topics.VIEW_THUMBNAIL.key.format(campaign="c", case="1")
+
+
+RPC = topics.RPC_WORKER.key
 
 
 @pytest.fixture(scope="module")
-def key(tmp_path_factory):
-    return make_key(tmp_path_factory.mktemp("key") / "conductor.key")
+def keys(tmp_path_factory):
+    """Role -> its key, of one fabric."""
+    folder = make_keys(tmp_path_factory.mktemp("ours") / "keys")
+    return {role: load_key(folder, role) for role in Role}
+
+
+@pytest.fixture
+def key(keys):
+    return keys[Role.worker]
 
 
 @pytest.fixture(scope="module")
 def other(tmp_path_factory):
-    return make_key(tmp_path_factory.mktemp("other") / "other.key")
+    """A worker's key of another fabric."""
+    return load_key(make_keys(tmp_path_factory.mktemp("others") / "theirs"), Role.worker)
 
 
 @pytest.fixture
-def router(key):
-    bus = open_bus("router", listen=LISTEN, key=key)
-    bus.serve("conductor/rpc", lambda payload, respond: respond(payload + b"!"))
+def router(keys):
+    bus = open_bus("router", listen=LISTEN, key=keys[Role.conductor])
+    bus.serve(RPC, lambda payload, respond: respond(payload + b"!"))
     yield bus
     bus.close()
 
@@ -68,7 +84,7 @@ def test_the_right_key_opens(router, key):
     assert router.endpoints[0].startswith("tls/127.0.0.1:")
     client = open_bus("client", connect=router.endpoints, key=key)
     try:
-        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", 5) == b"hi!"
     finally:
         client.close()
 
@@ -77,7 +93,7 @@ def test_a_host_name_does_not_matter(router, key):
     named = router.endpoints[0].replace("127.0.0.1", "localhost")
     client = open_bus("client", connect=[named], key=key)
     try:
-        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", 5) == b"hi!"
     finally:
         client.close()
 
@@ -110,7 +126,7 @@ def test_strangers_stay_outside(router, key, other):
     assert not heard.is_set()
     member = open_bus("client", connect=[endpoint], key=key)
     try:
-        member.publish("x", b"", block=True)
+        member.publish(SHOWN, b"", block=True)
         assert heard.wait(5), "and members are still served"
     finally:
         member.close()
@@ -150,14 +166,12 @@ def test_a_trusted_authority_alone_is_not_enough(between, key, other):
     The web's authority is played by the other key's: the client is made to trust it.
     """
     endpoint, heard = between
-    trusting = Key(
-        key.path, key.authority + other.authority, key.certificate, key.private, key.name
-    )
+    trusting = dataclasses.replace(key, authority=key.authority + other.authority)
     client = open_bus("client", connect=[endpoint], key=trusting)
     try:
         client.announce("worker/w1")
-        client.publish("x", b"secret", block=True)
-        assert client.request("conductor/rpc", b"secret", 0.5) is None
+        client.publish(SHOWN, b"secret", block=True)
+        assert client.request(RPC, b"secret", 0.5) is None
         assert not heard.is_set()
     finally:
         client.close()
@@ -168,9 +182,9 @@ def test_a_trusted_authority_alone_is_not_enough(between, key, other):
 
 
 def test_a_wrong_key_is_told_from_silence(router, key, other):
-    with pytest.raises(UsageError, match=r"refused: it holds another key than .*other\.key"):
+    with pytest.raises(UsageError, match=r"refused: it is of another fabric than .*theirs"):
         open_bus("client", connect=router.endpoints, key=other)
-    with pytest.raises(UsageError, match="needs the fabric's key"):
+    with pytest.raises(UsageError, match="needs a key of the fabric"):
         open_bus("client", connect=router.endpoints)
     with pytest.raises(UnreachableError, match="nobody answers after"):
         open_bus("client", connect=["tls/127.0.0.1:1"], key=key, connect_timeout_s=0.2)
@@ -191,19 +205,18 @@ def test_tls_to_a_plain_conductor_is_named(key):
 
 def test_an_expired_certificate_on_the_other_side_is_named(tmp_path):
     """Where the other side's clock, and so its loader, is behind ours."""
-    path = tmp_path / "conductor.key"
-    with pytest.raises(UsageError, match="expired"):
-        make_key(path, days=-1)
+    keys = make_keys(tmp_path / "keys")
+    data = load_authority(keys).issue(Role.conductor, -1)
     certificate, authority = (
-        found.public_bytes(Encoding.PEM)
-        for found in x509.load_pem_x509_certificates(path.read_bytes())
+        found.public_bytes(Encoding.PEM) for found in x509.load_pem_x509_certificates(data)
     )
-    private = path.read_bytes().removeprefix(certificate).removesuffix(authority)
-    expired = Key(path, authority, certificate, private, "drivetwin fabric")
+    private = data.removeprefix(certificate).removesuffix(authority)
+    ours = load_key(keys, Role.worker)
+    expired = Key(tmp_path, authority, certificate, private, ours.fabric, Role.conductor)
     bus = open_bus("router", listen=LISTEN, key=expired)
     try:
         with pytest.raises(UsageError, match="certificate has expired; compare the clocks"):
-            greet(bus.endpoints[0], expired)
+            greet(bus.endpoints[0], ours)
     finally:
         bus.close()
 
@@ -217,24 +230,28 @@ def test_garbage_on_the_port_ends_nothing(router, key):
         idle.append(socket.create_connection(("127.0.0.1", port)))
     client = open_bus("client", connect=router.endpoints, key=key)
     try:
-        assert client.request("conductor/rpc", b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", 5) == b"hi!"
     finally:
         client.close()
         for connection in idle:
             connection.close()
 
 
-def test_peers_and_liveliness_over_tls(key):
+def test_peers_and_liveliness_over_tls(key, keys):
     """The drive plane: simulator listens, stack connects; both are peers."""
     simulator = open_bus("peer", listen=LISTEN, key=key, namespace="twin/rig")
     came, went = threading.Event(), threading.Event()
-    simulator.watch("stack/*", lambda _, alive: (came if alive else went).set())
+    simulator.announce(topics.SIMULATOR_ALIVE.key.format(rig="rig"))
     try:
-        stack = open_bus("peer", connect=simulator.endpoints, key=key, namespace="twin/rig")
-        stack.announce("stack/1")
+        stack = open_bus(
+            "peer", connect=simulator.endpoints, key=keys[Role.stack], namespace="twin/rig"
+        )
+        alive = topics.SIMULATOR_ALIVE.key.format(rig="*")
+        stack.watch(alive, lambda _, alive: (came if alive else went).set())
         assert came.wait(5)
+        simulator.close()
+        assert went.wait(10)
         stack.close()
-        assert went.wait(5)
     finally:
         simulator.close()
 
@@ -242,7 +259,7 @@ def test_peers_and_liveliness_over_tls(key):
 def test_plain_beyond_loopback_is_refused_before_it_listens():
     with pytest.raises(UsageError, match="plain TCP is for this host's loopback only"):
         open_bus("router", listen=["tcp/0.0.0.0:0"])
-    with pytest.raises(UsageError, match="needs the fabric's key"):
+    with pytest.raises(UsageError, match="needs a key of the fabric"):
         open_bus("router", listen=["tls/0.0.0.0:0"])
 
 
@@ -253,36 +270,38 @@ def announce(folder, endpoint, key=""):
 
 def test_the_key_is_found_beside_conductor_json_or_where_that_says(router, key, tmp_path):
     announce(tmp_path, router.endpoints[0])
-    with pytest.raises(UsageError, match=r"conductor\.key: no such key file"):
-        await_conductor(tmp_path, 0)
-    announce(tmp_path, router.endpoints[0], str(key.path))
-    assert await_conductor(tmp_path, 0).key == key
-    beside = tmp_path / "conductor.key"
+    with pytest.raises(UsageError, match=r"/keys: no such key file"):
+        await_conductor(tmp_path, 0, Role.worker)
+    announce(tmp_path, router.endpoints[0], str(key.path.parent))
+    assert await_conductor(tmp_path, 0, Role.worker).key == key
+    beside = tmp_path / "keys/worker.key"
+    beside.parent.mkdir()
     beside.write_bytes(key.path.read_bytes())
     beside.chmod(0o600)
-    assert await_conductor(tmp_path, 0).key.path == beside
+    assert await_conductor(tmp_path, 0, Role.worker).key.path == beside
 
 
 def test_a_loose_key_is_not_waited_for(router, key, other, tmp_path):
-    announce(tmp_path, router.endpoints[0], str(key.path))
-    loose = tmp_path / "conductor.key"
+    announce(tmp_path, router.endpoints[0], str(key.path.parent))
+    loose = tmp_path / "keys/worker.key"
+    loose.parent.mkdir()
     loose.write_bytes(key.path.read_bytes())
     loose.chmod(0o644)
     with pytest.raises(UsageError, match="chmod 600"):
-        await_conductor(tmp_path, 3600)
+        await_conductor(tmp_path, 3600, Role.worker)
 
 
 def test_a_given_key_wins(router, key, other, tmp_path):
-    announce(tmp_path, router.endpoints[0], str(key.path))
-    with pytest.raises(UsageError, match="another key"):
-        await_conductor(tmp_path, 0, other.path)
+    announce(tmp_path, router.endpoints[0], str(key.path.parent))
+    with pytest.raises(UsageError, match="another fabric"):
+        await_conductor(tmp_path, 0, Role.worker, other.path)
 
 
-def test_a_relay_passes_everything_on(router, key):
+def test_a_relay_passes_everything_on(router, key, keys):
     """Requests, liveliness and views, for those who can reach only the relay."""
     came = threading.Event()
     router.watch("worker/*", lambda _, alive: came.set() if alive else None)
-    relay = open_bus("router", listen=LISTEN, connect=router.endpoints, key=key)
+    relay = open_bus("router", listen=LISTEN, connect=router.endpoints, key=keys[Role.conductor])
     feed = open_bus("peer", connect=router.endpoints, key=key, connect_required=False)
     far = open_bus("client", connect=relay.endpoints, key=key)
     try:
@@ -303,6 +322,6 @@ def test_a_relay_passes_everything_on(router, key):
 def request_until_answered(bus):
     """Routes between two routers take a moment; members repeat their requests anyway."""
     while True:
-        answer = bus.request("conductor/rpc", b"hi", 1)
+        answer = bus.request(RPC, b"hi", 1)
         if answer is not None:
             return answer

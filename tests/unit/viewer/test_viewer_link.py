@@ -11,9 +11,11 @@ from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Explain, Reply, Request
 from schemas.view import SceneMesh
 from schemas.wire import decode, encode
+from twin.fabric.authority import make_keys
 from twin.fabric.discovery import Target
 from twin.fabric.errors import UnreachableError, UsageError
-from twin.fabric.key_file import make_key
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 from viewer import link as linking
 from viewer import native
@@ -28,7 +30,7 @@ class Conductor:
         self.version = version
         protocol = "tls" if key else "tcp"
         self.bus = open_bus("router", listen=[f"{protocol}/127.0.0.1:{port}"], key=key)
-        self.bus.serve(topics.RPC.key, self.answer)
+        self.bus.serve(topics.RPC_STATUS.key, self.answer)
 
     def answer(self, payload, respond):
         request = decode(payload, Request)
@@ -247,7 +249,8 @@ def test_worlds_and_events_come_as_they_are(opened, port):
 
 
 def test_another_key_is_the_end(opened, port, tmp_path):
-    keys = [make_key(tmp_path / name) for name in ("ours", "theirs")]
+    ours, theirs = (make_keys(tmp_path / name) for name in ("ours", "theirs"))
+    keys = [load_key(ours, Role.conductor), load_key(theirs, Role.viewer)]
     endpoint = f"tls/127.0.0.1:{port}"
     opened.append(open_bus("router", listen=[endpoint], key=keys[0]))
     link = Link(lambda: Target(endpoint, "twin", keys[1]), None, Slots())
@@ -255,4 +258,4 @@ def test_another_key_is_the_end(opened, port, tmp_path):
     link.start()
     error = hear(link, Ended).error
     assert error.exit_code == 2
-    assert "it holds another key" in str(error)
+    assert "it is of another fabric" in str(error)

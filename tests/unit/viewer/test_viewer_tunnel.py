@@ -12,8 +12,10 @@ import psutil
 import pytest
 from test_viewer_link import hear, serve
 
+from twin.fabric.authority import make_keys
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
-from twin.fabric.key_file import make_key
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
 from viewer import link as linking
 from viewer import native, tunnel
 from viewer.link import Ended, Link, Said, Status
@@ -80,14 +82,14 @@ def test_through_the_login_node_to_a_compute_node(opened, calls, port):
 
 def test_mutual_tls_through_the_tunnel(opened, calls, port, tmp_path):
     """The certificate is checked, not the address that it is reached at."""
-    ours, _ = (make_key(tmp_path / name) for name in ("ours", "theirs"))
-    serve(opened, port, key=ours)
+    ours, _ = (make_keys(tmp_path / name) for name in ("ours", "theirs"))
+    serve(opened, port, key=load_key(ours, Role.conductor))
     far = Far("me@login", "cn042", f"tls/127.0.0.1:{port}")
     for path, kind in ((tmp_path / "ours", Status), (tmp_path / "theirs", Ended)):
         way = Tunnel(far, "twin", path)
         opened.append(way)
         heard = hear(link_through(opened, way), kind)
-    assert "it holds another key" in str(heard.error)
+    assert "it is of another fabric" in str(heard.error)
     assert [call["host"] for call in calls()] == ["me@cn042"] * 2
 
 
@@ -103,7 +105,7 @@ def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
     assert target.namespace == "mine"
     assert calls()[-1]["host"] == "me@cn007", "it listens on that node's loopback"
     (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
-    with pytest.raises(UsageError, match=r"scp me@login:.*conductor.key"):
+    with pytest.raises(UsageError, match=r"scp me@login:.*keys/viewer\.key"):
         way.target()
 
 
@@ -127,7 +129,7 @@ def test_a_file_over_there_that_says_nonsense_is_the_end(opened, calls, tmp_path
 
 
 def test_a_key_is_fetched_from_a_folder_that_is_known(opened, calls):
-    with pytest.raises(UsageError, match=r"needs the fabric's key; copy conductor.key") as caught:
+    with pytest.raises(UsageError, match="needs a key of the fabric; ask for one") as caught:
         dig(opened, connect="tls/cn007:7447").target()
     assert "scp" not in str(caught.value)
 

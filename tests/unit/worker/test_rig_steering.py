@@ -236,7 +236,7 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
         with pytest.raises(UnreachableError, match="no conductor answers there"):
             find(viewer, "b")
         lines = {"b": "leased to w since 4 s", "c": "waits: the case is paused"}
-        simulator.serve(topics.RPC.key, lambda p, r: r(encode(_conductor(p, lines))))
+        simulator.serve(topics.RPC_STATUS.key, lambda p, r: r(encode(_conductor(p, lines))))
         with pytest.raises(UsageError, match="cannot be steered: its rig is just starting, or sho"):
             find(viewer, "b")
         with pytest.raises(UsageError, match="does not run: waits: the case is paused"):

@@ -1,0 +1,273 @@
+"""``conductor bench-tls``: what mutual TLS and access lists cost, beside plain TCP in the same run.
+
+Lease and commit of no-op cases, and exchanges on a drive plane: a small message, a picture as
+payload, and a picture in memory that both sides share. The conductors and the other end of the
+drive plane are processes of their own; journals are durable, in ``folder``. What goes over the wire
+is counted by the kernel.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import multiprocessing
+import os
+import shutil
+import socket
+import struct
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import asdict, dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import psutil
+
+from conductor.bench.own import noop_campaign
+from conductor.client import Client
+from conductor.serve import serve_folder
+from schemas import SCHEMA_VERSION, topics
+from schemas.doors import door
+from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
+from schemas.wire import decode, encode
+from twin.fabric.authority import make_keys
+from twin.fabric.bus import Bus
+from twin.fabric.discovery import Target, await_conductor
+from twin.fabric.endpoint import LOOPBACK, to_listen
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
+from twin.fabric.frames import Channel, FrameBuffer, open_frames
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
+from twin.fabric.software import software_digest
+from twin.fabric.zenoh_bus import open_bus
+
+FLOOR = 0.5
+"""--check: TLS must reach this share of plain TCP in lease and commit, and for ticks."""
+WIRE_BYTES_MAX = 2000
+"""--check: an exchange whose picture lies in shared memory may send so much [bytes]."""
+TICK_BYTES, FRAME = 200, Channel("camera", (1, 360, 640, 3), "|u1")
+FRAME_BYTES = 640 * 360 * 3
+NAMESPACE = "bench/rig"
+WAIT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One kind of exchange on the drive plane."""
+
+    name: str
+    payload_bytes: int
+    shared: bool = False
+    """The picture is written into memory that both sides map."""
+    rounds: int = 1000
+
+
+EXCHANGES = (
+    Exchange("tick", TICK_BYTES),
+    Exchange("picture as payload", FRAME_BYTES, rounds=200),
+    Exchange("picture in shared memory", TICK_BYTES, shared=True, rounds=200),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table: the best of all rounds, because others use the machine too."""
+
+    plain_per_s: float
+    tls_per_s: float
+    wire_bytes: float | None = None
+    """What an exchange sends with TLS; None: not counted [bytes]."""
+
+    @property
+    def ratio(self) -> float:
+        """TLS to plain."""
+        return self.tls_per_s / self.plain_per_s
+
+
+def bench_tls(cases: int, rounds: int, folder: Path, *, as_json: bool, check: bool) -> int:
+    """Measure and print; the exit code."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix="bench-tls-", dir=folder))
+    except OSError as error:
+        raise storage_error(error, str(folder)) from None
+    try:
+        table = _measure(scratch, cases, rounds)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    missed = _missed(table)
+    if as_json:
+        rows = {name: {**asdict(row), "ratio": row.ratio} for name, row in table.items()}
+        print(json.dumps({"rows": rows, "misses": missed}))
+    else:
+        for name, row in table.items():
+            wire = "" if row.wire_bytes is None else f"  {row.wire_bytes:8.0f} bytes sent"
+            print(
+                f"{name:36} plain {row.plain_per_s:7.0f}/s  TLS {row.tls_per_s:7.0f}/s  "
+                f"ratio {row.ratio:.2f}{wire}"
+            )
+    for line in missed:
+        print(f"missed: {line}", file=sys.stderr)
+    return EXIT_FAILED if check and missed else EXIT_PASS
+
+
+def _missed(table: dict[str, Row]) -> list[str]:
+    low = [
+        f"{name}: {row.ratio:.2f} of plain TCP, at least {FLOOR}"
+        for name, row in table.items()
+        if "payload" not in name and row.ratio < FLOOR
+    ]
+    large = [
+        f"{name}: {row.wire_bytes:.0f} bytes sent, at most {WIRE_BYTES_MAX}"
+        for name, row in table.items()
+        if "shared" in name and row.wire_bytes is not None and row.wire_bytes > WIRE_BYTES_MAX
+    ]
+    return low + large
+
+
+def _measure(folder: Path, cases: int, rounds: int) -> dict[str, Row]:
+    keys = make_keys(folder / "keys")
+    rates: dict[str, dict[bool, list[float]]] = {}
+    wire: dict[str, float] = {}
+    for _ in range(rounds):
+        for tls, used in ((False, None), (True, keys)):  # in turns
+            for k in (1, 8):
+                name = f"lease and commit, {k} per request"
+                found = _commits(folder, used, cases, k)
+                rates.setdefault(name, {}).setdefault(tls, []).append(found)
+            for exchange in EXCHANGES:
+                rate, sent = _round_trips(used, exchange)
+                rates.setdefault(exchange.name, {}).setdefault(tls, []).append(rate)
+                wire[exchange.name] = sent
+    return {
+        name: Row(max(found[False]), max(found[True]), wire.get(name))
+        for name, found in rates.items()
+    }
+
+
+def _serve(folder: Path, keys: Path | None) -> None:
+    """A conductor, in a process of its own."""
+    with contextlib.redirect_stdout(sys.stderr):
+        key = load_key(keys, Role.conductor) if keys else None
+        serve_folder(folder, LOOPBACK, "twin", key=key)
+
+
+def _commits(folder: Path, keys: Path | None, cases: int, k: int) -> float:
+    """No-op cases per second through a conductor on a fresh folder."""
+    state = Path(tempfile.mkdtemp(prefix="state-", dir=folder))
+    process = multiprocessing.get_context("spawn").Process(target=_serve, args=(state, keys))
+    process.start()
+    try:
+        target = await_conductor(state, 30.0, Role.worker)
+        with Client("", state, "twin") as client:
+            client.submit(noop_campaign(cases), "")
+        return _lease_and_commit(target, k)
+    finally:
+        process.terminate()
+        process.join()
+
+
+def _lease_and_commit(target: Target, k: int) -> float:
+    """No-op cases per second of one worker with ``k`` per request."""
+    bus = open_bus("client", connect=[target.endpoint], key=target.key)
+    worker = f"bench-{k}"
+    try:
+        _ask(bus, Hello(SCHEMA_VERSION, worker, "h", 1, "cpu:bench", software_digest(), k))
+        started_s, cases, seq = time.perf_counter(), 0, 0
+        results: list[Result] = []
+        while True:
+            seq += 1
+            reply = _ask(bus, Next(SCHEMA_VERSION, worker, seq, k, results=results))
+            cases += len(results)
+            if not reply.leases:
+                return cases / (time.perf_counter() - started_s)
+            results = [noop_result(lease) for lease in reply.leases]
+    finally:
+        bus.close()
+
+
+def _ask(bus: Bus, request: Request) -> Reply:
+    data = bus.request(door(request), encode(request), WAIT_S)
+    if data is None:
+        raise InfrastructureError("the bench's conductor does not answer")
+    reply: Reply = decode(data, Reply)
+    if reply.error:
+        raise InfrastructureError(f"the bench's conductor: {reply.error}")
+    return reply
+
+
+_TICK = topics.TICK.key.format(rig="rig")
+_COMMAND = topics.COMMAND.key.format(rig="rig")
+
+
+def _stack(keys: Path | None, path: str, nonce: str, connection: Connection) -> None:
+    """The other end of the drive plane, in a process of its own: answers with a small message."""
+    key = load_key(keys, Role.stack) if keys else None
+    shared = open_frames(path, FRAME_BYTES, nonce) if path else None
+    bus = open_bus("peer", connect=[connection.recv()], key=key, namespace=NAMESPACE)
+
+    def answer(_: object) -> None:
+        if shared is not None:
+            shared.seek(0)
+            shared.read()  # as whoever looks at the picture does
+        bus.publish(_COMMAND, b"x" * TICK_BYTES, block=True)
+
+    bus.subscribe(_TICK, answer)
+    connection.recv()
+    bus.close()
+
+
+def _round_trips(keys: Path | None, exchange: Exchange) -> tuple[float, float]:
+    """Exchanges per second, one after the other, and bytes that one of them sends."""
+    ours, theirs = multiprocessing.Pipe()
+    frames = FrameBuffer(FRAME_BYTES) if exchange.shared else None
+    process = multiprocessing.get_context("spawn").Process(
+        target=_stack,
+        args=(keys, frames.path if frames else "", frames.nonce if frames else "", theirs),
+    )
+    process.start()
+    key = load_key(keys, Role.worker) if keys else None
+    listen = [to_listen(LOOPBACK, keyed=keys is not None)]
+    bus = open_bus("peer", listen=listen, key=key, namespace=NAMESPACE)
+    try:
+        ours.send(bus.endpoints[0])
+        back = threading.Event()
+        bus.subscribe(_COMMAND, lambda _: back.set())
+        payload = bytes(exchange.payload_bytes)
+        view = frames.array(FRAME, 0).reshape(-1) if frames else None
+        while not back.wait(0.1):  # until both subscriptions stand
+            bus.publish(_TICK, payload, block=True)
+        sent, started_s = _sent_bytes(), time.perf_counter()
+        for number in range(exchange.rounds):
+            if view is not None:
+                view[:] = number % 256
+            back.clear()
+            bus.publish(_TICK, payload, block=True)
+            if not back.wait(WAIT_S):
+                raise InfrastructureError("the bench's stack does not answer")
+        took_s = time.perf_counter() - started_s
+        return exchange.rounds / took_s, (_sent_bytes() - sent) / exchange.rounds
+    finally:
+        bus.close()
+        ours.send(None)
+        process.join()
+        if frames:
+            frames.close()
+
+
+def _sent_bytes() -> int:
+    """What the TCP connections of this process have sent so far, as the kernel counts [bytes]."""
+    total = 0
+    for found in psutil.Process().net_connections("tcp"):
+        if found.status != psutil.CONN_ESTABLISHED:
+            continue
+        with socket.socket(fileno=os.dup(found.fd)) as connection:
+            info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+        total += struct.unpack_from("=Q", info, _BYTES_ACKED)[0]
+    return total
+
+
+_BYTES_ACKED = 120
+"""Where ``tcpi_bytes_acked`` stands in Linux's ``struct tcp_info``."""

@@ -1,0 +1,121 @@
+"""Commands that make keys: ``conductor keygen`` for a fabric, ``conductor invite`` for a member."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from twin.fabric.cli import KeyOption
+from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.roles import Role
+
+if TYPE_CHECKING:
+    from twin.fabric.discovery import ConductorFile
+
+INVITED = (Role.viewer, Role.stack, Role.worker, Role.admin)
+"""Roles that somebody may be invited as; there is one conductor."""
+
+MODE = 0o600
+
+
+def add_key_commands(app: typer.Typer) -> None:
+    """Add the commands to ``app``."""
+    app.command()(keygen)
+    app.command()(invite)
+
+
+def keygen(
+    folder: Annotated[Path, typer.Argument(help="Folder of keys to write, for its owner only.")],
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long they are valid [days].")] = (
+        365
+    ),
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace keys; whoever has an old one is shut out.")
+    ] = False,
+) -> None:
+    """Make the keys of a new fabric: of its authority, and one for each role.
+
+    A conductor that listens beyond loopback makes them by itself, as keys/ in its state folder.
+    """
+    from twin.fabric.authority import make_keys
+
+    print(make_keys(folder, days=days, replace=force))
+
+
+def invite(
+    role: Annotated[
+        Role, typer.Option(help="What the holder may do: viewer, stack, worker or admin.")
+    ],
+    state: Annotated[
+        Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
+    ] = None,
+    key: KeyOption = None,
+    days: Annotated[
+        int, typer.Option(min=1, max=3650, help="How long the key is valid [days].")
+    ] = 30,
+    connect: Annotated[
+        str,
+        typer.Option(help="Endpoint to name, e.g. of a relay; default: the conductor's own."),
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Write a file, mode 0600; default: a line.")
+    ] = None,
+) -> None:
+    """Make a key for one more member, as a file or as a line to paste into one.
+
+    It names the conductor: `viewer live --key FILE` needs nothing else. Treat it as a password.
+    """
+    from twin.fabric.authority import days_left, load_authority
+    from twin.fabric.endpoint import check_endpoint
+    from twin.fabric.files import write_atomic
+    from twin.fabric.key_file import as_line
+
+    if role not in INVITED:
+        allowed = ", ".join(INVITED)
+        raise UsageError(f"--role {role}: allowed: {allowed}; a conductor has its own key")
+    folder, found = _where(state, key)
+    authority = load_authority(folder)
+    if days > (most := days_left(authority)):
+        raise UsageError(
+            f"--days {days}: this fabric ends in {most} days, allowed: 1 to {most}; "
+            "`conductor keygen --force` makes a new one"
+        )
+    if connect:
+        check_endpoint(connect)
+    endpoint = connect or (found.endpoint if found else "")
+    data = authority.issue(role, days, endpoint, found.namespace if found else "twin")
+    if out is None:
+        print(as_line(data).decode())
+        print(
+            f"conductor: a key of role {role} for {days} days; paste the line into a file of mode "
+            "0600 and give that as --key",
+            file=sys.stderr,
+        )
+        return
+    try:
+        write_atomic(out, data, mode=MODE)
+    except OSError as error:
+        raise storage_error(error, str(out)) from None
+    print(out)
+
+
+def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | None]:
+    """The folder of keys, and the conductor that is known there, if any."""
+    from twin.fabric.discovery import find_conductor
+    from twin.fabric.key_file import FOLDER_NAME
+
+    if state is None:
+        if key is None:
+            raise UsageError("no fabric given; use --state FOLDER or --key FOLDER")
+        return key, None
+    try:
+        found = find_conductor(state)
+    except UsageError:
+        found = None  # it may come later
+    beside = state / FOLDER_NAME
+    if key is None and not beside.exists() and found is not None and found.key:
+        return Path(found.key), found
+    return key or beside, found

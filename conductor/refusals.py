@@ -1,0 +1,104 @@
+"""Connections that a listener refused, as sentences in the conductor's log.
+
+Zenoh tells its program nothing of a handshake that failed; it writes a line to file descriptor 1.
+So results get a descriptor of their own, and 1 becomes a pipe that a thread reads.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+PERIOD_S = 60.0
+"""A reason is logged once in so long, however often it occurs [s]."""
+REASON_CHARS_MAX = 200
+
+_REASONS = (
+    ("sent no certificates", "it showed no key"),
+    ("certificate expired", "its key has expired"),
+    ("not valid yet", "its key is not valid yet; compare the clocks"),
+    ("UnknownIssuer", "its key is of another fabric"),
+    ("BadSignature", "its key is of another fabric"),
+    ("UnknownCA", "its key is of another fabric"),
+    ("CertificateUnknown", "its key is of another fabric"),
+    ("CertificateExpired", "it says that the key here has expired; compare the clocks"),
+    ("InvalidContentType", "it does not speak TLS"),
+)
+"""Part of Zenoh's line -> what it means."""
+
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_LINE = re.compile(r"zenoh_link_tls::\w+: (.*)")
+
+_log = logging.getLogger(__name__)
+
+
+def reason_of(line: str) -> str:
+    """Why a connection was refused, by Zenoh's ``line``; empty: the line says something else."""
+    found = _LINE.search(_COLOUR.sub("", line))
+    if found is None or "Skipping name verification" in line:
+        return ""
+    said = found[1].partition(" Hint:")[0].rstrip(".")
+    known = (meaning for part, meaning in _REASONS if part in said)
+    return next(known, f"the handshake failed: {said[:REASON_CHARS_MAX]}")
+
+
+class Refusals:
+    """Counts reasons, and says each of them once in a while."""
+
+    def __init__(self) -> None:
+        self._said_s: dict[str, float] = {}
+        self._more: dict[str, int] = {}
+
+    def take(self, line: str, now_s: float) -> str:
+        """What to log after ``line``, or nothing."""
+        reason = reason_of(line)
+        if not reason:
+            return ""
+        if now_s - self._said_s.get(reason, float("-inf")) < PERIOD_S:
+            self._more[reason] = self._more.get(reason, 0) + 1
+            return ""
+        if len(self._said_s) > 100:  # unknown reasons may hold what a stranger chose
+            self._said_s.clear()
+            self._more.clear()
+        self._said_s[reason] = now_s
+        more = self._more.pop(reason, 0)
+        return f"refused a connection: {reason}{f' ({more} more before)' if more else ''}"
+
+
+@contextmanager
+def refusals_logged() -> Iterator[None]:
+    """While it lasts, lines of Zenoh become lines of our log; standard output stays what it is."""
+    from twin.fabric.zenoh_bus import log_refusals
+
+    before = sys.stdout
+    before.flush()
+    own, (reader, writer) = os.dup(1), os.pipe()
+    os.dup2(writer, 1)
+    os.close(writer)
+    thread = threading.Thread(target=_read, args=(reader,), name="refusals", daemon=True)
+    thread.start()
+    log_refusals()
+    try:
+        with os.fdopen(os.dup(own), "w", buffering=1) as out:
+            sys.stdout = out
+            yield
+    finally:
+        sys.stdout = before
+        os.dup2(own, 1)  # closes the pipe, and so ends the thread
+        os.close(own)
+        thread.join(1.0)
+
+
+def _read(descriptor: int) -> None:
+    refusals = Refusals()
+    with os.fdopen(descriptor, errors="replace") as lines:
+        for line in lines:
+            sentence = refusals.take(line, time.monotonic())
+            if sentence:
+                _log.warning("%s", sentence)

@@ -1,0 +1,249 @@
+"""Invitations and their limits, and a commit that is recorded and sent again by everybody."""
+
+import json
+import socket
+import threading
+from contextlib import ExitStack, closing, suppress
+
+import pytest
+from processes import wait_for
+from strangers import Stranger, certificates_on, options_of
+
+from conductor.bench.own import noop_campaign
+from conductor.client import Client
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import Hello, Next, Reply, noop_result
+from schemas.wire import decode, encode
+from twin.fabric.authority import load_authority
+from twin.fabric.discovery import find_conductor
+from twin.fabric.errors import TwinError
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
+from twin.fabric.software import software_digest
+from twin.fabric.zenoh_bus import open_bus
+
+CASES = 4
+
+
+@pytest.fixture
+def state(marked, tmp_path, request):
+    """The folder of a conductor that listens with keys of its own making."""
+    folder = tmp_path / "state"
+    child = marked.start("conductor", "serve", "--state", str(folder), "--listen", "tcp/0.0.0.0:0")
+
+    def found():
+        try:
+            return find_conductor(folder)
+        except TwinError:
+            return None
+
+    wait_for(found, "the conductor")
+    yield folder
+    child.terminate()
+    _, err = child.communicate()
+    assert "Traceback" not in err
+    refused = {line.partition(": ")[2] for line in err.splitlines() if "refused a conn" in line}
+    if "recorded" in request.node.name:
+        met = {"it does not speak TLS", "it showed no key", "its key is of another fabric"}
+        assert met <= refused, "the listener says why, too"
+
+
+def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, tmp_path):
+    invited = {}
+    for role in ("viewer", "stack", "worker", "admin"):
+        invited[role] = str(tmp_path / f"{role}.key")
+        made = marked.run(
+            *("conductor", "invite", "--role", role, "--state", str(state), "-o", invited[role])
+        )
+        assert (made.returncode, made.stdout.strip()) == (0, invited[role]), made.stderr
+    line = marked.run("conductor", "invite", "--role", "viewer", "--state", str(state))
+    assert len(line.stdout.splitlines()) == 1
+    pasted = tmp_path / "pasted"
+    pasted.write_text(line.stdout)
+    pasted.chmod(0o600)
+    expired = tmp_path / "expired.key"
+    expired.write_bytes(load_authority(state / "keys").issue(Role.admin, -1))
+    expired.chmod(0o600)
+    endpoint = find_conductor(state).endpoint
+    cancel = ("conductor", "cancel", "chaos-16")
+    started = [
+        (code, words, marked.start(*command, "--key", str(key)))
+        for command, key, code, words in (
+            # Nothing but the key is given: it says where the conductor is.
+            (("conductor", "status"), invited["viewer"], 0, ""),
+            (("conductor", "status"), pasted, 0, ""),
+            (("conductor", "submit", "chaos-16"), invited["admin"], 0, ""),
+            (("conductor", "status"), invited["stack"], 2, "key of role stack may not ask"),
+            (("conductor", "stop"), invited["viewer"], 2, "invite --role admin"),
+            (("conductor", "submit", "aeb-demo"), pasted, 2, "invite --role admin"),
+            (cancel, invited["worker"], 2, "key of role worker may not ask conductor/rpc/admin"),
+            (("viewer", "pause", "a"), invited["viewer"], 2, "invite --role admin"),
+            (("twin", "worker"), invited["viewer"], 2, "invite --role worker"),
+            (("viewer", "live", "--no-window"), invited["stack"], 2, "invite --role"),
+            ((*cancel, "--connect", endpoint), expired, 2, "this key expired on"),
+            (
+                ("conductor", "serve", "--state", str(tmp_path / "s")),
+                invited["admin"],
+                2,
+                "may not",
+            ),
+        )
+    ]
+    for code, words, child in started:
+        _, err = child.communicate()
+        assert (child.returncode, words in err) == (code, True), (child.args, err)
+        assert len([line for line in err.splitlines() if not line.startswith("INFO")]) == code // 2
+    found = json.loads(
+        marked.run("conductor", "status", "--state", str(state), "--output", "json").stdout
+    )
+    assert (found["campaigns"]["chaos-16"]["left"], found["workers"]) == (16, [])
+    for options, words in (
+        (("--role", "conductor"), "allowed: viewer, stack, worker, admin"),
+        (("--role", "viewer", "--days", "400"), "allowed: 1 to 36"),
+    ):
+        refused = marked.run("conductor", "invite", "--state", str(state), *options)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+    (state / "keys/authority.key").unlink()
+    gone = marked.run("conductor", "invite", "--role", "viewer", "--state", str(state))
+    assert (gone.returncode, "was removed" in gone.stderr) == (2, True)
+
+
+@pytest.fixture
+def stack(state):
+    """What is closed before the conductor is stopped, also after a failure."""
+    with ExitStack() as found:
+        yield found
+
+
+class Tap:
+    """Somebody on the wire between a worker and its conductor who keeps every byte."""
+
+    def __init__(self, port):
+        self.sent, self.answered = bytearray(), bytearray()
+        self._port = port
+        self._ends = []
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tls/127.0.0.1:{self._listener.getsockname()[1]}"
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        try:
+            while True:
+                near, _ = self._listener.accept()
+                far = socket.create_connection(("127.0.0.1", self._port))
+                self._ends += (near, far)
+                for way in ((near, far, self.sent), (far, near, self.answered)):
+                    threading.Thread(target=self._pump, args=way, daemon=True).start()
+        except OSError:
+            return
+
+    def _pump(self, source, sink, kept):
+        try:
+            while data := source.recv(65536):
+                kept += data
+                sink.sendall(data)
+            sink.shutdown(socket.SHUT_WR)
+        except OSError:
+            pass
+
+    def close(self):
+        for each in (self._listener, *self._ends):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+
+def ask(bus, request):
+    data = bus.request(topics.RPC_WORKER.key, encode(request), 10.0)
+    assert data is not None
+    return decode(data, Reply)
+
+
+def hello(worker):
+    return Hello(SCHEMA_VERSION, worker, "h", 1, "cpu:test", software_digest(), 1)
+
+
+def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
+    """By somebody without a key, as bytes and as messages; by every other role; by a worker."""
+    keys = state / "keys"
+    port = int(find_conductor(state).endpoint.rpartition(":")[2])
+    tap = stack.enter_context(closing(Tap(port)))
+    with Client("", state, "twin") as client:
+        client.submit(noop_campaign(CASES), "")
+    name = noop_campaign(CASES).campaign
+    bus = open_bus("client", connect=[tap.endpoint], key=load_key(keys, Role.worker))
+    stack.callback(bus.close)
+    ask(bus, hello("first"))
+    (lease,) = ask(bus, Next(SCHEMA_VERSION, "first", 1, 1)).leases
+    commit = Next(SCHEMA_VERSION, "first", 2, 0, results=[noop_result(lease)])
+    recorded = encode(commit)
+    assert ask(bus, commit).acks == [lease.token]
+
+    def rows():
+        with Client("", state, "twin") as client:
+            found = client.status()
+        return {
+            "campaign": {
+                key: value for key, value in found["campaigns"][name].items() if "_s" not in key
+            },
+            "facts": found["counters"]["fenced"],
+            "workers": [worker["id"] for worker in found["workers"]],
+        }
+
+    before = rows()
+    assert (before["campaign"]["left"], before["workers"]) == (CASES - 1, ["first"])
+    secrets = [lease.case.id.encode(), recorded, b"conductor/rpc"]
+    assert tap.sent
+    assert not [word for word in secrets if word in tap.sent + tap.answered], "nothing is read"
+    # Every byte of the worker's session on a new connection, cut and whole; and the bare message.
+    for data in (bytes(tap.sent), bytes(tap.sent[:600]), recorded, b"\x00\x10" + recorded):
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.settimeout(10.0)
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
+            answer = bytearray()
+            try:
+                while more := connection.recv(65536):
+                    answer += more
+            except OSError:
+                pass
+        assert not [word for word in secrets if word in answer]
+    for kind, tls in certificates_on(keys, tmp_path).items():
+        protocol = "tcp" if kind == "plain" else "tls"
+        stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
+        assert not stranger.inside, kind
+    # With a key of another role, and no rule of ours minded.
+    for role in (Role.viewer, Role.stack, Role.admin):
+        member = Stranger(f"tls/127.0.0.1:{port}", options_of(load_key(keys, role)))
+        stack.callback(member.close)
+        assert member.inside
+        assert member.answers(topics.RPC_WORKER.key, recorded) == []
+        for door in (topics.RPC_STATUS.key, topics.RPC_ADMIN.key):
+            for data in member.answers(door, recorded):
+                assert f"send it to {topics.RPC_WORKER.key}" in decode(data, Reply).error
+        assert (member.answers(topics.RPC_ADMIN.key, b"") != []) is (role is Role.admin)
+    assert rows() == before
+    # By the worker again: the same answer. By another worker, in its own name: fenced.
+    assert ask(bus, commit).acks == [lease.token]
+    assert rows() == before
+    ask(bus, hello("second"))
+    forged = noop_result(lease)
+    stolen = Next(SCHEMA_VERSION, "second", 1, 0, results=[forged])
+    again = ask(bus, stolen)
+    after = rows()
+    assert after["campaign"] == before["campaign"]
+    assert again.acks == [lease.token], "it is settled: the same result of the same token"
+    other = Next(SCHEMA_VERSION, "second", 2, 0, results=[changed(forged)])
+    assert ask(bus, other).fenced == [lease.token]
+    alarm = {**before["campaign"], "disagreements": 1}
+    assert rows()["campaign"] == alarm, (
+        "the verdict stays, and that somebody says otherwise is told"
+    )
+
+
+def changed(result):
+    """The same token with another verdict."""
+    import msgspec
+
+    return msgspec.structs.replace(result, verdict="collision", passed=False, kpi_sha256="0" * 64)

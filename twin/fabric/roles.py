@@ -1,0 +1,207 @@
+"""Who may do what on the fabric: one table, from which every session's access list is made.
+
+A role stands in the certificate. Whoever receives a message decides by it, so a program that minds
+no rule of ours gets no further than its certificate allows.
+"""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any
+
+from schemas import topics
+from schemas.topics import Topic
+
+
+class Role(StrEnum):
+    """What a certificate stands for."""
+
+    conductor = "conductor"
+    """Everything; relays are conductors, too."""
+    worker = "worker"
+    """Leases and commits, drives and shows its rigs: worker, simulator and recorder."""
+    stack = "stack"
+    """Drives in the rig that it connects to."""
+    viewer = "viewer"
+    """Looks."""
+    admin = "admin"
+    """Looks, submits, cancels, stops and steers."""
+
+
+class Act(StrEnum):
+    """What may be done on a key."""
+
+    publish = "publish"
+    subscribe = "subscribe"
+    ask = "ask"
+    answer = "answer"
+    announce = "announce"
+    """Be seen alive."""
+    watch = "watch"
+    """See who is alive."""
+
+
+def pattern(topic: Topic) -> str:
+    """Every key of ``topic``, as a key expression."""
+    return re.sub(r"\{\w+\}", "*", topic.key)
+
+
+def _keys(*found: Topic) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(map(pattern, found)))
+
+
+def _ready(side: str) -> str:
+    return topics.READY.key.format(rig="*", side=side)
+
+
+_SENSED = (topics.sensor_key("*", "*"), *_keys(topics.EPISODE, topics.TICK))
+_SHOWN = _keys(
+    *(
+        topic
+        for topic in topics.TOPICS
+        if topic.key.startswith("view/") and topic is not topics.VIEW_CONTROL
+    )
+)
+_STEERED = _keys(topics.CONTROL, topics.VIEW_CONTROL)
+
+_STACK = {
+    Act.publish: (*_keys(topics.COMMAND), _ready("stack")),
+    Act.subscribe: (*_SENSED, _ready("simulator")),
+    Act.watch: _keys(topics.SIMULATOR_ALIVE),
+}
+_VIEWER = {
+    Act.subscribe: (*_SHOWN, *_keys(topics.EVENT)),
+    Act.ask: _keys(topics.RPC_STATUS, topics.FEED_SCENE),
+}
+
+MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
+    Role.conductor: dict.fromkeys(Act, ("**",)),
+    Role.worker: {
+        # Both ends of its rigs: a stack that it starts may have no key of its own.
+        Act.publish: (
+            *_SENSED,
+            *(_ready("simulator"), *_STACK[Act.publish]),
+            *(*_SHOWN, *_keys(topics.FEED_END)),
+        ),
+        Act.subscribe: (
+            *_keys(topics.COMMAND, topics.WORKER_COMMAND),
+            *(_ready("stack"), *_STACK[Act.subscribe]),
+            *(*_SHOWN, *_keys(topics.FEED_END)),  # its recorder
+        ),
+        Act.ask: _keys(topics.RPC_WORKER, topics.RPC_STATUS, topics.FILES),
+        Act.answer: (*_STEERED, *_keys(topics.FEED_SCENE)),
+        Act.announce: _keys(topics.WORKER_ALIVE, topics.SIMULATOR_ALIVE, topics.RECORDER_ALIVE),
+        Act.watch: _keys(topics.SIMULATOR_ALIVE, topics.RECORDER_ALIVE),
+    },
+    Role.stack: _STACK,
+    Role.viewer: _VIEWER,
+    Role.admin: {
+        Act.subscribe: _VIEWER[Act.subscribe],
+        Act.ask: (*_VIEWER[Act.ask], *_keys(topics.RPC_ADMIN), *_STEERED),
+    },
+}
+"""Role -> act -> key expressions, below the session's namespace; what is not here is denied."""
+
+_MESSAGES: dict[Act, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    Act.publish: (("put", "delete"), ("declare_subscriber",)),
+    Act.subscribe: (("declare_subscriber",), ("put", "delete")),
+    Act.ask: (("query",), ("reply", "declare_queryable")),
+    Act.answer: (("declare_queryable", "reply"), ("query",)),
+    Act.announce: (
+        ("liveliness_token",),
+        ("liveliness_query", "declare_liveliness_subscriber"),
+    ),
+    Act.watch: (
+        ("liveliness_query", "declare_liveliness_subscriber"),
+        ("liveliness_token",),
+    ),
+}
+"""Act -> Zenoh's messages from whoever may do it, and to them."""
+
+_NOT_ITS = {
+    Act.publish: "publish on",
+    Act.subscribe: "listen on",
+    Act.ask: "ask",
+    Act.answer: "answer on",
+    Act.announce: "announce itself on",
+    Act.watch: "watch",
+}
+
+
+def common_name(fabric: str, role: Role) -> str:
+    """What a certificate of ``role`` is called; no two fabrics share it."""
+    return f"{fabric} {role}"
+
+
+def split_name(name: str) -> tuple[str, Role]:
+    """Fabric and role of a certificate called ``name``; raises ValueError if it has none."""
+    fabric, _, role = name.rpartition(" ")
+    return fabric, Role(role)
+
+
+@lru_cache(maxsize=4096)
+def may(role: Role, act: Act, key: str) -> bool:
+    """Whether ``role`` may do ``act`` on all of ``key``, which may hold wildcards."""
+    return any(_includes(allowed, key) for allowed in MAY[role].get(act, ()))
+
+
+def refusal(role: Role, act: Act, key: str) -> str:
+    """Why it may not, and which role may: the end of a sentence."""
+    able = [str(other) for other in Role if other is not Role.conductor and may(other, act, key)]
+    allowed = " or ".join(able) or Role.conductor
+    remedy = f"ask for one by `conductor invite --role {able[-1]}`" if able else "give that one"
+    return f"a key of role {role} may not {_NOT_ITS[act]} {key}, allowed: {allowed}; {remedy}"
+
+
+def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any]:
+    """Zenoh's access list of a session in ``namespace``.
+
+    Zenoh trusts the public web's authorities beside ours when it connects, and host names are not
+    checked; but no web certificate has a name of this fabric, and nobody else is let through.
+
+    Args:
+        fabric: first words of the members' certificates.
+        namespace: prefix of every key.
+        plain: the session has links of plain TCP on this host, too; they may do everything.
+    """
+    rules: list[dict[str, Any]] = []
+    subjects: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for role in Role:
+        ids = []
+        for act, keys in MAY[role].items():
+            for flow, messages in zip(("ingress", "egress"), _MESSAGES[act], strict=True):
+                ids.append(f"{role} {act} {flow}")
+                rules.append(
+                    {
+                        "id": ids[-1],
+                        "permission": "allow",
+                        "flows": [flow],
+                        "messages": list(messages),
+                        # The conductor alone has no namespace: a relay passes on for others.
+                        "key_exprs": [k if k == "**" else f"{namespace}/{k}" for k in keys],
+                    }
+                )
+        subjects.append({"id": str(role), "cert_common_names": [common_name(fabric, role)]})
+        policies.append({"rules": ids, "subjects": [str(role)]})
+    if plain:
+        subjects.append({"id": "this host", "link_protocols": ["tcp"]})
+        policies[list(Role).index(Role.conductor)]["subjects"].append("this host")
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _includes(allowed: str, key: str) -> bool:
+    if allowed == "**":
+        return True
+    ours, theirs = allowed.split("/"), key.split("/")
+    return len(ours) == len(theirs) and all(
+        a == b or (a == "*" and b != "**") for a, b in zip(ours, theirs, strict=True)
+    )
