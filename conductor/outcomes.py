@@ -14,6 +14,7 @@ from conductor.facts import Committed
 from conductor.fold import agrees
 from conductor.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
+from schemas.json_text import JsonError, decode_json
 from schemas.messages import PerceptionCost
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -140,7 +141,7 @@ def read_outcomes(folder: Path) -> Outcomes:
     """
     path = folder / FILE_NAME
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Outcomes)
+        return decode_json(path.read_bytes(), Outcomes)
     except FileNotFoundError:
         if (folder / CONDUCTOR_FILE).exists():
             raise UsageError(
@@ -151,7 +152,7 @@ def read_outcomes(folder: Path) -> Outcomes:
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
-    except msgspec.MsgspecError as error:
+    except JsonError as error:
         raise InfrastructureError(f"{path}: damaged: {error}") from None
 
 

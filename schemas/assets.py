@@ -135,7 +135,7 @@ def _gltf_resources(mesh: Path) -> list[str]:
             else:
                 data = head + file.read(_TEXT_BYTES_MAX)
         document = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     rows = [*_rows(document, "buffers"), *_rows(document, "images")]
     uris = [row.get("uri") for row in rows if isinstance(row, dict)]

@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import inspect
 
+from schemas.words import plain
+
 T = TypeVar("T")
 
 
@@ -25,7 +27,8 @@ class Mistake:
 
     def line(self, name: str) -> str:
         """The one line a user sees; ``name`` is the file."""
-        return f"{name}: {self.path}: {self.message}" if self.path else f"{name}: {self.message}"
+        where = f"{name}: {self.path}" if self.path else name
+        return plain(f"{where}: {self.message}")
 
 
 def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:
@@ -100,10 +103,11 @@ def _check_union(data: Any, info: inspect.UnionType, path: str) -> list[Mistake]
     tagged = {m.tag: m for m in members if isinstance(m, inspect.StructType) and m.tag_field}
     if len(tagged) == len(members) and isinstance(data, dict):
         name = next(iter(tagged.values())).tag_field or ""
-        if data.get(name) in tagged:
-            return _check(data, tagged[data[name]], path)
+        given = data.get(name)
+        if isinstance(given, str) and given in tagged:
+            return _check(data, tagged[given], path)
         kinds = ", ".join(str(tag) for tag in tagged)
-        return [Mistake(_join(path, name), f"given {_shown(data.get(name))}, allowed: {kinds}")]
+        return [Mistake(_join(path, name), f"given {_shown(given)}, allowed: {kinds}")]
     if any(not _check(data, member, path) for member in members):
         return []
     allowed = " or ".join(_allowed(member) for member in members)

@@ -8,12 +8,17 @@ from typing import Any
 
 import yaml
 
+from schemas.words import plain
+
 FILE_BYTES_MAX = 4 << 20
 """Largest YAML file that is read [bytes]."""
 
 
 class YamlError(ValueError):
     """The file cannot be read as YAML; the message is one line and names the place."""
+
+    def __init__(self, words: str) -> None:
+        super().__init__(plain(words))
 
 
 class _Loader(yaml.SafeLoader):

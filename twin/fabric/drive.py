@@ -8,6 +8,7 @@ ever guesses.
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections.abc import Callable
@@ -48,6 +49,19 @@ LOOK_S = 0.1
 
 FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
+
+DTYPES = (
+    "|u1",
+    "|i1",
+    "|b1",
+    *(f"<{kind}{size}" for kind in "iu" for size in (2, 4, 8)),
+    "<f4",
+    "<f8",
+)
+"""What an array in a message may be made of, as NumPy writes it."""
+
+AXES_MAX = 8
+"""Most axes of an array in a message."""
 
 
 Transport = Literal["device", "memory", "bytes", "inline"]
@@ -378,15 +392,15 @@ class StackEnd:
             except Exception as error:  # whatever Warp raises for a handle it cannot open
                 raise InfrastructureError(f"{self._gpu}: {error}") from None
             self._opened[frame.handle] = memory
-        if memory.shape != tuple(frame.shape) or memory.dtype != np.dtype(frame.dtype):
+        if memory.shape != tuple(frame.shape) or memory.dtype != _dtype(frame):
             raise WireError(f"array of {frame.shape} behind the handle of one of {memory.shape}")
         return memory.frame()
 
     def _array(self, frame: Frame, payload: bytes) -> NDArray[Any] | DeviceFrame:
         if frame.handle:
             return self._on_device(frame)
-        dtype = np.dtype(frame.dtype)
-        count = int(np.prod(frame.shape, dtype=np.int64))
+        dtype = _dtype(frame)
+        count = math.prod(frame.shape)
         size = count * dtype.itemsize
         if frame.offset >= 0 and size > 0:
             if self._map is None or HEADER_BYTES + frame.offset + size > len(self._map):
@@ -411,3 +425,12 @@ class StackEnd:
             minor=DRIVE_MINOR,
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))
+
+
+def _dtype(frame: Frame) -> np.dtype[Any]:
+    """What the array is made of, and its shape checked; NumPy's own parser takes whole programs."""
+    if frame.dtype not in DTYPES:
+        raise WireError(f"array of {frame.dtype}, allowed: {', '.join(DTYPES)}")
+    if len(frame.shape) > AXES_MAX or min(frame.shape, default=0) < 0:
+        raise WireError(f"array of shape {frame.shape[: AXES_MAX + 1]}, at most {AXES_MAX} axes")
+    return np.dtype(frame.dtype)
