@@ -13,9 +13,15 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import inspect
 
-from schemas.words import plain
+from schemas.words import plain as on_one_line
 
 T = TypeVar("T")
+
+
+MISTAKES_MAX = 100
+"""A file is looked through until so many were found."""
+
+_SHOWN_MAX = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +34,7 @@ class Mistake:
     def line(self, name: str) -> str:
         """The one line a user sees; ``name`` is the file."""
         where = f"{name}: {self.path}" if self.path else name
-        return plain(f"{where}: {self.message}")
+        return on_one_line(f"{where}: {self.message}")
 
 
 def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:
@@ -37,7 +43,12 @@ def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:
     Returns:
         The value and no mistakes, or None and at least one mistake.
     """
-    mistakes = _check(data, inspect.type_info(type_), "")
+    try:
+        mistakes = _check(data, inspect.type_info(type_), "")
+    except RecursionError:
+        mistakes = [Mistake("", "nested too deeply")]
+    if len(mistakes) > MISTAKES_MAX:
+        mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
     if mistakes:
         return None, mistakes
     try:
@@ -58,6 +69,8 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
             return [Mistake(path, f"given {_shown(data)}, expected a mapping of names to values")]
         mistakes = []
         for key, value in data.items():
+            if len(mistakes) > MISTAKES_MAX:
+                break
             mistakes += _check(key, info.key_type, _join(path, str(key)))
             mistakes += _check(value, info.value_type, _join(path, str(key)))
         return mistakes
@@ -65,13 +78,13 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
         if not isinstance(data, list | tuple):
             return [Mistake(path, f"given {_shown(data)}, expected a list")]
         plain = _plain_types(info.item_type)
-        mistakes = [
-            mistake
-            for index, item in enumerate(data)
+        mistakes = []
+        for index, item in enumerate(data):
             # A hundred thousand values of an axis are not looked at one by one.
-            if type(item) not in plain
-            for mistake in _check(item, info.item_type, f"{path}[{index}]")
-        ]
+            if type(item) not in plain:
+                mistakes += _check(item, info.item_type, f"{path}[{index}]")
+                if len(mistakes) > MISTAKES_MAX:
+                    break
         if not mistakes and info.min_length is not None and len(data) < info.min_length:
             mistakes.append(
                 Mistake(path, f"given an empty list, at least {info.min_length} needed")
@@ -121,6 +134,8 @@ def _check_struct(data: Any, info: inspect.StructType, path: str) -> list[Mistak
     fields = {field.encode_name: field for field in info.fields}
     mistakes = []
     for key, value in data.items():
+        if len(mistakes) > MISTAKES_MAX:
+            break
         where = _join(path, str(key))
         if key == info.tag_field:
             if value != info.tag:
@@ -225,5 +240,10 @@ def _join(path: str, key: str) -> str:
 def _shown(data: Any) -> str:
     if data is None:
         return "nothing"
-    text = repr(data) if isinstance(data, str) else str(data)
+    if isinstance(data, str):
+        text = repr(data[:_SHOWN_MAX])
+    elif isinstance(data, list | tuple):
+        text = str(data[:_SHOWN_MAX])
+    else:
+        text = str(data)
     return text if len(text) <= 60 else f"{text[:57]}..."
