@@ -78,7 +78,7 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
         if not isinstance(data, list | tuple):
             return [Mistake(path, f"given {_shown(data)}, expected a list")]
         plain = _plain_types(info.item_type)
-        mistakes = []
+        mistakes: list[Mistake] = []
         for index, item in enumerate(data):
             # A hundred thousand values of an axis are not looked at one by one.
             if type(item) not in plain:
