@@ -67,7 +67,7 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
     if isinstance(info, inspect.DictType):
         if not isinstance(data, dict):
             return [Mistake(path, f"given {_shown(data)}, expected a mapping of names to values")]
-        mistakes = []
+        mistakes: list[Mistake] = []
         for key, value in data.items():
             if len(mistakes) > MISTAKES_MAX:
                 break
@@ -78,7 +78,7 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
         if not isinstance(data, list | tuple):
             return [Mistake(path, f"given {_shown(data)}, expected a list")]
         plain = _plain_types(info.item_type)
-        mistakes: list[Mistake] = []
+        mistakes = []
         for index, item in enumerate(data):
             # A hundred thousand values of an axis are not looked at one by one.
             if type(item) not in plain:
@@ -132,7 +132,7 @@ def _check_struct(data: Any, info: inspect.StructType, path: str) -> list[Mistak
         names = ", ".join(field.encode_name for field in info.fields)
         return [Mistake(path, f"given {_shown(data)}, expected a mapping with keys {names}")]
     fields = {field.encode_name: field for field in info.fields}
-    mistakes = []
+    mistakes: list[Mistake] = []
     for key, value in data.items():
         if len(mistakes) > MISTAKES_MAX:
             break
