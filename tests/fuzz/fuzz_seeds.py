@@ -1,7 +1,7 @@
 """Writes one valid seed per format: fuzzing begins with what is accepted. Run it again when a
 message or a file has changed; other seeds stay::
 
-    cd tests; PYTHONPATH=.:fuzz:unit/report:unit/viewer python fuzz/fuzz_seeds.py
+    cd tests; PYTHONPATH=.:fuzz:unit/report python fuzz/fuzz_seeds.py
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import json
 import struct
 import tarfile
 import tempfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,13 @@ import msgspec
 import numpy as np
 import onnx
 import pyarrow.parquet as pq
-import view_messages
 from autodrive_logs import config, drive
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
 from tiny_networks import write_dark_spot_detector
+from wire_messages import case, control, drive_plane, result, steering, view_plane
 
 from conductor.engine import Engine, Message
 from conductor.facts import EpochRaised
@@ -41,40 +40,14 @@ from conductor.report.resources import RESOURCES_SCHEMA
 from conductor.state import Config
 from devkit.darknet.weights import write_weights
 from schemas import SCHEMA_VERSION as V
-from schemas.campaign import expand, parse_campaign
-from schemas.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
+from schemas.delivery import SeenFolder
+from schemas.interventions import Intervention as Steered
 from schemas.interventions import (
-    ControlReply,
-    ControlRequest,
     JournalEnd,
     JournalHead,
     SetLights,
 )
-from schemas.interventions import Intervention as Steered
 from schemas.kpi import KPI_COLUMNS
-from schemas.lens import Lens
-from schemas.messages import (
-    Beat,
-    Bye,
-    CameraSite,
-    Command,
-    Commands,
-    Control,
-    Detection,
-    Episode,
-    Explain,
-    Frame,
-    Hello,
-    LidarSite,
-    Next,
-    Ready,
-    Reply,
-    Result,
-    StatusRequest,
-    Submit,
-    Tick,
-)
-from schemas.view import CameraSample, FeedEnd, PointsSample, SceneMesh
 from schemas.wire import encode
 from schemas.yaml_file import dump_yaml
 from twin.dataset.recipe import parse_recipe
@@ -83,8 +56,6 @@ from twin.fabric.key_file import make_key
 from twin.fabric.kpi_file import kpi_table
 from twin.worker.pipe import Done, Progress, pack
 from twin.worker.spool import pack as spooled
-
-CAMPAIGN = {"campaign": "c", "simulator": "noop", "matrix": {"weather": ["clear", "cloudy"]}}
 
 
 def _write(target: str, name: str, data: bytes | str) -> None:
@@ -98,99 +69,6 @@ def _messages(target: str, types: Sequence[Any], messages: Sequence[Any]) -> Non
         kinds = [i for i, type_ in enumerate(types) if isinstance(message, type_)]
         data = bytes(kinds[:1]) + encode(message)
         _write(target, f"{type(message).__name__.lower()}-{index}", data)
-
-
-def _case() -> Any:
-    campaign, mistakes = parse_campaign(CAMPAIGN)
-    assert campaign is not None, mistakes
-    return expand(campaign)[0]
-
-
-def result() -> Result:
-    """A committed pass."""
-    return Result("c", "clear", 65537, "verdict", "pass", True, {"dtc_min_m": 12.5}, ["rest"])
-
-
-def control() -> list[Any]:
-    """One of every request, and their answers."""
-    kpi, log = b"PAR1", b"said\n"
-    return [
-        Hello(V, "w1", "node", 12, "cpu:avx2", "0" * 64, 2, 1.8e9, 1 << 30, ["lidar"]),
-        Next(V, "w1", 3, 2, "rig", [result()], [], [65537], 100.0),
-        Beat(V, "w1", {"65537": 12}),
-        Bye(V, "w1", "done"),
-        Submit(V, CAMPAIGN, "0" * 64, "", 1),
-        Control(V, "pause", "c"),
-        Explain(V, "c", "clear"),
-        StatusRequest(V),
-        Reply(v=V, epoch=1, status={"campaigns": {"c": {"left": 2}}}),
-        SeenFolder(V, "c", "0" * 64),
-        AttemptFiles(V, "c", "clear", 1, kpi, log, files_sha256(kpi, log)),
-        Delivered(V, False, "busy", True),
-    ]
-
-
-def drive_plane() -> list[Any]:
-    """One of every message of the drive plane."""
-    site = CameraSite("front", "camera", 64, 36, 20, 70.0, [2.0, 0.0, 1.3], [0.0] * 3, Lens())
-    lidar = LidarSite(
-        "roof", "lidar.roof", 10, 16, 256, ["x", "y", "z"], [1.0, 0.0, 2.0], [0.0] * 3
-    )
-    perception = next(iter(_campaign().autonomy.perception.values()))
-    return [
-        Ready(V, "simulator", "r", 1, "/dev/shm/none", 4096, "n", minor=1),
-        Tick(V, 1, [True], [65537], [0], [0], ["camera"], 0),
-        Episode(
-            *(V, 1, 0, 65537, "clear", 7, "ground_truth", perception, "front", 64, 36, 70.0),
-            *(50_000_000, [site], [lidar]),
-        ),
-        Frame(V, "rgb8", 1, [True], ["clear"], [65537], [0], [0], "|u1", [1, 2, 2, 3], "raw"),
-        Commands(
-            *(V, 1),
-            [
-                Command(
-                    *(0, 65537, 0, 0.2, 0.0, 0.01),
-                    detections=[Detection("car", 0.9, 1.0, 2.0, 3.0, 4.0)],
-                )
-            ],
-        ),
-    ]
-
-
-def _campaign() -> Any:
-    campaign, _ = parse_campaign(CAMPAIGN)
-    assert campaign is not None
-    return campaign
-
-
-def view_plane() -> list[Any]:
-    """One of every message of the view plane."""
-    mesh = np.zeros((3, 3), "<f4").tobytes() + np.array([0, 1, 2], "<u4").tobytes() + bytes(9)
-    return [
-        view_messages.start(),
-        view_messages.state(1),
-        CameraSample(V, 2, 7, 0, 0),
-        PointsSample(V, 7, 0, 0, 2),
-        SceneMesh(V, digest_of(mesh), 3, 1, zlib.compress(mesh)),
-        view_messages.end(3),
-        view_messages.thumbnail(),
-        FeedEnd(V, "r"),
-    ]
-
-
-def digest_of(data: bytes) -> str:
-    """SHA-256, hexadecimal."""
-    import hashlib
-
-    return hashlib.sha256(data).hexdigest()
-
-
-def steering() -> list[Any]:
-    """A request of a hand and its answer."""
-    return [
-        ControlRequest(V, "a", SetLights(None), "clear"),
-        ControlReply(V, "no such case"),
-    ]
 
 
 def _wire() -> None:
@@ -245,8 +123,8 @@ def _conductor_files(folder: Path) -> None:
         complete=True,
         cases={},
     )
-    for name, case in (("passed", passed), ("lost", lost)):
-        with_case = msgspec.structs.replace(outcomes, cases={"clear": case})
+    for name, ended in (("passed", passed), ("lost", lost)):
+        with_case = msgspec.structs.replace(outcomes, cases={"clear": ended})
         _write("outcomes", name, encode_outcomes(with_case))
     event = {"at_s": 1.0, "event": "leased", "case": "clear", "worker": "w", "token": 1}
     _write("timeline", "leased", json.dumps(event) + "\n")
@@ -267,7 +145,7 @@ def _result_files(folder: Path) -> None:
     pq.write_table(RESOURCES_SCHEMA.empty_table(), data)
     _write("resources", "none.parquet", data.getvalue())
     _write("recording-note", "whole", '{"complete": true, "samples": 3, "lost": 0, "kept": true}')
-    head = JournalHead(V, 1, "0" * 64, "cpu:avx2", 1, _case())
+    head = JournalHead(V, 1, "0" * 64, "cpu:avx2", 1, case())
     lines = [head, Steered(3, 150_000_000, SetLights(None)), JournalEnd("verdict", "pass", "", 4)]
     _write("steering-journal", "lights", b"\n".join(msgspec.json.encode(line) for line in lines))
     _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
