@@ -14,7 +14,6 @@ from typing import Any
 import msgpack
 import msgspec
 import pytest
-
 import wire_messages
 from conductor_bench import Bench
 
