@@ -95,6 +95,11 @@ class Journal:
         except sqlite3.Error as error:
             self._connection.close()
             raise self._explain(error) from None
+        except UnicodeDecodeError:  # SQLite quotes the damaged bytes in its error
+            self._connection.close()
+            raise UsageError(
+                f"{self.path}: damaged; put back a copy, or choose another folder"
+            ) from None
         except UsageError:
             self._connection.close()
             raise
