@@ -10,6 +10,26 @@ from conductor.state import State
 from schemas.campaign import parse_cases
 from schemas.identity import campaign_digest
 from schemas.messages import Submit
+from schemas.words import plain
+
+CAMPAIGNS_MAX = 5000
+"""Most campaigns of one conductor."""
+
+CASES_HELD_MAX = 1_000_000
+"""Most cases of all campaigns of one conductor together; each takes about a kilobyte of memory."""
+
+OUT_CHARS_MAX = 1000
+"""Longest path of a campaign folder."""
+
+
+def _too_much(state: State, cases: int) -> str:
+    held = sum(len(campaign.cases) for campaign in state.campaigns.values())
+    hint = "start another conductor with another --state folder"
+    if len(state.campaigns) >= CAMPAIGNS_MAX:
+        return f"{len(state.campaigns)} campaigns are here, at most {CAMPAIGNS_MAX}; {hint}"
+    if held + cases > CASES_HELD_MAX:
+        return f"{held} cases are here, {cases} more given, at most {CASES_HELD_MAX}; {hint}"
+    return ""
 
 
 def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
@@ -38,16 +58,23 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
         ]
     out = request.out or f"{state.config.folder}/{name}"
     if not out.startswith("/"):
-        return None, [f"{name}: out folder '{out}': give an absolute path"]
+        return None, [f"{name}: out folder '{plain(out, 200)}': give an absolute path"]
+    if not out.isprintable() or len(out) > OUT_CHARS_MAX:
+        return None, [
+            f"{name}: out folder '{plain(out, 200)}': {len(out)} characters, allowed: "
+            f"{OUT_CHARS_MAX} that can be printed"
+        ]
+    if error := _too_much(state, len(cases)):
+        return None, [f"{name}: {error}"]
     for other in state.campaigns.values():
         if other.out == out:
             return None, [
                 f"{name}: {out} holds campaign '{other.campaign.campaign}'; "
                 "give it another out folder"
             ]
-    plain = msgspec.to_builtins(campaign)
+    content = msgspec.to_builtins(campaign)
     fact = Submitted(
-        campaign=plain,
+        campaign=content,
         cases=pack(cases),
         digest=digest,
         out=out,

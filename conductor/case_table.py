@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.campaign import Case
+from schemas.campaign import CASES_MAX, Case
 
 _FIELDS = {field.encode_name: field.type for field in msgspec.structs.fields(Case)}
 _OPTIONAL = {field.encode_name for field in msgspec.structs.fields(Case) if not field.required}
@@ -50,6 +50,8 @@ def unpack(table: CaseTable) -> list[Case]:
         msgspec.ValidationError: a column does not hold what a case needs.
         AssertionError: a column is of another length.
     """
+    if not 0 <= table.count <= CASES_MAX:
+        raise AssertionError(f"a table of {table.count} cases, at most {CASES_MAX} are allowed")
     columns = []
     names = [name for name in _FIELDS if name in table.columns or name not in _OPTIONAL]
     for name in names:

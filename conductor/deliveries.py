@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from conductor.attempts import leads_away
 from schemas import SCHEMA_VERSION
 from schemas.delivery import (
     MESSAGE_BYTES_MAX,
@@ -31,8 +32,9 @@ from twin.fabric.files import write_atomic
 WAITING_BYTES_MAX = 128 << 20
 """Most bytes of files that wait to be written; more are refused and sent again."""
 
-FolderOf = Callable[[str, str], Path | None]
-"""(campaign, case or empty) -> campaign folder; None if there is no such campaign or case."""
+FolderOf = Callable[[str, str, int], Path | None]
+"""(campaign, case or empty, attempt) -> campaign folder; None if there is no such campaign or case,
+or this attempt was never leased."""
 
 
 class Deliveries:
@@ -73,7 +75,7 @@ class Deliveries:
         return self._store(message)
 
     def _is_ours(self, seen: SeenFolder) -> bool:
-        folder = self._folder_of(seen.campaign, "")
+        folder = self._folder_of(seen.campaign, "", 0)
         if folder is None:
             return False
         try:
@@ -83,16 +85,22 @@ class Deliveries:
         return hashlib.sha256(content).hexdigest() == seen.sha256
 
     def _store(self, files: AttemptFiles) -> Delivered:
-        folder = self._folder_of(files.campaign, files.case)
+        folder = self._folder_of(files.campaign, files.case, files.attempt)
         if folder is None:
-            return _refused(f"{files.campaign}: has no case {files.case!r}")
+            return _refused(
+                f"{files.campaign}: has no case {files.case[:80]!r} with attempt {files.attempt}"
+            )
         if files_sha256(files.kpi, files.log) != files.sha256:
             return _refused(f"{files.case}: damaged on its way", retry=True)
         attempt = folder / "cases" / files.case / f"attempt-{files.attempt}"
+        if leads_away(folder, attempt):
+            return _refused(f"{attempt}: leads out of {folder} through a symbolic link")
         try:
             attempt.mkdir(parents=True, exist_ok=True)
             for name, data in (("kpi.parquet", files.kpi), ("log.txt", files.log)):
                 path = attempt / name
+                if leads_away(folder, path):
+                    return _refused(f"{path}: a symbolic link")
                 if not path.exists():
                     write_atomic(path, data)
                 elif path.read_bytes() != data:

@@ -17,11 +17,13 @@ from conductor.facts import Fact
 from conductor.fold import fold, revive
 from conductor.journal import JournalError
 from conductor.lease import next_expiry_ns
-from conductor.state import Config
+from conductor.state import Config, State
 from schemas import SCHEMA_VERSION
 from schemas.doors import door
 from schemas.messages import Reply, Request, StatusRequest, Submit
 from schemas.wire import WireError, decode, encode
+from schemas.words import plain
+from twin.fabric.errors import TwinError
 
 RETRY_S = 1.0
 """A worker asks again after this while the storage refuses [s]."""
@@ -110,7 +112,7 @@ class Engine:
         self._counters_beyond = counters_beyond
         self._config = config
         self._now_ns = now_ns
-        self.state = fold(journal.fold(), config)
+        self.state = self._folded()
         journal.append(start(self.state))
         revive(self.state, now_ns)
 
@@ -211,10 +213,27 @@ class Engine:
             whole.facts += part.facts
         return whole
 
+    def _folded(self) -> State:
+        """What the journal says.
+
+        Raises:
+            JournalError: it cannot be read, or contradicts itself.
+        """
+        try:
+            return fold(self._journal.fold(), self._config)
+        except TwinError:
+            raise
+        except Exception as error:  # SQLite keeps no checksums: a fact may be any other
+            words = plain(f"{type(error).__name__}: {error}", 200)
+            raise JournalError(
+                f"the journal is damaged: its facts contradict each other ({words}); put back a "
+                "copy of conductor.db, or choose another folder"
+            ) from None
+
     def _refold(self) -> None:
         """Back to what is on disk; leases live on, since nobody was told otherwise."""
         draining = self.state.draining
-        self.state = fold(self._journal.fold(), self._config)
+        self.state = self._folded()
         self.state.draining = draining
         revive(self.state, self._now_ns)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import Counter
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import msgspec
 import pyarrow as pa
 
+from conductor.attempts import attempt_folder
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 from twin.fabric.kpi_file import canonical, read_kpi
@@ -101,12 +102,15 @@ def kpi_path(folder: Path, name: str, case: CaseOutcome) -> Path:
     """The KPI file of the committed attempt.
 
     Raises:
-        InfrastructureError: the outcomes name a folder outside the campaign's.
+        InfrastructureError: the outcomes name a folder outside the campaign's, or it is a link.
     """
-    attempt = PurePosixPath(case.attempt_dir)
-    if attempt.is_absolute() or ".." in attempt.parts:
-        raise InfrastructureError(f"case {name}: attempt folder '{attempt}' is outside {folder}")
-    return folder / attempt / KPI_FILE
+    try:
+        path = attempt_folder(folder, case.attempt_dir) / KPI_FILE
+    except InfrastructureError as error:
+        raise InfrastructureError(f"case {name}: {error}") from None
+    if path.is_symlink():
+        raise InfrastructureError(f"case {name}: {path} is a symbolic link; put the file there")
+    return path
 
 
 def committed_rows(folder: Path, name: str, case: CaseOutcome) -> tuple[pa.Table, bytes]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 
+from conductor.attempts import leads_away
 from conductor.facts import Committed
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import encode_campaign
@@ -132,7 +133,10 @@ class Folders:
                 continue
             named = {end.result.attempt_dir, *(late.result.attempt_dir for late in case.late)}
             named |= {f"cases/{name}/attempt-{steered.attempt}" for steered in case.steered}
-            for attempt in (Path(campaign.out) / "cases" / name).glob("attempt-*"):
+            folder = Path(campaign.out) / "cases" / name
+            if leads_away(Path(campaign.out), folder):
+                continue  # somebody has put a link there: what is behind it is none of ours
+            for attempt in folder.glob("attempt-*"):
                 if f"cases/{name}/{attempt.name}" not in named:
                     shutil.rmtree(attempt, ignore_errors=True)
 

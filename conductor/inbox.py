@@ -16,6 +16,8 @@ GROUP_MAX = 64
 """Most messages in one transaction."""
 WAITING_MAX = 10_000
 """Most messages waiting for their turn; more are refused and asked again."""
+HINTS_WAITING_MAX = 2 * WAITING_MAX
+"""With so many waiting, hints about vanished workers are left out."""
 WAITING_BYTES_MAX = 256 << 20
 """Most of them together [bytes]."""
 
@@ -52,6 +54,8 @@ class Inbox:
 
     def hint(self, worker: str) -> None:
         """The session of ``worker`` has vanished; from any thread."""
+        if self._items.qsize() >= HINTS_WAITING_MAX:
+            return  # its leases expire without it, only later
         message = Message(b"", time.monotonic_ns(), vanished=worker)
         self._items.put((message, lambda _: None))
 

@@ -13,12 +13,14 @@ import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from conductor.facts import Durable, Fact, Image, Replied, Snapshot, WorkerLeft, is_durable
 from conductor.owner import Claim, FolderLockedError, Owner, TakenOverError, this_process
 from schemas.wire import WireError, decode, encode
+from schemas.words import plain
 from twin.fabric.errors import InfrastructureError, UsageError
 
 VERSION = 2
@@ -93,6 +95,11 @@ class Journal:
         except sqlite3.Error as error:
             self._connection.close()
             raise self._explain(error) from None
+        except UnicodeDecodeError:  # SQLite quotes the damaged bytes in its error
+            self._connection.close()
+            raise UsageError(
+                f"{self.path}: damaged; put back a copy, or choose another folder"
+            ) from None
         except UsageError:
             self._connection.close()
             raise
@@ -149,17 +156,18 @@ class Journal:
             TakenOverError: another conductor writes it now.
         """
         self._claim.check()
+        execute = self._connection.execute
         try:
-            images = [Image(*row) for row in self._connection.execute("SELECT * FROM snapshot")]
+            images = [self._image(*row) for row in execute("SELECT key, image FROM snapshot")]
             if images:
                 yield Snapshot(images=images)
                 del images
-            for row, data in self._connection.execute("SELECT id, fact FROM facts ORDER BY id"):
+            for row, data in execute("SELECT id, fact FROM facts ORDER BY id"):
                 yield self._decode(data, f"fact {row}")
-            for worker, data in self._connection.execute("SELECT worker, reply FROM replies"):
+            for worker, data in execute("SELECT worker, reply FROM replies"):
                 yield self._decode(data, f"the reply to {worker}")
-        except sqlite3.Error as error:
-            raise JournalError(f"{self.path}: cannot be read: {error}") from None
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            raise JournalError(f"{self.path}: cannot be read: {plain(str(error))}") from None
 
     def close(self) -> None:
         """Release the lock; the file is complete at any time, also without this call."""
@@ -177,7 +185,7 @@ class Journal:
             execute(statement)
         execute("INSERT OR IGNORE INTO meta VALUES ('version', ?)", (str(VERSION),))
         execute("COMMIT")
-        (version,) = execute("SELECT value FROM meta WHERE name = 'version'").fetchone()
+        version = self._version()
         if version == "1":
             # Facts of version 1 lack fields that have defaults; the new table is there by now.
             execute("UPDATE meta SET value = ? WHERE name = 'version'", (str(VERSION),))
@@ -188,6 +196,14 @@ class Journal:
             )
 
         self._claim_folder()
+
+    def _version(self) -> str:
+        """Of the tables and facts; a damaged one is none that is known."""
+        query = "SELECT value FROM meta WHERE name = 'version'"
+        with contextlib.suppress(UnicodeDecodeError):
+            row = self._connection.execute(query).fetchone()
+            return plain(str(row[0]), 40) if row else "none"
+        return "unreadable"
 
     def _claim_folder(self) -> None:
         try:
@@ -231,7 +247,15 @@ class Journal:
             "INSERT INTO facts (unix_s, fact) VALUES (?, ?)", (now_s, encode(fact))
         )
 
-    def _decode(self, data: bytes, what: str) -> Fact:
+    def _image(self, key: Any, data: Any) -> Image:
+        # A damaged row may hold anything, whatever its column says.
+        if not isinstance(key, str) or not isinstance(data, bytes):
+            raise JournalError(f"{self.path}: a snapshot is damaged")
+        return Image(key, data)
+
+    def _decode(self, data: Any, what: str) -> Fact:
+        if not isinstance(data, bytes):
+            raise JournalError(f"{self.path}: {plain(what, 80)} is damaged: no bytes")
         try:
             fact: Fact = decode(data, Durable, size_max=FACT_BYTES_MAX)
         except WireError as error:

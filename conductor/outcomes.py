@@ -15,6 +15,7 @@ from conductor.fold import agrees
 from conductor.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Clock
+from schemas.json_text import JsonError, decode_json
 from schemas.messages import PerceptionCost
 from schemas.realtime import Realtime
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -147,7 +148,7 @@ def read_outcomes(folder: Path) -> Outcomes:
     """
     path = folder / FILE_NAME
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Outcomes)
+        return decode_json(path.read_bytes(), Outcomes)
     except FileNotFoundError:
         if (folder / CONDUCTOR_FILE).exists():
             raise UsageError(
@@ -158,7 +159,7 @@ def read_outcomes(folder: Path) -> Outcomes:
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
-    except msgspec.MsgspecError as error:
+    except JsonError as error:
         raise InfrastructureError(f"{path}: damaged: {error}") from None
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import msgspec
 
+from schemas.json_text import JsonError, decode_json
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.files import write_atomic
 
@@ -155,6 +156,6 @@ class Claim:
             # Opening makes network file systems look again.
             with self._path.open("rb") as file:
                 changed_s = os.fstat(file.fileno()).st_mtime
-                return msgspec.json.decode(file.read(), type=Owner), changed_s
-        except (OSError, msgspec.MsgspecError):
+                return decode_json(file.read(), Owner), changed_s
+        except (OSError, JsonError):
             return None, 0.0

@@ -321,12 +321,14 @@ class Conductor:
         if not alive:
             self._inbox.hint(key.rpartition("/")[2])
 
-    def _folder_of(self, campaign: str, case: str) -> Path | None:
+    def _folder_of(self, campaign: str, case: str, attempt: int) -> Path | None:
         """See :data:`conductor.deliveries.FolderOf`."""
         assert self._engine is not None
         with self._lock:
             found = self._engine.state.campaigns.get(campaign)
-            if found is None or (case and case not in found.cases):
+            if found is None:
+                return None
+            if case and (case not in found.cases or attempt > len(found.cases[case].issued)):
                 return None
             return Path(found.out)
 

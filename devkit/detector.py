@@ -162,7 +162,7 @@ def _read_model(path: Path) -> Any:
         if any(tensor.data_location for tensor in model.graph.initializer):
             raise ModelError(f"{path}: its numbers lie in another file; save it as one file")
         onnx.checker.check_model(model)
-    except (DecodeError, onnx.checker.ValidationError) as error:
+    except (DecodeError, UnicodeDecodeError, onnx.checker.ValidationError) as error:
         reason = first_line(error)
         raise ModelError(f"{path}: not an ONNX file, or damaged: {reason}") from None
     return model

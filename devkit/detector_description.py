@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.json_text import JsonError, decode_json
 from schemas.validation import convert_all
 from twin.fabric.errors import UsageError
 
@@ -91,8 +92,8 @@ def decode_description(text: str, where: str) -> DetectorDescription:
         ValueError: one line that begins with ``where``.
     """
     try:
-        data = msgspec.json.decode(text)
-    except msgspec.DecodeError as error:
+        data = decode_json(text)
+    except JsonError as error:
         raise ValueError(f"{where}: not JSON: {error}") from None
     value, mistakes = convert_all(data, DetectorDescription)
     if value is None:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from msgspec import Struct
 
 from devkit.evaluate import Truth
 from schemas.identity import digest
+from schemas.json_text import JsonError, decode_json
 from schemas.messages import OBJECT_CLASSES
 from schemas.validation import suggest
 from schemas.yaml_file import load_yaml
@@ -282,10 +282,10 @@ class _Document(Struct, frozen=True):
 
 def _read(path: Path) -> _Document:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=_Document)
+        return decode_json(path.read_bytes(), _Document)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
-    except msgspec.DecodeError as error:
+    except JsonError as error:
         raise UsageError(f"{path}: not an annotation file of 'twin dataset': {error}") from None
 
 

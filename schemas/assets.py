@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from schemas.yaml_file import YamlError, load_yaml
+from schemas.yaml_file import load_yaml
 
 _FILE_KEYS = ("file", "heightmap")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
@@ -43,10 +43,7 @@ def asset_files(path: Path) -> list[Path]:
         YamlError: not readable, or not YAML.
     """
     found = [path]
-    try:
-        named = _named(load_yaml(path))
-    except RecursionError:
-        raise YamlError(f"{path}: an alias that holds itself; write it out") from None
+    named = _named(load_yaml(path))
     for name in named:
         found += mesh_files(path.parent / name)
     unique = dict.fromkeys(file for file in found if file.is_file())
@@ -135,7 +132,7 @@ def _gltf_resources(mesh: Path) -> list[str]:
             else:
                 data = head + file.read(_TEXT_BYTES_MAX)
         document = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     rows = [*_rows(document, "buffers"), *_rows(document, "images")]
     uris = [row.get("uri") for row in rows if isinstance(row, dict)]

@@ -26,7 +26,7 @@ from schemas.validation import Mistake
 class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     """The stack under test and its perception variants."""
 
-    stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] = "devkit.aeb:AebStack"
+    stack: Annotated[str, Meta(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*\Z")] = "devkit.aeb:AebStack"
     """Entry point ``module:Class``."""
     command: list[Word] = []
     """Command line of a stack in a process of its own, instead of ``stack``; it finds the rig in

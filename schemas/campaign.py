@@ -30,6 +30,8 @@ from schemas.sensors import Sensors
 from schemas.validation import Mistake, convert_all, suggest
 from schemas.view_mode import Keep, Recording, View
 
+ID_CHARS_MAX = 200
+"""Longest name of a case: it becomes a folder's."""
 CASES_MAX = 100_000
 """Largest number of cases in one campaign."""
 
@@ -74,7 +76,7 @@ Clock = Literal["lockstep", "realtime"]
 """What sim time waits for: the stack, or the wall clock."""
 
 
-Tag = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=-]{0,62}$")]
+Tag = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=-]{0,62}\Z")]
 """A word that a worker carries and a campaign may ask for, such as ``a100`` or ``site=north``."""
 
 
@@ -444,11 +446,15 @@ def _case(
     if mistakes:
         return None, mistakes
     mistakes = _rates(campaign, camera, sensors, autonomy)
+    name = _case_id(str(model), time_of_day, weather, point)
+    if len(name) > ID_CHARS_MAX:
+        given = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
+        mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
     if mistakes:
         return None, mistakes
     return (
         Case(
-            id=_case_id(str(model), time_of_day, weather, point),
+            id=name,
             campaign=campaign.campaign,
             seed=campaign.seed,
             simulator=campaign.simulator,
@@ -520,7 +526,7 @@ def _rates(
 _AXES: dict[str, tuple[Any, Any]] = {
     "time_of_day": (dict[str, TimeOfDay], "12:00"),
     "weather": (dict[str, Name], "clear"),
-    "repeat": (dict[str, Annotated[int, Meta(ge=0)]], 0),
+    "repeat": (dict[str, Annotated[int, Meta(ge=0, le=2**63 - 1)]], 0),
 }
 """Axis -> type of a mapping with its value, and default."""
 
@@ -528,7 +534,7 @@ _AXES: dict[str, tuple[Any, Any]] = {
 def _one(point: dict[str, Any], axis: str, where: str, memo: _Memo) -> tuple[Any, list[Mistake]]:
     type_, default = _AXES[axis]
     given = point.get(axis, default)
-    if axis == "repeat" and type(given) is int and given >= 0:
+    if axis == "repeat" and type(given) is int and 0 <= given < 2**63:
         return given, []  # the one axis that may have a hundred thousand values
     key = (axis, type(given), given)  # 1, 1.0 and True are equal
     if key not in memo:
@@ -586,4 +592,4 @@ def _case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) 
         value = point[axis]
         text = str(value).lower() if isinstance(value, bool) else f"{value}"
         parts.append(f"{label}_{re.sub(r'[^A-Za-z0-9_.]+', '_', text).strip('_.') or 'x'}")
-    return "-".join(parts)
+    return "-".join(parts) or "case"

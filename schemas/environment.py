@@ -61,7 +61,7 @@ class Environment(_Spec, frozen=True):
     sun: Literal["almanac", "autodrive"] = "almanac"
     """`almanac`: where it stands on that date at the scene's place; `autodrive`: it climbs 0.25
     degrees a minute, rises at 06:00 and stands overhead at noon."""
-    date: Annotated[str, Meta(pattern=r"^\d{4}-\d{2}-\d{2}$")] = "2025-03-20"
+    date: Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z")] = "2025-03-20"
     """Day of sun and moon, `YYYY-MM-DD`."""
     wind_from_deg: Annotated[float, Meta(ge=0, lt=360)] = 270.0
     """Where the wind comes from, clockwise from north; 270 blows along the shipped street, so that

@@ -375,6 +375,10 @@ Release = Literal[
 """Why an attempt ended without a result; ``intervened``: a hand has steered it."""
 
 
+ATTEMPT_DIR = r"^(cases/[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}/attempt-[0-9]{1,9})?\Z"
+"""The one form of an attempt folder's name: nobody can commit a path that leads elsewhere."""
+
+
 class Touch(Struct, frozen=True):
     """What a hand last did to an attempt."""
 
@@ -398,7 +402,7 @@ class Result(Struct, frozen=True):
     passed: bool
     scalars: dict[str, float | int | None] = {}
     reasons: list[str] = []
-    attempt_dir: str = ""
+    attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
     """Attempt folder, relative to the campaign folder."""
     kpi_sha256: str = ""
     manifest_sha256: str = ""

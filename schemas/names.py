@@ -19,10 +19,10 @@ Weather = Literal[
 WEATHERS: tuple[str, ...] = Weather.__args__  # type: ignore[attr-defined]
 """The weathers that every campaign knows."""
 
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?$")]
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?\Z")]
 """Names that become file names, Zenoh keys and Rerun ids."""
 
-TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
+TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]\Z")]
 """Local time ``HH:MM``."""
 
 

@@ -7,13 +7,23 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from functools import lru_cache
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 from msgspec import inspect
 
+from schemas.words import plain as on_one_line
+
 T = TypeVar("T")
+
+
+MISTAKES_MAX = 100
+"""A file is looked through until so many were found."""
+
+_SHOWN_MAX = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +35,8 @@ class Mistake:
 
     def line(self, name: str) -> str:
         """The one line a user sees; ``name`` is the file."""
-        return f"{name}: {self.path}: {self.message}" if self.path else f"{name}: {self.message}"
+        where = f"{name}: {self.path}" if self.path else name
+        return on_one_line(f"{where}: {self.message}")
 
 
 def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:
@@ -34,13 +45,22 @@ def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:
     Returns:
         The value and no mistakes, or None and at least one mistake.
     """
-    mistakes = _check(data, inspect.type_info(type_), "")
+    try:
+        mistakes = _check(data, _info(cast(Hashable, type_)), "")
+    except RecursionError:
+        mistakes = [Mistake("", "nested too deeply")]
+    if len(mistakes) > MISTAKES_MAX:
+        mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
     if mistakes:
         return None, mistakes
     try:
         return msgspec.convert(data, type_), []
     except msgspec.ValidationError as error:  # a check in a Struct's __post_init__
         return None, [Mistake("", _sentence(error))]
+
+
+# Looking a campaign's type up takes ten times as long as checking a campaign.
+_info = lru_cache(maxsize=256)(inspect.type_info)
 
 
 def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
@@ -53,8 +73,10 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
     if isinstance(info, inspect.DictType):
         if not isinstance(data, dict):
             return [Mistake(path, f"given {_shown(data)}, expected a mapping of names to values")]
-        mistakes = []
+        mistakes: list[Mistake] = []
         for key, value in data.items():
+            if len(mistakes) > MISTAKES_MAX:
+                break
             mistakes += _check(key, info.key_type, _join(path, str(key)))
             mistakes += _check(value, info.value_type, _join(path, str(key)))
         return mistakes
@@ -62,13 +84,13 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
         if not isinstance(data, list | tuple):
             return [Mistake(path, f"given {_shown(data)}, expected a list")]
         plain = _plain_types(info.item_type)
-        mistakes = [
-            mistake
-            for index, item in enumerate(data)
+        mistakes = []
+        for index, item in enumerate(data):
             # A hundred thousand values of an axis are not looked at one by one.
-            if type(item) not in plain
-            for mistake in _check(item, info.item_type, f"{path}[{index}]")
-        ]
+            if type(item) not in plain:
+                mistakes += _check(item, info.item_type, f"{path}[{index}]")
+                if len(mistakes) > MISTAKES_MAX:
+                    break
         if not mistakes and info.min_length is not None and len(data) < info.min_length:
             mistakes.append(
                 Mistake(path, f"given an empty list, at least {info.min_length} needed")
@@ -100,10 +122,11 @@ def _check_union(data: Any, info: inspect.UnionType, path: str) -> list[Mistake]
     tagged = {m.tag: m for m in members if isinstance(m, inspect.StructType) and m.tag_field}
     if len(tagged) == len(members) and isinstance(data, dict):
         name = next(iter(tagged.values())).tag_field or ""
-        if data.get(name) in tagged:
-            return _check(data, tagged[data[name]], path)
+        given = data.get(name)
+        if isinstance(given, str) and given in tagged:
+            return _check(data, tagged[given], path)
         kinds = ", ".join(str(tag) for tag in tagged)
-        return [Mistake(_join(path, name), f"given {_shown(data.get(name))}, allowed: {kinds}")]
+        return [Mistake(_join(path, name), f"given {_shown(given)}, allowed: {kinds}")]
     if any(not _check(data, member, path) for member in members):
         return []
     allowed = " or ".join(_allowed(member) for member in members)
@@ -115,8 +138,10 @@ def _check_struct(data: Any, info: inspect.StructType, path: str) -> list[Mistak
         names = ", ".join(field.encode_name for field in info.fields)
         return [Mistake(path, f"given {_shown(data)}, expected a mapping with keys {names}")]
     fields = {field.encode_name: field for field in info.fields}
-    mistakes = []
+    mistakes: list[Mistake] = []
     for key, value in data.items():
+        if len(mistakes) > MISTAKES_MAX:
+            break
         where = _join(path, str(key))
         if key == info.tag_field:
             if value != info.tag:
@@ -221,5 +246,10 @@ def _join(path: str, key: str) -> str:
 def _shown(data: Any) -> str:
     if data is None:
         return "nothing"
-    text = repr(data) if isinstance(data, str) else str(data)
+    if isinstance(data, str):
+        text = repr(data[:_SHOWN_MAX])
+    elif isinstance(data, list | tuple):
+        text = str(data[:_SHOWN_MAX])
+    else:
+        text = str(data)
     return text if len(text) <= 60 else f"{text[:57]}..."

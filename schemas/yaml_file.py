@@ -8,16 +8,36 @@ from typing import Any
 
 import yaml
 
+from schemas.words import plain
+
 FILE_BYTES_MAX = 4 << 20
 """Largest YAML file that is read [bytes]."""
+
+VALUES_MAX = 500_000
+"""Most values in a YAML file, its aliases written out."""
+
+_OPEN = -1
 
 
 class YamlError(ValueError):
     """The file cannot be read as YAML; the message is one line and names the place."""
 
+    def __init__(self, words: str) -> None:
+        super().__init__(plain(words))
+
 
 class _Loader(yaml.SafeLoader):
     """PyYAML follows YAML 1.1, where ``11:00`` is 660 and ``no`` is false; YAML 1.2 has neither."""
+
+    nodes = 0
+    """Composed so far; each takes a kilobyte."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self.nodes += 1
+        if self.nodes > VALUES_MAX:
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem=f"more than {VALUES_MAX} values", problem_mark=mark)
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -55,14 +75,50 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^$"), [""])
 def parse_yaml(text: str, name: str) -> Any:
     """Parse one YAML document; ``name`` (a path) appears in the error."""
     try:
-        return yaml.load(text, Loader=_Loader)
+        return _constructed(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
         raise YamlError(f"{name}{where}: {error.problem or 'not valid YAML'}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split()) or "nested too deeply"
-        raise YamlError(f"{name}: not valid YAML: {reason}") from None
+    except RecursionError:
+        raise YamlError(f"{name}: not valid YAML: nested too deeply") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise YamlError(f"{name}: not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def _constructed(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _count(node, {})
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+def _count(node: yaml.Node, counts: dict[int, int]) -> int:
+    """Values below ``node`` with its aliases written out: ten lines of them can mean billions, and
+    whoever walks through the document meets each."""
+    if isinstance(node, yaml.ScalarNode):
+        return 1
+    known = counts.get(id(node))
+    if known is not None:
+        if known == _OPEN:
+            problem = "an alias that holds itself; write it out"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        return known
+    counts[id(node)] = _OPEN
+    total = 1
+    for child in node.value:
+        parts = child if isinstance(child, tuple) else (child,)
+        total += sum(_count(part, counts) for part in parts)
+        if total > VALUES_MAX:
+            problem = f"more than {VALUES_MAX} values, aliases written out"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+    counts[id(node)] = total
+    return total
 
 
 def load_yaml(path: Path) -> Any:

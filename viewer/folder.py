@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
+from schemas.json_text import JsonError, decode_json
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import read_kpi_columns
 from viewer import naming
@@ -177,9 +175,9 @@ def _number(path: Path) -> int:
 def committed_attempts(folder: Path) -> dict[str, str]:
     """Case -> name of its committed attempt's folder; cases that have none are left out."""
     try:
-        cases = msgspec.json.decode((folder / "outcomes.json").read_bytes())["cases"]
+        cases = decode_json((folder / "outcomes.json").read_bytes())["cases"]
         items = list(cases.items())
-    except (OSError, msgspec.MsgspecError, KeyError, TypeError, AttributeError):
+    except (OSError, JsonError, KeyError, TypeError, AttributeError):
         return {}
     found = {}
     for case, end in items:
@@ -191,7 +189,7 @@ def committed_attempts(folder: Path) -> dict[str, str]:
 def _note(attempt: Path) -> dict[str, Any]:
     """What the recorder has left to say; empty: nothing that could be read."""
     try:
-        found = json.loads((attempt / naming.RECORDING_NOTE).read_text(encoding="utf-8"))
+        found = decode_json((attempt / naming.RECORDING_NOTE).read_bytes())
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from PIL import Image
 
 TILE_WIDTH_PX, TILE_HEIGHT_PX = 160, 90
 """Smallest tile, that of a thumbnail; pictures keep their proportions inside."""
@@ -26,6 +28,9 @@ TEXT_SCALE = 0.33
 
 BACKGROUND = 24
 """Grey of what is no picture."""
+
+PICTURE_SIDE_MAX_PX = 4096
+"""Widest and highest picture that is decoded [px]; cameras have at most 3840."""
 
 Color = tuple[int, int, int]
 
@@ -103,10 +108,14 @@ def _name(strip: np.ndarray, tile: Tile) -> None:
 
 
 def decoded(jpeg: bytes) -> np.ndarray | None:
-    """JPEG -> BGR uint8 [H, W, 3]; None if it is none."""
+    """JPEG -> BGR uint8 [H, W, 3]; None if it is none, or larger than any camera's."""
     try:
+        # A head of a few bytes may claim four gigabytes.
+        with Image.open(io.BytesIO(jpeg), formats=["JPEG"]) as head:
+            if max(head.size) > PICTURE_SIDE_MAX_PX:
+                return None
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:
+    except (cv2.error, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return None
     return picture
 

@@ -23,7 +23,7 @@ from twin.fabric.channel import Channel
 from twin.fabric.key_file import Key
 from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
-from viewer.recording import Recording
+from viewer.recording import Recording, release_closed
 
 QUEUE_BYTES_MAX = 256 << 20
 """Most bytes that wait to be written [bytes]."""
@@ -108,6 +108,8 @@ class Recorder:
         else:
             self.incomplete += 1
             _say(f"{recording.start.case}: recording is incomplete")
+        del recording
+        release_closed()
 
 
 def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:

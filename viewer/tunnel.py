@@ -15,8 +15,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
+from schemas.json_text import JsonError, decode_json
 from twin.fabric.discovery import FILE_NAME, ConductorFile, Target
 from twin.fabric.endpoint import check_endpoint, host_and_port, is_loopback, is_tls
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
@@ -157,8 +156,8 @@ class Tunnel:
         try:
             # Whatever start-up files over there print stands before it.
             text = done.stdout[max(0, done.stdout.find(b"{")) :]
-            found = msgspec.json.decode(text, type=ConductorFile)
-        except msgspec.DecodeError as error:
+            found = decode_json(text, ConductorFile)
+        except JsonError as error:
             raise UnreachableError(f"{far.login}:{path}: damaged: {error}") from None
         try:
             check_endpoint(found.endpoint)

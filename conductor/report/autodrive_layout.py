@@ -13,6 +13,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from schemas.json_text import JsonError, decode_json
 from schemas.names import WEATHERS
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 
@@ -132,8 +133,8 @@ def read_config(folder: Path) -> tuple[Config, bytes]:
     if len(data) > LOG_BYTES_MAX:
         raise UsageError(f"{path}: larger than {LOG_BYTES_MAX} bytes, no configuration")
     try:
-        return msgspec.json.decode(data, type=Config), data
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        return decode_json(data, Config), data
+    except JsonError as error:
         raise UsageError(f"{path}: no configuration of the AutoDRIVE study: {error}") from None
 
 
@@ -145,10 +146,10 @@ def read_imported(folder: Path) -> Imported | None:
     """
     path = folder / IMPORT_FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Imported)
+        return decode_json(path.read_bytes(), Imported)
     except FileNotFoundError:
         return None
     except OSError as error:
         raise storage_error(error, str(path)) from None
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except JsonError as error:
         raise InfrastructureError(f"{path}: damaged: {error}") from None

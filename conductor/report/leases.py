@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from conductor.timeline import (
     CASE_ENDED,
     COMMITTED,
@@ -19,6 +17,7 @@ from conductor.timeline import (
     STARTED,
     Event,
 )
+from schemas.json_text import JsonError, decode_json
 
 STILL_OPEN = "open"
 """How a lease ended that has not, or whose end a crash kept from being written."""
@@ -27,7 +26,6 @@ LOST = "lost"
 """How a lease ended whose worker was not heard of any more."""
 
 _SUPERSEDED = "superseded"
-_DECODER = msgspec.json.Decoder(Event)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +86,11 @@ def read_leases(folder: Path) -> Leases:
         lines = (folder / FILE_NAME).read_bytes().splitlines()
     except OSError:
         return Leases([], [])
-    events = []
+    events: list[Event] = []
     for line in lines:
         try:
-            events.append(_DECODER.decode(line))
-        except msgspec.MsgspecError:
+            events.append(decode_json(line, Event))
+        except JsonError:
             continue  # its writer was killed, or the disk was full
     return leases_of(events)
 

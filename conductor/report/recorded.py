@@ -13,10 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from conductor.attempts import attempt_folder
 from conductor.report.axes import axis_values
 from conductor.report.cache import FOLDER
 from conductor.report.dossier import Dossier, Row
 from conductor.report.losses import examples, moment_of
+from twin.fabric.errors import InfrastructureError
 from twin.fabric.files import write_atomic
 
 STRIPS_MAX = 24
@@ -50,8 +52,19 @@ class Failure:
 
 def recording_of(dossier: Dossier, row: Row) -> Path | None:
     """The recording of the committed attempt."""
-    path = dossier.folder / row.end.attempt_dir / _RECORDING
-    return path if row.end.attempt_dir and path.is_file() else None
+    path = _inside(dossier, row, _RECORDING)
+    return path if path and path.is_file() else None
+
+
+def _inside(dossier: Dossier, row: Row, name: str) -> Path | None:
+    """A file of the committed attempt; None: none was committed, or it lies elsewhere."""
+    if not row.end.attempt_dir:
+        return None
+    try:
+        path = attempt_folder(dossier.folder, row.end.attempt_dir) / name
+    except InfrastructureError:
+        return None  # reading its KPIs says so
+    return None if path.is_symlink() else path
 
 
 def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: str) -> str:
@@ -128,11 +141,13 @@ def _strip(dossier: Dossier, row: Row) -> tuple[bytes, str]:
 
 
 def _log_end(dossier: Dossier, row: Row) -> list[str]:
-    path = dossier.folder / row.end.attempt_dir / _LOG
+    path = _inside(dossier, row, _LOG)
+    if path is None:
+        return []
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - LOG_BYTES))
             text = file.read(LOG_BYTES).decode(errors="replace")
     except OSError:
         return []
-    return [line[:300] for line in text.splitlines()[-LOG_LINES:]] if row.end.attempt_dir else []
+    return [line[:300] for line in text.splitlines()[-LOG_LINES:]]

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from schemas.json_text import JsonError, decode_json
 from schemas.resources import PART_SUFFIX, PARTS_FOLDER, Sample
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
@@ -47,8 +48,6 @@ _TYPES = {
 }
 RESOURCES_SCHEMA = pa.schema([(name, _TYPES[name]) for name in Sample.__struct_fields__])
 """Arrow schema of ``resources.parquet``: the fields of :class:`schemas.resources.Sample`."""
-
-_DECODER = msgspec.json.Decoder(Sample)
 
 
 def read_resources(folder: Path) -> pa.Table:
@@ -133,8 +132,8 @@ def _samples(text: bytes, known: set[tuple[int, str]]) -> pa.Table:
     rows = []
     for line in text.splitlines():
         try:
-            sample = _DECODER.decode(line)
-        except msgspec.MsgspecError:
+            sample: Sample = decode_json(line, Sample)
+        except JsonError:
             continue  # its writer was killed, or the disk was full
         if (sample.time_ns, sample.worker) not in known:
             rows.append(msgspec.to_builtins(sample))

@@ -115,7 +115,7 @@ class SocketClient:
         elif packet[:2] == MESSAGE + EVENT:
             try:
                 event, *data = json.loads(packet[2:].lstrip("0123456789"))
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, RecursionError):
                 raise SocketError(f"sent {packet[:60]!r}, no event of Socket.IO") from None
             self._inbox.put_nowait((str(event), data[0] if data else None))
 

@@ -18,7 +18,7 @@ from processes import Marked, nothing_left, wait_for
 from test_conductor_restart import serve
 from test_hand_on_a_case import caught
 from unit.viewer.recorded_case import write
-from unit.viewer.view_messages import thumbnail
+from view_messages import thumbnail
 
 from schemas import topics
 from schemas.wire import encode

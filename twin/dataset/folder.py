@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import yaml
 
+from schemas.json_text import JsonError, decode_json
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -147,8 +148,8 @@ class Folder:
         """
         path = self.part_path(split, index)
         try:
-            return json.loads(path.read_bytes())
-        except ValueError:
+            return decode_json(path.read_bytes())
+        except JsonError:
             raise InfrastructureError(
                 f"{path}: damaged, as by a power cut; remove it and run the same command again"
             ) from None

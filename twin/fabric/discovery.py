@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from schemas.json_text import JsonError, decode_json
 from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
@@ -123,7 +124,7 @@ def find_conductor(folder: Path) -> ConductorFile:
     """
     path = folder / FILE_NAME
     try:
-        return msgspec.json.decode(path.read_bytes(), type=ConductorFile)
+        return decode_json(path.read_bytes(), ConductorFile)
     except FileNotFoundError:
         raise UsageError(
             f"{path}: no conductor serves this folder; start one with "
@@ -131,5 +132,5 @@ def find_conductor(folder: Path) -> ConductorFile:
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    except msgspec.DecodeError as error:
+    except JsonError as error:
         raise UsageError(f"{path}: damaged: {error}") from None

@@ -8,6 +8,7 @@ ever guesses.
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections.abc import Callable
@@ -48,6 +49,19 @@ STACK_BYTES_MAX = 64 << 20
 """Largest message of a stack that the simulator's session puts together; the rest of a larger one
 is dropped as it comes, so this bounds what it costs in memory [bytes]."""
 
+STACK_WAITING_MAX = 10_000
+"""Most messages of the simulator that wait for the stack; more are dropped, since a seq that was
+not answered is published again."""
+
+STACK_WAITING_BYTES_MAX = 2 << 30
+"""Most bytes of the simulator that wait for the stack: two of the largest frames."""
+
+SEQS_MAX = 16
+"""Most seqs of which a stack keeps a part; the simulator waits for each before the next."""
+
+PARTS_MAX = 1024
+"""Most messages of a kind that a seq may have."""
+
 READY_WAITING_MAX = 10
 """A stack's ``ready`` is left out while so many messages wait: it says so again and again."""
 
@@ -56,6 +70,19 @@ LOOK_S = 0.1
 
 FRAME_BYTES_MAX = 1 << 30
 """Largest array in one message [bytes]."""
+
+DTYPES = (
+    "|u1",
+    "|i1",
+    "|b1",
+    *(f"<{kind}{size}" for kind in "iu" for size in (2, 4, 8)),
+    "<f4",
+    "<f8",
+)
+"""What an array in a message may be made of, as NumPy writes it."""
+
+AXES_MAX = 8
+"""Most axes of an array in a message."""
 
 
 Transport = Literal["device", "memory", "bytes", "inline"]
@@ -321,11 +348,27 @@ class StackEnd:
         """The stack takes large arrays in a GPU's memory; set before the first :meth:`receive`."""
         self.repeated = 0
         """Seqs answered from the cache."""
-        bus.subscribe(topics.READY.key.format(rig=rig, side="simulator"), self._inbox.put)
-        bus.subscribe(topics.EPISODE.key.format(rig=rig), self._inbox.put)
-        bus.subscribe(topics.TICK.key.format(rig=rig), self._inbox.put)
-        bus.subscribe(topics.sensor_key(rig, "*"), self._inbox.put)
+        self.dropped = 0
+        """Messages that came while too many were waiting."""
+        # Each counted by one thread: what arrived, and what was looked at [bytes].
+        self._arrived, self._read = 0, 0
+        bus.subscribe(topics.READY.key.format(rig=rig, side="simulator"), self._keep)
+        bus.subscribe(topics.EPISODE.key.format(rig=rig), self._keep)
+        bus.subscribe(topics.TICK.key.format(rig=rig), self._keep)
+        bus.subscribe(topics.sensor_key(rig, "*"), self._keep)
         bus.watch(topics.SIMULATOR_ALIVE.key.format(rig=rig), self._on_alive)
+
+    def _keep(self, sample: Sample) -> None:
+        """Keep a message of the simulator: one that repeats itself to a stack that thinks for long
+        must not fill its memory."""
+        size = len(sample.payload) + len(sample.attachment)
+        waiting = self._arrived - self._read
+        too_many = self._inbox.qsize() >= STACK_WAITING_MAX
+        if too_many or (waiting and waiting + size > STACK_WAITING_BYTES_MAX):
+            self.dropped += 1
+            return
+        self._arrived += size
+        self._inbox.put(sample)
 
     def _on_alive(self, _key: str, alive: bool) -> None:
         self._gone = not alive
@@ -342,6 +385,7 @@ class StackEnd:
                 if self._handed < 0:
                     self._say_ready(seen=False)
                 continue
+            self._read += len(sample.payload) + len(sample.attachment)
             seq = self._take(sample)
             if seq is None:
                 continue
@@ -381,19 +425,31 @@ class StackEnd:
                     key = topics.COMMAND.key.format(rig=self._rig)
                     self._bus.publish(key, self._answer[1], block=True)
                 return None
-            self._partial.setdefault(seq, _Partial()).tick = tick
+            self._part(seq).tick = tick
             return seq
         if name == "episode":
             episode: Episode = decode(sample.payload, Episode)
             if episode.seq <= self._handed:
                 return None
-            self._partial.setdefault(episode.seq, _Partial()).episodes[episode.slot] = episode
+            episodes = self._part(episode.seq).episodes
+            if len(episodes) >= PARTS_MAX and episode.slot not in episodes:
+                raise WireError(f"more than {PARTS_MAX} episodes in a seq")
+            episodes[episode.slot] = episode
             return episode.seq
         frame: Frame = decode(sample.attachment, Frame, ATTACHMENT_BYTES_MAX)
         if frame.seq <= self._handed:
             return None
-        self._partial.setdefault(frame.seq, _Partial()).sensors[name] = (frame, sample.payload)
+        sensors = self._part(frame.seq).sensors
+        if len(sensors) >= PARTS_MAX and name not in sensors:
+            raise WireError(f"more than {PARTS_MAX} sensor messages in a seq")
+        sensors[name] = (frame, sample.payload)
         return frame.seq
+
+    def _part(self, seq: int) -> _Partial:
+        """What has come of ``seq``."""
+        if seq not in self._partial and len(self._partial) >= SEQS_MAX:
+            raise WireError(f"parts of more than {SEQS_MAX} seqs; finish one before the next")
+        return self._partial.setdefault(seq, _Partial())
 
     def _open(self, offer: Ready) -> None:
         """Try what is offered; what does not work here is done without."""
@@ -431,15 +487,15 @@ class StackEnd:
             except Exception as error:  # whatever Warp raises for a handle it cannot open
                 raise InfrastructureError(f"{self._gpu}: {error}") from None
             self._opened[frame.handle] = memory
-        if memory.shape != tuple(frame.shape) or memory.dtype != np.dtype(frame.dtype):
+        if memory.shape != tuple(frame.shape) or memory.dtype != _dtype(frame):
             raise WireError(f"array of {frame.shape} behind the handle of one of {memory.shape}")
         return memory.frame()
 
     def _array(self, frame: Frame, payload: bytes) -> NDArray[Any] | DeviceFrame:
         if frame.handle:
             return self._on_device(frame)
-        dtype = np.dtype(frame.dtype)
-        count = int(np.prod(frame.shape, dtype=np.int64))
+        dtype = _dtype(frame)
+        count = math.prod(frame.shape)
         size = count * dtype.itemsize
         if frame.offset >= 0 and size > 0:
             if self._map is None or HEADER_BYTES + frame.offset + size > len(self._map):
@@ -464,3 +520,12 @@ class StackEnd:
             minor=DRIVE_MINOR,
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))
+
+
+def _dtype(frame: Frame) -> np.dtype[Any]:
+    """What the array is made of, and its shape checked; NumPy's own parser takes whole programs."""
+    if frame.dtype not in DTYPES:
+        raise WireError(f"array of {frame.dtype}, allowed: {', '.join(DTYPES)}")
+    if len(frame.shape) > AXES_MAX or min(frame.shape, default=0) < 0:
+        raise WireError(f"array of shape {frame.shape[: AXES_MAX + 1]}, at most {AXES_MAX} axes")
+    return np.dtype(frame.dtype)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 
+from schemas.words import plain
+
 EXIT_PASS = 0
 """Done, every case passed."""
 EXIT_FAILED = 1
@@ -18,10 +20,18 @@ EXIT_INTERRUPTED = 130
 """Stopped by Ctrl-C; run the same command again to go on."""
 
 
+LINE_MAX = 2000
+"""Longest line of an error [characters]."""
+
+
 class TwinError(Exception):
     """Base of the errors a user sees; ``str()`` is one line: given, allowed, what to do."""
 
     exit_code = EXIT_INFRASTRUCTURE
+
+    def __init__(self, words: str) -> None:
+        # A campaign's refusal has a line per mistake; within a line stands what strangers wrote.
+        super().__init__("\n".join(plain(line, LINE_MAX) for line in words.split("\n")))
 
 
 class UsageError(TwinError):

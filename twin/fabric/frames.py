@@ -81,7 +81,7 @@ def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
     """Map the other side's buffer read-only; None if it is not reachable or not the same memory."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
+    except (OSError, ValueError):  # a path with a zero byte is the latter
         return None
     try:
         if os.fstat(fd).st_size != HEADER_BYTES + size:

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
+from schemas.words import plain
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
 
@@ -67,8 +68,8 @@ def read_kpi(path: Path) -> pa.Table:
         # Half the time of `read_table`, which is made for many large files.
         with pq.ParquetFile(pa.BufferReader(path.read_bytes())) as file:
             table = file.read(use_threads=False)
-    except (OSError, pa.ArrowException) as error:
-        raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
+    except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
+        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
     if not table.schema.equals(KPI_SCHEMA):
         raise InfrastructureError(f"{path}: not the KPI columns of this version")
     return table
@@ -82,8 +83,8 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
     """
     try:
         table = pq.read_table(path, columns=list(names))
-    except (OSError, pa.ArrowException) as error:
-        raise InfrastructureError(f"{path}: {' '.join(str(error).split())}") from None
+    except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
+        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
     found = {field.name: field.type for field in table.schema}
     if found != {name: KPI_SCHEMA.field(name).type for name in names}:
         raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Result, Touch
-from schemas.wire import decode, encode
+from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
 
 _LENGTH = struct.Struct("<I")
 
@@ -123,6 +123,8 @@ class Unpacker:
         messages: list[Struct] = []
         while len(self._buffer) >= _LENGTH.size:
             (size,) = _LENGTH.unpack_from(self._buffer)
+            if size > MESSAGE_BYTES_MAX:
+                raise WireError(f"message of {size} bytes, at most {MESSAGE_BYTES_MAX} are read")
             if len(self._buffer) < _LENGTH.size + size:
                 break
             body = bytes(self._buffer[_LENGTH.size : _LENGTH.size + size])

@@ -18,6 +18,7 @@ from schemas.interventions import (
     JournalHead,
     JournalLine,
 )
+from schemas.json_text import JsonError, decode_json
 from schemas.messages import Lease, Result
 from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.software import device_class, software_digest
@@ -110,17 +111,16 @@ def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEn
         UsageError: there is none, or it is damaged; one line.
     """
     path = path / JOURNAL_FILE if path.is_dir() else path
-    decode = msgspec.json.Decoder(JournalLine).decode
     try:
         texts = path.read_bytes().splitlines()
-        lines = [decode(text) for text in texts]
+        lines: list[JournalLine] = [decode_json(text, JournalLine) for text in texts]
     except FileNotFoundError:
         raise UsageError(
             f"{path}: no such journal; give the folder of an attempt that was steered by hand"
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    except msgspec.MsgspecError as error:
+    except JsonError as error:
         raise UsageError(f"{path}: damaged: {error}") from None
     if not lines or not isinstance(lines[0], JournalHead):
         raise UsageError(f"{path}: damaged: it does not begin with its attempt")

@@ -131,6 +131,8 @@ def _part(
     """One geometry, checked; and how many faces without area it had."""
     points = np.asarray(geometry.vertices, np.float64)
     faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{path}: vertices of shape {list(points.shape)}, needed x, y, z each")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points)).any(axis=1).sum())
         raise ValueError(f"{path}: {bad} vertices are NaN or infinite")

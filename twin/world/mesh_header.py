@@ -108,6 +108,6 @@ def _gltf_faces(data: dict[str, Any]) -> int:
                 count = int(accessors[corners]["count"])
                 faces += count // 3 if mode == _TRIANGLES else max(0, count - 2)
             total += faces * max(1, shown.count(index))
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError):
+    except (KeyError, TypeError, IndexError, ArithmeticError, ValueError, AttributeError):
         raise ValueError("its JSON is no glTF document") from None
     return total

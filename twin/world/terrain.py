@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from twin.world import materials
 from twin.world.content import Terrain
@@ -45,20 +47,24 @@ def load_heights(terrain: Terrain) -> np.ndarray:
     else:
         raise ValueError(f"{where}: allowed are .png and .npy files")
     rows, columns = values.shape
-    if not (2 <= rows <= SAMPLES_MAX and 2 <= columns <= SAMPLES_MAX):
-        raise ValueError(
-            f"{where}: {rows} x {columns} samples, allowed 2 to {SAMPLES_MAX} each way"
-        )
+    _check_size(rows, columns, where)
     heights = values.astype(np.float64)[::-1] * terrain.height_m
     if not np.isfinite(heights).all():
         raise ValueError(f"{where}: holds NaN or infinite heights")
     return heights
 
 
+def _check_size(rows: int, columns: int, where: str) -> None:
+    if not (2 <= rows <= SAMPLES_MAX and 2 <= columns <= SAMPLES_MAX):
+        raise ValueError(
+            f"{where}: {rows} x {columns} samples, allowed 2 to {SAMPLES_MAX} each way"
+        )
+
+
 def _from_npy(path: Path, where: str) -> np.ndarray:
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError):
+    except Exception:  # its header is a Python expression, and wrong in as many ways
         raise ValueError(f"{where}: not an NPY file") from None
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         raise ValueError(
@@ -68,7 +74,14 @@ def _from_npy(path: Path, where: str) -> np.ndarray:
 
 
 def _from_png(data: bytes, where: str) -> np.ndarray:
-    values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    try:
+        # Its head is looked at first: a few bytes may claim gigabytes of picture.
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as head:
+            columns, rows = head.size
+        _check_size(rows, columns, where)
+        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, SyntaxError, Image.DecompressionBombError, cv2.error):
+        values = None
     if values is None:
         raise ValueError(f"{where}: not a PNG file")
     if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):

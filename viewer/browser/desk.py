@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.interventions import Action
+from schemas.json_text import decode_json
 from schemas.settings import Value, actions_of
 from twin.fabric.bus import Bus
 from twin.fabric.errors import TwinError, UsageError
@@ -66,10 +67,10 @@ class Desk:
             TwinError: it cannot be done; one line, which names what was done before it.
         """
         try:
-            asked = msgspec.json.decode(body, type=Asked)
+            asked: Asked = decode_json(body, Asked)
             settings: dict[str, Value] = dict(asked.settings)
             actions = actions_of(settings) if settings else []
-        except (msgspec.MsgspecError, ValueError) as error:
+        except ValueError as error:
             raise UsageError(str(error)) from None
         if asked.action is not None:
             actions.append(asked.action)

@@ -1,7 +1,7 @@
 """A small recording with everything in it, written by the recorder's own code."""
 
 import numpy as np
-from unit.viewer.view_messages import camera, controls, detection, end, start, state
+from view_messages import camera, controls, detection, end, start, state
 
 from schemas.view import Box
 from twin.worker.view_samples import jpeg

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -148,3 +149,16 @@ def test_what_is_not_a_pass_is_kept(tmp_path, keep, ending, kept):
     assert ("sha256" in note) is kept
     assert note["complete"] is (ending is not None)
     assert (tmp_path / naming.RECORDING_FILE).exists() is kept
+
+
+def test_a_recorder_of_many_cases_keeps_no_threads(tmp_path):
+    """Rerun keeps two threads per stream until it is asked to let go."""
+    recorder = Recorder()
+    threads = []
+    for token in range(1, 16):
+        said = start(tmp_path / str(token), token=token)
+        recorder.take(Sample("view/demo/clear-1/start", encode(said), b""))
+        recorder.take(Sample("view/demo/clear-1/end", encode(end(1, token=token)), b""))
+        threads.append(len(list(Path("/proc/self/task").iterdir())))
+    assert recorder.complete == 15
+    assert threads[-1] <= threads[4]

@@ -44,7 +44,7 @@ def there(bus, tmp_path):
     folder = tmp_path / "there"
     folder.mkdir()
     (folder / "conductor.json").write_bytes(b"{}")
-    deliveries = Deliveries(lambda name, case: folder if name == "demo" else None)
+    deliveries = Deliveries(lambda name, case, number: folder if name == "demo" else None)
     bus.serve(topics.FILES.key, deliveries.receive)
     yield folder
     deliveries.close()

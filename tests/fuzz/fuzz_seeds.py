@@ -1,0 +1,227 @@
+"""Writes one valid seed per format: fuzzing begins with what is accepted. Run it again when a
+message or a file has changed; other seeds stay::
+
+    cd tests; PYTHONPATH=.:fuzz:unit/report python fuzz/fuzz_seeds.py
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import tarfile
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import onnx
+import pyarrow.parquet as pq
+from autodrive_logs import config, drive
+from darknet_oracle import random_weights
+from fuzz_target import SEEDS
+from targets_assets import CFG, small_network
+from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
+from tiny_networks import write_dark_spot_detector
+from wire_messages import case, control, drive_plane, result, steering, view_plane
+
+from conductor.engine import Engine, Message
+from conductor.facts import EpochRaised
+from conductor.journal import FILE_NAME as JOURNAL_FILE
+from conductor.journal import Journal
+from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.owner import this_process
+from conductor.report.autodrive_layout import Imported
+from conductor.report.cache import Cache
+from conductor.report.resources import RESOURCES_SCHEMA
+from conductor.state import Config
+from devkit.darknet.weights import write_weights
+from schemas import SCHEMA_VERSION as V
+from schemas.delivery import SeenFolder
+from schemas.interventions import Intervention as Steered
+from schemas.interventions import (
+    JournalEnd,
+    JournalHead,
+    SetLights,
+)
+from schemas.kpi import KPI_COLUMNS
+from schemas.wire import encode
+from schemas.yaml_file import dump_yaml
+from twin.dataset.recipe import parse_recipe
+from twin.fabric.discovery import ConductorFile
+from twin.fabric.key_file import make_key
+from twin.fabric.kpi_file import kpi_table
+from twin.worker.pipe import Done, Progress, pack
+from twin.worker.spool import pack as spooled
+
+
+def _write(target: str, name: str, data: bytes | str) -> None:
+    folder = SEEDS / target
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def _messages(target: str, types: Sequence[Any], messages: Sequence[Any]) -> None:
+    for index, message in enumerate(messages):
+        kinds = [i for i, type_ in enumerate(types) if isinstance(message, type_)]
+        data = bytes(kinds[:1]) + encode(message)
+        _write(target, f"{type(message).__name__.lower()}-{index}", data)
+
+
+def _wire() -> None:
+    _messages("wire-control", CONTROL, control())
+    _messages("wire-drive", DRIVE, drive_plane())
+    _messages("wire-view", VIEW, view_plane())
+    _messages("wire-steering", STEERING, steering())
+    _write("wire-delivery", "seen", encode(SeenFolder(V, "c", "0" * 64)))
+    ready, tick, _, frame, _ = (encode(message) for message in drive_plane())
+    parts = [(0, ready, b""), (3, bytes(12), frame), (1, tick, b"")]
+    stream = b"".join(PART.pack(k, len(a), len(b)) + a + b for k, a, b in parts)
+    _write("wire-stack-end", "seq", stream)
+    _write("wire-pipe", "done", pack(Progress([65537], [3])) + pack(Done(result())))
+    _write("wire-socketio", "event", '42["Bridge",{"V1 Throttle":"0.1"}]')
+    _write("view-points", "two", np.arange(8, dtype="<i2").tobytes())
+    _write("view-jpeg", "small", cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
+    _write("spool", "result", spooled(result()))
+
+
+def _conductor_files(folder: Path) -> None:
+    journal = Journal(folder, owner=this_process())
+    engine = Engine(journal, Config(folder=str(folder)), 0)
+    hello, next_, *_, submit = control()[:5]
+    for request in (submit, hello, msgspec.structs.replace(next_, results=[], held=[])):
+        engine.turn([Message(encode(request), 1)])
+    journal.append([EpochRaised(engine.state.epoch + 1)])
+    journal.close()
+    _write("journal", "leased.db", (folder / JOURNAL_FILE).read_bytes())
+    engine = Engine(journal := Journal(folder), Config(folder=str(folder)), 0)
+    engine.close()
+    journal.close()
+    _write("journal", "snapshot.db", (folder / JOURNAL_FILE).read_bytes())
+    _write("owner", "mine", msgspec.json.encode(this_process()))
+    found = ConductorFile("tcp/127.0.0.1:7447", 1, "node", 1, "twin", "0.1.0")
+    _write("conductor-json", "mine", msgspec.json.encode(found))
+    passed = CaseOutcome(
+        outcome="verdict",
+        verdict="pass",
+        passed=True,
+        attempt_dir="cases/clear/attempt-1",
+        kpi_sha256="0" * 64,
+    )
+    lost = CaseOutcome(outcome="unresolved", reasons=["crash"])
+    outcomes = Outcomes(
+        campaign="c",
+        digest="0" * 64,
+        seed=1,
+        simulator="twin",
+        software="0" * 64,
+        device="same",
+        device_classes=[],
+        complete=True,
+        cases={},
+    )
+    for name, ended in (("passed", passed), ("lost", lost)):
+        with_case = msgspec.structs.replace(outcomes, cases={"clear": ended})
+        _write("outcomes", name, encode_outcomes(with_case))
+    event = {"at_s": 1.0, "event": "leased", "case": "clear", "worker": "w", "token": 1}
+    _write("timeline", "leased", json.dumps(event) + "\n")
+
+
+def _result_files(folder: Path) -> None:
+    values: dict[str, Any] = {"float64": 1.5, "int32": 1, "int64": 2, "bool": True}
+    values["detections"] = [
+        {
+            **dict.fromkeys(("confidence", "x_px", "y_px", "width_px", "height_px"), 1.0),
+            "label": "car",
+        }
+    ]
+    data = io.BytesIO()
+    pq.write_table(kpi_table({c.name: [values[c.type]] for c in KPI_COLUMNS}), data)
+    _write("kpi", "row.parquet", data.getvalue())
+    data = io.BytesIO()
+    pq.write_table(RESOURCES_SCHEMA.empty_table(), data)
+    _write("resources", "none.parquet", data.getvalue())
+    _write("recording-note", "whole", '{"complete": true, "samples": 3, "lost": 0, "kept": true}')
+    head = JournalHead(V, 1, "0" * 64, "cpu:avx2", 1, case())
+    lines = [head, Steered(3, 150_000_000, SetLights(None)), JournalEnd("verdict", "pass", "", 4)]
+    _write("steering-journal", "lights", b"\n".join(msgspec.json.encode(line) for line in lines))
+    _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
+    make_key(folder / "fuzz.key", days=36_500)
+    _write("key", "fabric", (folder / "fuzz.key").read_bytes())
+
+
+def _autodrive() -> None:
+    instance = config()["simulation_instances"][0] | {"model": "yolov2"}
+    rows = drive(instance)[:6]
+    text = "\n".join([",".join(rows[0]), *(",".join(row.values()) for row in rows), ""])
+    _write("autodrive-log", "six-rows", text)
+    _write("parity-table", "six-rows", text)
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w:gz") as archive:
+        member = tarfile.TarInfo("batch_1/aeb_metrics_sim_inst_1.csv")
+        member.size = len(text)
+        archive.addfile(member, io.BytesIO(text.encode()))
+    _write("autodrive-archive", "one", packed.getvalue())
+    _write("autodrive-config", "four", json.dumps(config()))
+    imported = Imported("logs", "0" * 64, 1, 6, [], [], {"a": "b"}, {"a": 1}, [])
+    _write("autodrive-imported", "one", msgspec.json.encode(imported))
+
+
+def _assets(folder: Path) -> None:
+    spots = write_dark_spot_detector(folder / "spots.onnx")
+    model = onnx.load(spots)
+    _write("onnx", "spots", spots.read_bytes())
+    _write("detector-description", "spots", model.metadata_props[0].value)
+    _write("darknet-cfg", "head", CFG)
+    write_weights(folder / "w", small_network(), random_weights(small_network(), 7))
+    _write("darknet-weights", "whole", (folder / "w").read_bytes())
+    _write("darknet-names", "two", "car\ntruck\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    _write("mesh-obj", "face", f"{corners}f 1 2 3\n")
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    _write("mesh-ply", "face", f"{head}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    points = np.array([[0, 0, 1], [0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+    _write("mesh-stl", "face", bytes(80) + struct.pack("<I", 1) + points.tobytes() + bytes(2))
+    _gltf()
+    np.save(folder / "h.npy", np.arange(9, dtype=np.float32).reshape(3, 3))
+    _write("heights-npy", "nine", (folder / "h.npy").read_bytes())
+    picture = cv2.imencode(".png", np.arange(9, dtype=np.uint8).reshape(3, 3))[1]
+    _write("heights-png", "nine", picture.tobytes())
+
+
+def _gltf() -> None:
+    import trimesh
+
+    mesh = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False)
+    scene = trimesh.Scene(mesh)
+    _write("mesh-glb", "face", scene.export(file_type="glb"))
+    files = scene.export(file_type="gltf", embed_buffers=True)
+    _write("mesh-gltf", "face", files["model.gltf"])
+
+
+def _yaml() -> None:
+    _write("yaml-site", "partition", "partition: short\n")
+    _write("yaml-recipe", "small", "count: 10\nseed: 3\n")
+    recipe = msgspec.to_builtins(parse_recipe({"count": 10}, "r"))
+    head = {"format": 1, "software": "0", "recipe": recipe, "complete": True}
+    _write("yaml-dataset", "empty", dump_yaml({**head, "counts": {"train": {"images": 10}}}))
+
+
+def main() -> None:
+    """Write all."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _wire()
+        _conductor_files(folder)
+        _result_files(folder)
+        _autodrive()
+        _assets(folder)
+        _yaml()
+
+
+if __name__ == "__main__":
+    main()

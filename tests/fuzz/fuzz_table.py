@@ -1,0 +1,14 @@
+"""Every decoder of the project, by name."""
+
+from __future__ import annotations
+
+import targets_assets
+import targets_files
+import targets_wire
+from fuzz_target import Target
+
+TARGETS: dict[str, Target] = {
+    **targets_wire.TARGETS,
+    **targets_files.TARGETS,
+    **targets_assets.TARGETS,
+}

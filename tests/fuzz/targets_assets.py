@@ -1,0 +1,79 @@
+"""Networks, meshes and heightmaps: formats of others, read by libraries."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from fuzz_target import Target, of_file
+
+from devkit.darknet.build import build_network, read_network
+from devkit.darknet.importer import _labels
+from devkit.darknet.network import Network
+from devkit.darknet.sections import parse_sections
+from devkit.darknet.weights import read_weights
+from devkit.detector import Detector
+from devkit.detector_description import read_description
+from devkit.parity import Parity, judge
+from schemas.assets import mesh_files
+from twin.fabric.errors import UsageError
+from twin.world.mesh_file import load_mesh
+from twin.world.scene import Terrain
+from twin.world.terrain import load_heights
+
+CFG = """[net]
+width=32
+height=32
+channels=3
+[convolutional]
+filters=7
+size=1
+stride=1
+activation=linear
+[yolo]
+anchors=8,8
+classes=2
+num=1
+"""
+
+
+@cache
+def small_network() -> Network:
+    """To which weights must fit."""
+    return build_network(parse_sections(CFG, "n.cfg"), "n.cfg")
+
+
+def _mesh(path: Path) -> object:
+    mesh_files(path)
+    return load_mesh(path)
+
+
+def _heights(path: Path) -> object:
+    return load_heights(Terrain(heightmap=str(path), size_m=(10.0, 10.0), height_m=1.0))
+
+
+def _score_table(data: bytes) -> None:
+    judge("log.csv", data.decode("utf-8", "replace"), Parity())
+
+
+MESH = (ValueError,)
+TARGETS = {
+    "onnx": Target(of_file("m.onnx", Detector), (UsageError,), cost=15),
+    "detector-description": Target(of_file("d.json", read_description), (UsageError,)),
+    "darknet-cfg": Target(of_file("n.cfg", read_network), (UsageError,), cost=3),
+    "darknet-weights": Target(
+        of_file("n.weights", lambda path: read_weights(path, small_network())),
+        (UsageError,),
+        cost=5,
+    ),
+    "darknet-names": Target(
+        of_file("n.names", lambda path: _labels(small_network(), path)), (UsageError,)
+    ),
+    "parity-table": Target(_score_table, ()),
+    **{
+        f"mesh-{kind}": Target(of_file(f"m.{kind}", _mesh), MESH, cost=10)
+        for kind in ("obj", "ply", "stl", "gltf", "glb")
+    },
+    "heights-npy": Target(of_file("h.npy", _heights), MESH),
+    "heights-png": Target(of_file("h.png", _heights), MESH),
+}

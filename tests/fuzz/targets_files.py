@@ -1,0 +1,167 @@
+"""Files that people write, and files that other processes left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fuzz_target import Target, of_file
+
+from conductor import fingerprint
+from conductor.engine import Engine
+from conductor.journal import FILE_NAME as JOURNAL_FILE
+from conductor.journal import FolderLockedError, Journal, JournalError
+from conductor.outcomes import read_outcomes
+from conductor.owner import FILE_NAME as OWNER_FILE
+from conductor.owner import Claim, Owner
+from conductor.report import autodrive_layout, autodrive_logs, cache, leases, resources
+from conductor.state import Config
+from conductor.timeline import FILE_NAME as TIMELINE_FILE
+from devkit.labelled_images import read_head
+from hpc.site import load_site
+from schemas.assets import asset_digest
+from schemas.campaign import parse_cases
+from schemas.yaml_file import YamlError, load_yaml
+from twin.dataset.recipe import parse_recipe
+from twin.fabric import discovery, kpi_file
+from twin.fabric.errors import InfrastructureError, TwinError, UsageError
+from twin.fabric.key_file import load_key
+from twin.sensors.lidar import load_lidar_profile
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.worker.steering_journal import read_journal
+from twin.world.scene import load_scene
+from viewer import folder as viewer_folder
+from viewer import naming
+
+ROOT = Path(__file__).parents[2]
+MISTAKES_MAX = 500
+"""Lines of a refused campaign."""
+
+
+def _campaign(path: Path) -> object:
+    campaign, _, mistakes = parse_cases(load_yaml(path))
+    if campaign is None:
+        raise UsageError("\n".join(mistake.line(path.name) for mistake in mistakes))
+    return campaign
+
+
+def _scene(path: Path) -> object:
+    asset_digest(path)
+    return load_scene(str(path))
+
+
+def _recipe(path: Path) -> object:
+    data = load_yaml(path)
+    return parse_recipe(data, path.name) if isinstance(data, dict) else None
+
+
+def _journal(path: Path) -> None:
+    """What a conductor does with the journal when it starts."""
+    journal = Journal(path.parent)
+    try:
+        Engine(journal, Config(folder=str(path.parent)), 0)
+    finally:
+        journal.close()
+
+
+def _kpi(path: Path) -> object:
+    kpi_file.read_kpi_columns(path, ["sim_time_ns", "dtc_m"])
+    return kpi_file.kpi_sha256(kpi_file.read_kpi(path))
+
+
+def _outcomes(path: Path) -> object:
+    viewer_folder.committed_attempts(path.parent)
+    read_outcomes(path.parent)
+    return fingerprint.fingerprint(path.parent)
+
+
+def _owner(path: Path) -> object:
+    me = Owner(id="a", pid=1, host="b")
+    return Claim(path.parent, me, 1.0).read()
+
+
+def _cached(path: Path) -> object:
+    folder = path.parent / cache.FOLDER
+    folder.mkdir()
+    path.rename(folder / "read.msgpack")
+    return [cache.unpacked(entry) for entry in cache.load(path.parent).entries.values()]
+
+
+def _resources(path: Path) -> object:
+    data = path.read_bytes()
+    if data[:1] == b"P":
+        return resources.read_resources(path.parent)
+    folder = path.parent / resources.PARTS_FOLDER
+    folder.mkdir()
+    path.rename(folder / f"w{resources.PART_SUFFIX}")
+    return resources.read_resources(path.parent)
+
+
+def _key(path: Path) -> object:
+    path.chmod(0o600)
+    return load_key(path)
+
+
+def _log(data: bytes) -> object:
+    instance = autodrive_layout.Instance(time_of_day=300, weather_id=1, model="yolov2")
+    return autodrive_logs.read_log("batch_1/aeb_metrics_sim_inst_1.csv", data, instance)
+
+
+def _logs(path: Path) -> object:
+    notes: list[str] = []
+    return [*autodrive_logs.find_logs(path.parent, notes)], notes
+
+
+def _folder(run: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    return lambda path: run(path.parent)
+
+
+YAML = (YamlError, UsageError)
+CAMPAIGNS = tuple(sorted((ROOT / "conductor/campaigns").glob("*.yaml")))
+SCENES = tuple(sorted((ROOT / "twin/world/scenes").glob("*.yaml")))
+TARGETS = {
+    "yaml-campaign": Target(
+        of_file("c.yaml", _campaign), YAML, CAMPAIGNS, lines_max=MISTAKES_MAX, cost=20
+    ),
+    "yaml-vehicle": Target(
+        of_file("v.yaml", lambda path: load_vehicle(str(path))),
+        (ValueError,),
+        tuple(sorted((ROOT / "twin/vehicle/models").glob("*.yaml"))),
+        cost=40,
+    ),
+    "yaml-scene": Target(of_file("s.yaml", _scene), (ValueError,), SCENES, cost=20),
+    "yaml-lidar": Target(
+        of_file("l.yaml", lambda path: load_lidar_profile(str(path))),
+        (ValueError,),
+        tuple(sorted((ROOT / "twin/sensors/lidar_profiles").glob("*.yaml"))),
+        cost=10,
+    ),
+    "yaml-site": Target(of_file("site.yaml", load_site), (UsageError,), lines_max=MISTAKES_MAX),
+    "yaml-dataset": Target(of_file("dataset.yaml", _folder(read_head)), (UsageError,), cost=5),
+    "yaml-recipe": Target(of_file("r.yaml", _recipe), (ValueError, UsageError), cost=5),
+    "journal": Target(
+        of_file(JOURNAL_FILE, _journal), (JournalError, UsageError, FolderLockedError), cost=10
+    ),
+    "owner": Target(of_file(OWNER_FILE, _owner), ()),
+    "kpi": Target(of_file(fingerprint.KPI_FILE, _kpi), (InfrastructureError,), cost=3),
+    "outcomes": Target(of_file("outcomes.json", _outcomes), (TwinError,)),
+    "conductor-json": Target(
+        of_file(discovery.FILE_NAME, _folder(discovery.find_conductor)), (UsageError,)
+    ),
+    "recording-note": Target(of_file(naming.RECORDING_NOTE, _folder(viewer_folder._note)), ()),
+    "steering-journal": Target(of_file("interventions.jsonl", read_journal), (UsageError,)),
+    "timeline": Target(of_file(TIMELINE_FILE, _folder(leases.read_leases)), ()),
+    "resources": Target(of_file(resources.RESOURCES_FILE, _resources), (InfrastructureError,)),
+    "report-cache": Target(of_file("read.msgpack", _cached), (ValueError,)),
+    "autodrive-log": Target(_log, ()),
+    "autodrive-archive": Target(of_file("batch_1.tar.gz", _logs), ()),
+    "autodrive-config": Target(
+        of_file("config.json", _folder(autodrive_layout.read_config)), (UsageError,)
+    ),
+    "autodrive-imported": Target(
+        of_file(autodrive_layout.IMPORT_FILE, _folder(autodrive_layout.read_imported)),
+        (InfrastructureError,),
+    ),
+    "key": Target(of_file("f.key", _key), (UsageError,), cost=2),
+}

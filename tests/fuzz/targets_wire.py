@@ -1,0 +1,159 @@
+"""Messages of the three planes, and what is done with them first."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from fuzz_target import Target
+
+from conductor.deliveries import Deliveries
+from devkit.bridges.socketio import SocketClient, SocketError
+from schemas.delivery import MESSAGE_BYTES_MAX as DELIVERY_BYTES_MAX
+from schemas.delivery import Delivered, Delivery
+from schemas.interventions import ControlReply, ControlRequest
+from schemas.messages import (
+    Commands,
+    Episode,
+    Frame,
+    Ready,
+    Reply,
+    Request,
+    Tick,
+    command_mistake,
+)
+from schemas.view import (
+    CameraSample,
+    CaseEnd,
+    CaseStart,
+    FeedEnd,
+    PointsSample,
+    SceneMesh,
+    StateSample,
+    Thumbnail,
+)
+from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from twin.fabric.bus import Sample
+from twin.fabric.drive import StackEnd
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.memory_bus import Hub
+from twin.worker.pipe import Unpacker, Upward
+from twin.worker.spool import unpack
+from viewer import mosaic, scenery
+
+CONTROL: tuple[Any, ...] = (Request, Reply, Delivery, Delivered)
+DRIVE: tuple[Any, ...] = (Ready, Tick, Episode, Frame, Commands)
+VIEW: tuple[Any, ...] = (
+    *(CaseStart, StateSample, CameraSample, PointsSample, SceneMesh),
+    *(CaseEnd, Thumbnail, FeedEnd),
+)
+PART = struct.Struct("<BHH")
+STEERING: tuple[Any, ...] = (ControlRequest, ControlReply)
+
+
+def _chosen(types: tuple[Any, ...], then: Callable[[Any], object]) -> Callable[[bytes], object]:
+    """The first byte says which message the rest should be."""
+
+    def run(data: bytes) -> object:
+        type_ = types[data[0] % len(types)] if data else types[0]
+        limit = ATTACHMENT_BYTES_MAX if type_ is Frame else DELIVERY_BYTES_MAX
+        return then(decode(data[1:], type_, limit))
+
+    return run
+
+
+def _commands(message: Any) -> None:
+    if isinstance(message, Commands):
+        for command in message.commands:
+            command_mistake(command)
+
+
+def _view(message: Any) -> None:
+    """What a live viewer makes of it, before Rerun gets it."""
+    match message:
+        case SceneMesh():
+            scenery.unpacked(message)
+        case CaseStart():
+            scenery.outline(message.stage)
+            scenery.eyes(message)
+        case StateSample():
+            scenery.movers([message.movers])
+
+
+def _stack_end(data: bytes) -> None:
+    """A simulator that sends what it likes; a message is a kind, two lengths, and two bodies."""
+    end = StackEnd(Hub().open(), "r", 1)
+    kinds = ("control/simulator", "tick", "episode", "sensor/camera")
+    while len(data) >= PART.size:
+        kind, payload_size, attachment_size = PART.unpack_from(data)
+        body, data = data[PART.size :], data[PART.size + payload_size + attachment_size :]
+        payload = body[:payload_size]
+        attachment = body[payload_size : payload_size + attachment_size]
+        key = f"drive/r/{kinds[kind % len(kinds)]}"
+        seq = end._take(Sample(key, payload, attachment))
+        if seq is not None and end._partial[seq].complete():
+            end._incoming(end._partial[seq])
+
+
+def _points(data: bytes) -> object:
+    return scenery.points(data)
+
+
+def _jpeg(data: bytes) -> object:
+    return mosaic.decoded(data)
+
+
+@cache
+def _deliveries() -> Deliveries:
+    return Deliveries(lambda *_: None)
+
+
+def _delivery(data: bytes) -> object:
+    return _deliveries().handle(data)
+
+
+class _Silent:
+    """A connection on which nothing more comes."""
+
+    def send(self, _text: str) -> None: ...
+
+    def recv(self) -> str:
+        raise SocketError("closed")
+
+    def close(self) -> None: ...
+
+
+@cache
+def _socket() -> SocketClient:
+    return SocketClient(_Silent(), pings_s=None)
+
+
+def _socketio(data: bytes) -> object:
+    client = _socket()
+    client._take(data if data[:1] == b"\0" else data.decode("utf-8", "replace"))
+    with contextlib.suppress(SocketError):
+        return client.receive(0.0)
+    return None
+
+
+def _pipe(data: bytes) -> object:
+    return Unpacker(Upward).feed(data)
+
+
+REFUSED = (WireError,)
+TARGETS = {
+    "wire-control": Target(_chosen(CONTROL, lambda _: None), REFUSED),
+    "wire-drive": Target(_chosen(DRIVE, _commands), REFUSED),
+    "wire-view": Target(_chosen(VIEW, _view), (WireError, ValueError)),
+    "wire-steering": Target(_chosen(STEERING, lambda _: None), REFUSED),
+    "wire-stack-end": Target(_stack_end, (WireError, InfrastructureError)),
+    "wire-delivery": Target(_delivery, ()),
+    "wire-pipe": Target(_pipe, REFUSED),
+    "wire-socketio": Target(_socketio, (SocketError,)),
+    "view-points": Target(_points, (ValueError,)),
+    "view-jpeg": Target(_jpeg, ()),
+    "spool": Target(unpack, ()),
+}
