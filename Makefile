@@ -3,13 +3,15 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-train install-bench demo test faults offline check lock models clean
+.PHONY: help install install-test install-train install-bench demo test faults fuzz soak offline check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the tests need, then run them"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   a hundred storms of killed and frozen processes"
+	@echo "make fuzz     half an hour of coverage-guided fuzzing; findings become seeds of the tests"
+	@echo "make soak     20,000 short cases; what grows is printed (hours)"
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
@@ -48,6 +50,13 @@ test: install-test
 # A hundred storms of killed and frozen processes, about twenty minutes; `make test` runs five.
 faults: install-test
 	STORMS=100 $(BIN)/pytest tests/e2e/test_storms.py $(ARGS)
+
+fuzz: install-test
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'
+	PYTHONPATH=tests $(BIN)/python tests/fuzz/nightly.py --minutes $(or $(MINUTES),30)
+
+soak: install-test
+	$(BIN)/python tests/soak.py --cases 20000
 
 # Half a gigabyte of wheels and two images, several minutes; `make test` leaves it out.
 offline: install-test

@@ -13,7 +13,7 @@ from conductor.cli import app
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import read_outcomes
 from conductor.realtime import too_slow
-from conductor.report import write_report, write_summary
+from conductor.report import make_report, write_summary
 from conductor.report.compare import compare
 from conductor.report.dossier import open_dossier
 from schemas.realtime import OVERRUN_SHARE_MAX, Realtime
@@ -36,7 +36,7 @@ def test_a_machine_that_did_not_keep_up_raises_an_alarm(tmp_path: Path, more: in
     overruns = round(OVERRUN_SHARE_MAX * TICKS) + more
     folder = paced(tmp_path / "run", overruns)
     assert (SLOW in too_slow(read_outcomes(folder))) is bool(more)
-    write_report(folder)
+    make_report(folder)
     page = (folder / "report.html").read_text()
     assert (SLOW in page) is bool(more)
     assert "sim time went with the wall clock and waited for no stack" in page
