@@ -129,19 +129,19 @@ class Fabric:
         state = ("--state", str(self.state))
         serve = ("conductor", "serve", *state, "--ttl-s", str(TTL_S), "--listen", endpoint)
         self.roles["conductor"] = Role(serve, here)
-        join, hidden = (*state, "--wait", "60"), None
+        place, port, hidden = here.addresses[0], PORT, None
         if "relay" in self.extras:
-            entrance = f"tls/{here.addresses[0]}:{RELAY_PORT}"
-            relay = ("conductor", "relay", "--listen", entrance, *state)
+            port, hidden = RELAY_PORT, self.state
+            relay = ("conductor", "relay", "--listen", f"tls/{place}:{port}", *state)
             self.roles["relay"] = Role(relay, here)
-            join, hidden = ("--connect", entrance, "--key", str(key)), self.state
         if "names" in self.extras:
-            self.files.resolver.write_text(
-                f"nameserver {here.addresses[0]}\noptions timeout:1 attempts:1\n"
-            )
-            dns = (str(Path(__file__).with_name("name_server.py")), here.addresses[0], NAME)
-            self.roles["dns"] = Role(dns, here)
-            join = ("--connect", f"tls/{NAME}:{PORT}", "--key", str(key))
+            server = (str(Path(__file__).with_name("name_server.py")), place, NAME)
+            self.roles["dns"] = Role(server, here)
+            self.files.resolver.write_text(f"nameserver {place}\noptions timeout:1 attempts:1\n")
+            place = NAME
+        join: tuple[str, ...] = (*state, "--wait", "60")
+        if self.extras & {"relay", "names"}:
+            join = ("--connect", f"tls/{place}:{port}", "--key", str(key))
         if "recorder" in self.extras:
             join = (*join, "--view", "record")
         for number in range(self._workers):

@@ -31,8 +31,8 @@ class Plan:
     """Injections."""
     seed: int
     pause_s: tuple[float, float] | None = None
-    """A storm: so long from one injection to the next, whatever has healed; None: one at a time,
-    and each after the commit that ends the one before."""
+    """A storm: drawn from ``faults``, so long from one injection to the next, whatever has healed;
+    None: in turn, one at a time, and each after the commit that ends the one before."""
 
 
 @dataclass(slots=True)
@@ -94,7 +94,10 @@ class Injector:
         return not self._active and self.commits_s[-1] >= healed_s
 
     def _inject(self, dice: random.Random) -> bool:
-        fault = dice.choice(self._possible())
+        if self.plan.pause_s is None:
+            fault = self.plan.faults[sum(self.injected.values()) % len(self.plan.faults)]
+        else:
+            fault = dice.choice(self._possible())
         hold_s = dice.uniform(*fault.hold_s)
         healing = fault.body(self.fabric, dice)
         words = next(healing, None)

@@ -17,8 +17,8 @@ for _module in ("process_faults", "network_faults", "host_faults"):
     importlib.import_module(_module)  # which fills the table, in this order
 
 STORM = "storm"
-STORM_INJECTIONS = 30
-STORM_PAUSE_S = (0.1, 0.9)
+STORM_INJECTIONS = 60
+STORM_PAUSE_S = (0.1, 0.7)
 STORM_WORKERS = 2
 
 

@@ -43,9 +43,9 @@ def options() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("build/faults"), help="where it goes on")
-    parser.add_argument("--times", type=int, default=10, help="injections of each fault")
+    parser.add_argument("--times", type=int, default=5, help="injections of each fault")
     parser.add_argument(
-        "--storms", type=int, default=24, help=f"storms of {rows.STORM_INJECTIONS} injections"
+        "--storms", type=int, default=15, help=f"storms of {rows.STORM_INJECTIONS} injections"
     )
     names = [*FAULTS, rows.STORM]
     what = "only this row; may be repeated: " + ", ".join(names).replace("%", "%%")
