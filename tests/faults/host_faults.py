@@ -13,6 +13,8 @@ from fabric import Fabric
 from host_files import fill
 from kinds import Body, fault
 
+OPEN_FILES, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+"""What every process starts with."""
 FILE_BYTES_MAX = 12288
 """Less than the frames of a rig need (13,888), more than a case's KPIs (10,961) [bytes]."""
 
@@ -69,25 +71,42 @@ def memory_file_full(fabric: Fabric, dice: random.Random) -> Iterator[str]:
             _limit(process, resource.RLIMIT_FSIZE, resource.RLIM_INFINITY)
 
 
-def _no_files(kind: str) -> Body:
+def _no_files(kind: str, also_killed: str = "") -> Body:
+    """``also_killed`` is started again meanwhile, which takes the victim descriptors."""
+
     def body(fabric: Fabric, dice: random.Random) -> Iterator[str]:
         victim = fabric.victim(kind, dice)
-        if victim is None:
+        other = fabric.victim(also_killed, dice) if also_killed else None
+        if victim is None or (also_killed and other is None):
             return
         try:
-            before, _ = resource.prlimit(victim.pid, resource.RLIMIT_NOFILE)
             used = victim.num_fds()
-        except (psutil.NoSuchProcess, ProcessLookupError):
+        except psutil.NoSuchProcess:
             return
         _limit(victim, resource.RLIMIT_NOFILE, used)
-        yield f"{used} for {kind} {victim.pid}"
-        _limit(victim, resource.RLIMIT_NOFILE, before)
+        words = f"{used} for {kind} {victim.pid}"
+        if other is not None:
+            with suppress(psutil.NoSuchProcess):
+                other.kill()
+            words += f", SIGKILL {also_killed} {other.pid}"
+        yield words
+        _limit(victim, resource.RLIMIT_NOFILE, OPEN_FILES)
+        with suppress(psutil.NoSuchProcess):
+            for child in victim.children(recursive=True):
+                _limit(child, resource.RLIMIT_NOFILE, OPEN_FILES)
 
     return body
 
 
-for _kind in ("conductor", "worker", "simulator"):
-    fault(f"open-file limit of {_kind}", (0.5, 3.0), stormy=True)(_no_files(_kind))
+fault("open-file limit of conductor", (2.0, 4.0), group="files", stormy=True)(
+    _no_files("conductor", "worker")
+)
+fault("open-file limit of worker", (2.0, 4.0), group="files", stormy=True)(
+    _no_files("worker", "simulator")
+)
+fault("open-file limit of simulator", (0.5, 3.0), group="files", stormy=True)(
+    _no_files("simulator")
+)
 
 
 @fault("disk full", (0.5, 3.0), group="disk", stormy=True)

@@ -64,7 +64,7 @@ class Injector:
         moved_s = time.monotonic()
         while (left := self.plan.times - sum(self.injected.values())) or self._active:
             now_s = time.monotonic()
-            if self.fabric.tend(feeding=bool(left)):
+            if self.fabric.tend(feeding=True):
                 self.commits_s.append(now_s)
                 moved_s = now_s
             elif now_s - moved_s > PATIENCE_S:

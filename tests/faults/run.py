@@ -11,6 +11,7 @@ import json
 import os
 import platform
 import shutil
+import signal
 import sys
 import time
 from pathlib import Path
@@ -74,6 +75,8 @@ def one(run: rows.Run, out: Path, quiet: rows.Quiet) -> Outcome:
 def main() -> int:
     """Carry out what is left, then write the table."""
     asked = options()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # end in good order
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored, if started in background
     if problem := missing():
         print(f"faults: {problem}", file=sys.stderr)
         return 2
@@ -103,4 +106,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("faults: interrupted; the same command goes on", file=sys.stderr)
+        sys.exit(130)

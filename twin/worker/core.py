@@ -443,6 +443,10 @@ class Core:
         return max(0, slots - len(self.held))
 
     def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
+        if reply.error and reply.retry_after_s:
+            # It knows no harm of us, it cannot write just now.
+            self.ask_at_ns = now_ns + max(int(reply.retry_after_s * SECOND_NS), IDLE_NS)
+            return [Say(f"conductor: {reply.error}")]
         if reply.error:
             return [*self._end_all("released", reply.error), *self._leave(reply.error)]
         if self.phase == "joining":

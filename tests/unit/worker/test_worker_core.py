@@ -66,6 +66,24 @@ def joined(slots=2):
     return core, ask.request
 
 
+def test_a_conductor_that_cannot_write_is_asked_again():
+    core = Core(hello())
+    (ask,) = core.on_time(0)
+    full = reply(error="storage: full", retry_after_s=2.0)
+    assert core.on_reply(ask.request, full, 0) == [Say("conductor: storage: full")]
+    assert core.on_time(2 * SECOND_NS - 1) == []
+    (again,) = core.on_time(2 * SECOND_NS)
+    assert again == ask
+    assert core.on_reply(again.request, reply(), 2 * SECOND_NS) == []
+    assert core.phase == "working"
+
+
+def test_a_refused_worker_leaves():
+    core = Core(hello())
+    (ask,) = core.on_time(0)
+    assert core.on_reply(ask.request, reply(error="other software"), 0) == [Leave("other software")]
+
+
 def working(slots=2, tokens=(1, 2)):
     """A core with a ready rig and leases."""
     core, request = joined(slots)
