@@ -18,7 +18,7 @@ for _module in ("process_faults", "network_faults", "host_faults"):
 
 STORM = "storm"
 STORM_INJECTIONS = 60
-STORM_PAUSE_S = (0.1, 0.7)
+STORM_PAUSE_S = (0.2, 1.2)
 STORM_WORKERS = 2
 
 
