@@ -302,10 +302,13 @@ class Core:
         return said
 
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
-        """The rig ended by itself: one case alone is charged, several are suspects."""
+        """The rig ended by itself: one case alone is charged, several are suspects.
+
+        ``released``: it was the host that had no room for a rig, and no case is to blame.
+        """
         several = sum(not held.over for held in self.held.values()) > 1
         for token, held in self.held.items():
-            why: Release = "suspect" if several else reason
+            why: Release = "suspect" if several and reason != "released" else reason
             if held.over:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:

@@ -200,6 +200,14 @@ def test_a_case_that_was_over_is_no_victim_of_its_rig():
     assert [e.reason for e in core.ended] == ["crash"]
 
 
+@pytest.mark.parametrize("tokens", [(1,), (1, 2)])
+def test_a_host_without_room_for_a_rig_charges_nobody(tokens):
+    core = working(tokens=tokens)
+    effects = core.on_rig_died("released", "no rig: Too many open files", 5)
+    assert effects == [StopRig(), Say("rig ended (released): no rig: Too many open files")]
+    assert [e.reason for e in core.ended] == ["released"] * len(tokens)
+
+
 def test_rigs_that_keep_dying_are_slowed_down():
     core = working(slots=1, tokens=(1,))
     core.on_rig_died("crash", "boom", 0)
