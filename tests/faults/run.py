@@ -14,6 +14,7 @@ import shutil
 import signal
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "e2e"))
@@ -23,6 +24,7 @@ import table
 from injection import Outcome
 from kinds import FAULTS
 from ledger import run_in_peace
+from pace import Pace, measure
 
 from twin.fabric.progress import progress
 
@@ -72,6 +74,16 @@ def one(run: rows.Run, out: Path, quiet: rows.Quiet) -> Outcome:
     return found
 
 
+def paced(out: Path) -> Pace:
+    """Whether viewers slow cases down, from its file if there is one."""
+    path = out / "pace.json"
+    if not path.exists():
+        folder = out / "runs" / "pace"
+        shutil.rmtree(folder, ignore_errors=True)
+        path.write_text(json.dumps(asdict(measure(folder))) + "\n")
+    return Pace(**json.loads(path.read_text()))
+
+
 def main() -> int:
     """Carry out what is left, then write the table."""
     asked = options()
@@ -97,6 +109,8 @@ def main() -> int:
             table.write(table.tabulate(found), out)
     tabulated = table.tabulate(found)
     text = table.markdown(tabulated)
+    if not asked.only:
+        text += f"\n{paced(out).words()}\n"
     print(text, end="")
     if asked.page is not None:
         machine = f"{os.cpu_count()} cores, Linux {platform.release()}"
