@@ -253,7 +253,7 @@ class Fabric:
 
     def victim(self, kind: str, dice: random.Random) -> psutil.Process | None:
         """One that runs; None: there is none just now."""
-        running = [p for p in self.find(kind) if p.is_running() and p.status() != "stopped"]
+        running = [process for process in self.find(kind) if _runs(process)]
         return dice.choice(running) if running else None
 
     def role_of(self, process: psutil.Process) -> Role | None:
@@ -281,6 +281,14 @@ class Fabric:
         for log in self._logs.values():
             log.close()
         self.files.close()
+
+
+def _runs(process: psutil.Process) -> bool:
+    """Neither frozen nor dead."""
+    try:
+        return process.status() not in (psutil.STATUS_STOPPED, psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
 
 
 @contextlib.contextmanager
