@@ -113,7 +113,8 @@ def main() -> int:
         text += f"\n{paced(out).words()}\n"
     print(text, end="")
     if asked.page is not None:
-        machine = f"{os.cpu_count()} cores, Linux {platform.release()}"
+        load = f"load {os.getloadavg()[2]:.0f} in the last quarter of an hour"
+        machine = f"{os.cpu_count()} cores, {load}, Linux {platform.release().partition('-')[0]}"
         when = time.strftime("%Y-%m-%d", time.gmtime())
         table.put_into(asked.page, f"\n{text}\n`make faults`, {when}, {machine}.\n")
     return 0 if all(row.clean for row in tabulated) and all(o.ended for o in found) else 1
