@@ -66,7 +66,7 @@ def test_every_fault_is_in_one_of_the_two_runs():
 
 def test_a_storm(tmp_path, peace):
     stormy = tuple(fault for fault in FAULTS.values() if fault.stormy)
-    plan = Plan(stormy, 25, seed=1, pause_s=rows.STORM_PAUSE_S)
+    plan = Plan(stormy, 15, seed=1, pause_s=rows.STORM_PAUSE_S)
     check(tmp_path / "fabric", frozenset(), plan, peace, rows.STORM_WORKERS)
 
 
