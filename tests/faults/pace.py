@@ -75,7 +75,7 @@ def _enter(made: Fabric, state: str) -> None:
         log = made.folder / "viewer.log"
         size = log.stat().st_size if log.exists() else 0
         until_s = time.monotonic() + PATIENCE_S
-        while not (log.exists() and b"connected" in log.read_bytes()[size:]):
+        while not (log.exists() and b"Ctrl-C ends" in log.read_bytes()[size:]):
             assert time.monotonic() < until_s, "the viewer does not connect"
             made.tend(feeding=True)
             time.sleep(POLL_S)
