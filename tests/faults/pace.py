@@ -14,8 +14,8 @@ from fabric import Fabric, fabric
 from injection import PATIENCE_S, POLL_S
 
 STATES = ("none", "looking", "frozen")
-ROUNDS = 3
-SECONDS = 12.0
+ROUNDS = 4
+SECONDS = 8.0
 """Of one state in one round."""
 
 
