@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 CLUSTER = (
-    *("test_containers", "test_offline", "test_pbs_wrapper", "test_slurm", "test_slurm_nodes"),
-    *("test_two_clusters", "test_two_hosts"),
+    *("test_containers", "test_faults", "test_offline", "test_pbs_wrapper", "test_slurm"),
+    *("test_slurm_nodes", "test_two_clusters", "test_two_hosts"),
 )
 """They make networks and schedulers on this machine, and there is one machine."""
 APART = (

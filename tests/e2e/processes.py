@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 
 import psutil
 
@@ -34,13 +34,20 @@ class Marked:
         self.children: list[subprocess.Popen[str]] = []
 
     def start(
-        self, *arguments: str, prefix: tuple[str, ...] = (), folder: Path | None = None
+        self,
+        *arguments: str,
+        prefix: tuple[str, ...] = (),
+        folder: Path | None = None,
+        log: IO[str] | None = None,
     ) -> subprocess.Popen[str]:
-        """Start ``python -m ARGUMENTS`` in the background, in ``folder``."""
+        """Start ``python -m ARGUMENTS`` in the background, in ``folder``.
+
+        What it says goes to ``log``, or into pipes: for children that say little, or are read.
+        """
         child = subprocess.Popen(
             [*prefix, sys.executable, "-m", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stdout=log or subprocess.PIPE,
+            stderr=log or subprocess.PIPE,
             text=True,
             env={**os.environ, MARK: self.mark, "TMPDIR": str(self.temporary)},
             start_new_session=True,

@@ -51,12 +51,20 @@ class FrameBuffer:
     """A shared buffer of ``size`` bytes behind the header."""
 
     def __init__(self, size: int) -> None:
-        """Create the buffer (simulator side)."""
+        """Create the buffer (simulator side).
+
+        Raises:
+            OSError: the system has no memory, file or descriptor for it.
+        """
         self.size = size
         self.nonce = secrets.token_hex(16)
         self._fd = os.memfd_create("twin-frames", os.MFD_CLOEXEC)
-        os.ftruncate(self._fd, HEADER_BYTES + size)
-        self._map = mmap.mmap(self._fd, HEADER_BYTES + size)
+        try:
+            os.ftruncate(self._fd, HEADER_BYTES + size)
+            self._map = mmap.mmap(self._fd, HEADER_BYTES + size)
+        except OSError:
+            self.close()
+            raise
         self._map[: len(self.nonce)] = self.nonce.encode()
 
     @property
@@ -75,6 +83,14 @@ class FrameBuffer:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+
+def offer_frames(size: int) -> FrameBuffer | None:
+    """A buffer, or None where the system grants none: then frames travel as payload."""
+    try:
+        return FrameBuffer(size)
+    except OSError:
+        return None
 
 
 def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:

@@ -308,10 +308,13 @@ class Core:
         return said
 
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
-        """The rig ended by itself: one case alone is charged, several are suspects."""
+        """The rig ended by itself: one case alone is charged, several are suspects.
+
+        ``released``: it was the host that had no room for a rig, and no case is to blame.
+        """
         several = sum(not held.over for held in self.held.values()) > 1
         for token, held in self.held.items():
-            why: Release = "suspect" if several else reason
+            why: Release = "suspect" if several and reason != "released" else reason
             if held.over:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:
@@ -449,6 +452,10 @@ class Core:
         return max(0, slots - len(self.held))
 
     def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
+        if reply.error and reply.retry_after_s:
+            # It knows no harm of us, it cannot write just now.
+            self.ask_at_ns = now_ns + max(int(reply.retry_after_s * SECOND_NS), IDLE_NS)
+            return [Say(f"conductor: {reply.error}")]
         if reply.error:
             return [*self._end_all("released", reply.error), *self._leave(reply.error)]
         if self.phase == "joining":

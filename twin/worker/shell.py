@@ -18,7 +18,7 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.doors import door
-from schemas.messages import Beat, Hello, Next, Reply, Request
+from schemas.messages import Beat, Hello, Lease, Next, Reply, Request
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
@@ -260,11 +260,7 @@ class Worker:
             case (rig, _) if rig is not self._rig:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
-                assert self._rig is not None
-                self._rig.start_stack(endpoint)
-                if view:
-                    self._rig.start_recorder(view)
-                return []
+                return self._start_others(endpoint, view, now)
             case (_, RecorderEnded(detail)):
                 _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []
@@ -289,6 +285,24 @@ class Worker:
             case _:
                 return []
 
+    def _start_rig(self, lease: Lease) -> None:
+        try:
+            self._rig = RigProcess(self._options, lease, self._inbox)
+        except OSError as error:
+            # It dies in the next turn: effects must not call for more of them.
+            self._inbox.put((None, RigDied("released", f"no rig: {error.strerror}")))
+
+    def _start_others(self, endpoint: str, view: str, now: int) -> list[decisions.Effect]:
+        """The simulator listens: start the stack, and a recorder that reads at ``view``."""
+        assert self._rig is not None
+        try:
+            self._rig.start_stack(endpoint)
+            if view:
+                self._rig.start_recorder(view)
+        except OSError as error:
+            return self._core.on_rig_died("released", f"no stack: {error.strerror}", now)
+        return []
+
     def _stack_words(self) -> str:
         """What a stack of another process said last, to be added to a reason."""
         said = self._rig.stack_words() if self._rig else ""
@@ -302,7 +316,7 @@ class Worker:
                     self._requests.put(request)
                 case decisions.StartRig(lease):
                     lease = self._delivery.localized(lease)
-                    self._rig = RigProcess(self._options, lease, self._inbox)
+                    self._start_rig(lease)
                 case decisions.StopRig():
                     if self._rig is not None:
                         self._rig.stop()

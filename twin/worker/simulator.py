@@ -35,7 +35,7 @@ from schemas.messages import (
 from twin.fabric.bus import Bus
 from twin.fabric.drive import STACK_BYTES_MAX, Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, TwinError
-from twin.fabric.frames import FrameBuffer, lay_out
+from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
@@ -203,7 +203,7 @@ class Simulator:
         near = case.placement == "worker" and case.clock == "lockstep"
         best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
         shared = best in ("device", "memory") and size > 0
-        frames = FrameBuffer(size) if shared else None
+        frames = offer_frames(size) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}

@@ -1,11 +1,19 @@
 """Shared frame buffers: same memory or nothing, and no trace in the file system."""
 
 import os
+import resource
 from pathlib import Path
 
 import numpy as np
 
-from twin.fabric.frames import HEADER_BYTES, Channel, FrameBuffer, lay_out, open_frames
+from twin.fabric.frames import (
+    HEADER_BYTES,
+    Channel,
+    FrameBuffer,
+    lay_out,
+    offer_frames,
+    open_frames,
+)
 
 
 def test_both_sides_see_the_same_memory():
@@ -55,3 +63,18 @@ def test_channels_lie_side_by_side_and_aligned():
         assert (array == number + 1).all()
         assert array.shape == channel.shape
     buffer.close()
+
+
+def test_no_buffer_where_the_system_grants_none():
+    """And no descriptor stays behind."""
+    before = os.listdir("/proc/self/fd")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (HEADER_BYTES, hard))
+    try:
+        assert offer_frames(4096) is None
+        assert os.listdir("/proc/self/fd") == before
+        buffer = offer_frames(0)
+        assert buffer is not None
+        buffer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -66,6 +66,24 @@ def joined(slots=2):
     return core, ask.request
 
 
+def test_a_conductor_that_cannot_write_is_asked_again():
+    core = Core(hello())
+    (ask,) = core.on_time(0)
+    full = reply(error="storage: full", retry_after_s=2.0)
+    assert core.on_reply(ask.request, full, 0) == [Say("conductor: storage: full")]
+    assert core.on_time(2 * SECOND_NS - 1) == []
+    (again,) = core.on_time(2 * SECOND_NS)
+    assert again == ask
+    assert core.on_reply(again.request, reply(), 2 * SECOND_NS) == []
+    assert core.phase == "working"
+
+
+def test_a_refused_worker_leaves():
+    core = Core(hello())
+    (ask,) = core.on_time(0)
+    assert core.on_reply(ask.request, reply(error="other software"), 0) == [Leave("other software")]
+
+
 def working(slots=2, tokens=(1, 2)):
     """A core with a ready rig and leases."""
     core, request = joined(slots)
@@ -180,6 +198,14 @@ def test_a_case_that_was_over_is_no_victim_of_its_rig():
     core.on_progress([], [], 6)  # its result could not be written
     core.on_rig_died("crash", "disk full", 7)
     assert [e.reason for e in core.ended] == ["crash"]
+
+
+@pytest.mark.parametrize("tokens", [(1,), (1, 2)])
+def test_a_host_without_room_for_a_rig_charges_nobody(tokens):
+    core = working(tokens=tokens)
+    effects = core.on_rig_died("released", "no rig: Too many open files", 5)
+    assert effects == [StopRig(), Say("rig ended (released): no rig: Too many open files")]
+    assert [e.reason for e in core.ended] == ["released"] * len(tokens)
 
 
 def test_rigs_that_keep_dying_are_slowed_down():

@@ -1,23 +1,16 @@
-"""A storm: signals at random moments to random processes of a campaign, all drawn from one seed.
-
-The seed decides which kind of process is hit by which signal after which pause; which cases are
-running at that moment is up to the machine. Whatever dies is started again.
-"""
+"""A campaign served by hand, with workers that a test starts, freezes and wakes up."""
 
 from __future__ import annotations
 
 import json
-import random
-import signal
-import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import psutil
 import yaml
-from processes import PATIENCE_S, Marked, complete, wait_for
+from processes import Marked, complete, wait_for
 
 import conductor
 from conductor.facts import Committed, LateAttempt, WorkerJoined
@@ -28,25 +21,15 @@ from twin.fabric.errors import UsageError
 
 CAMPAIGN = "chaos-16"
 TTL_S = 2.0
-"""Leases expire soon, so that frozen workers are seen within a storm."""
-WORKERS = 2
-FAULTS = 8
-"""Signals per storm; afterwards everything must come to its end."""
-VICTIMS = {"worker": 3, "sim": 3, "host": 2, "serve": 2}
-"""Word of the command line -> weight."""
+"""Leases expire soon, so that frozen workers are seen."""
 
 
 @dataclass(slots=True)
-class Storm:
-    """One campaign under faults."""
+class ServedCampaign:
+    """``chaos-16`` and its conductor."""
 
     marked: Marked
     folder: Path
-    seed: int
-    deadline_s: float = 8.0
-    faults: Counter[str] = field(default_factory=Counter)
-    """What was done: ``SIGKILL sim`` and so on."""
-    _frozen: list[tuple[float, psutil.Process]] = field(default_factory=list)
 
     @property
     def state(self) -> Path:
@@ -57,27 +40,6 @@ class Storm:
     def campaign(self) -> Path:
         """Campaign folder."""
         return self.state / CAMPAIGN
-
-    def run(self) -> None:
-        """Serve, work, hurt, and wait until every case has ended; then end everything."""
-        dice = random.Random(self.seed)
-        self.start()
-        self.submit()
-        self.keep_alive()
-        wait_for(lambda: self.marked.processes("sim"), "a simulator")
-        due_s = time.monotonic() + dice.uniform(0.2, 1.5)
-        left = FAULTS
-        until_s = time.monotonic() + PATIENCE_S
-        while not self.complete():
-            assert time.monotonic() < until_s, f"seed {self.seed}: no end, {dict(self.faults)}"
-            now_s = time.monotonic()
-            self.thaw(now_s)
-            self.keep_alive()
-            if left and now_s >= due_s:
-                left -= self.hurt(dice)
-                due_s = now_s + dice.uniform(0.1, 1.0)
-            time.sleep(0.02)
-        self.finish()
 
     def start(self) -> None:
         """Start the conductor and wait until it listens."""
@@ -95,12 +57,12 @@ class Storm:
         wait_for(listens, "the conductor")
 
     def submit(self) -> None:
-        """Submit a copy of the campaign with a short deadline and as many attempts as it takes."""
+        """Submit a copy of the campaign with as many attempts as it takes."""
         source = Path(conductor.__file__).parent / "campaigns" / f"{CAMPAIGN}.yaml"
         data = yaml.safe_load(source.read_text())
         data["matrix"]["time_of_day"] = ["05:00", "13:00"]
         path = self.folder / f"{CAMPAIGN}.yaml"
-        dumped = yaml.safe_dump({**data, "deadline_s": self.deadline_s, "attempts_max": 100})
+        dumped = yaml.safe_dump({**data, "attempts_max": 100})
         path.write_text(dumped)
         done = self.marked.run("conductor", "submit", str(path), "--state", str(self.state))
         assert done.returncode == 0, done.stderr
@@ -109,42 +71,6 @@ class Storm:
         """Start a worker of two slots."""
         child = self.marked.start("twin", "worker", "--state", str(self.state), "--slots", "2")
         return psutil.Process(child.pid)
-
-    def keep_alive(self) -> None:
-        """Start again what has died: the conductor first, workers need it to start."""
-        if not self.marked.processes("serve"):
-            self.start()
-        for _ in range(WORKERS - len(self.marked.processes("worker"))):
-            self.worker()
-
-    def hurt(self, dice: random.Random) -> bool:
-        """One fault; False if there was nobody to hurt."""
-        kind = dice.choices(list(VICTIMS), list(VICTIMS.values()))[0]
-        number = dice.choice((signal.SIGKILL, signal.SIGSTOP))
-        which, pause_s = dice.random(), dice.uniform(0.2, 2 * TTL_S)
-        victims = sorted(self.marked.processes(kind), key=lambda process: process.pid)
-        frozen = {process.pid for _, process in self._frozen}
-        victims = [process for process in victims if process.pid not in frozen]
-        if not victims:
-            return False
-        victim = victims[int(which * len(victims))]
-        try:
-            victim.send_signal(number)
-        except psutil.NoSuchProcess:
-            return False
-        self.faults[f"{number.name} {kind}"] += 1
-        if number == signal.SIGSTOP:
-            self._frozen.append((time.monotonic() + pause_s, victim))
-        return True
-
-    def thaw(self, now_s: float) -> None:
-        """SIGCONT to those whose pause is over."""
-        for entry in [entry for entry in self._frozen if entry[0] <= now_s]:
-            self._frozen.remove(entry)
-            try:
-                entry[1].send_signal(signal.SIGCONT)
-            except psutil.NoSuchProcess:
-                pass
 
     def status(self) -> dict[str, Any]:
         """The conductor's status."""
@@ -164,8 +90,7 @@ class Storm:
         return complete(self.campaign)
 
     def finish(self) -> None:
-        """Thaw everything, then end workers and conductor in good order."""
-        self.thaw(float("inf"))
+        """End workers and conductor in good order."""
         self.end("worker")
         self.end("serve")
 
