@@ -3,6 +3,8 @@
 import json
 import shutil
 import subprocess
+import tempfile
+from pathlib import Path
 
 import pytest
 from container_images import missing, python_folders, shell_image
@@ -115,6 +117,31 @@ def test_a_stack_in_a_container(marked, tmp_path, runtime, monkeypatch):
     here = campaign(tmp_path, "here", {"command": python(CLIENT)}, **MATRIX)
     inside = campaign(tmp_path, "inside", {"command": python(CLIENT), "image": image}, **MATRIX)
     assert fingerprint(marked, inside) == fingerprint(marked, here)
+
+
+@pytest.fixture
+def precious():
+    """A folder of the host, outside of all that a container is shown."""
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        yield Path(folder)
+
+
+@pytest.mark.parametrize("runtime", ["charliecloud", "apptainer"])
+def test_a_container_forbids_to_write_outside(marked, tmp_path, precious, runtime, monkeypatch):
+    if reason := missing(COMMANDS[runtime]):
+        pytest.skip(reason)
+    monkeypatch.setenv("APPTAINER_USERNS", "1")
+    root = shell_image(tmp_path / "image")
+    words = f"for file in {precious}/a /written; do echo evil > $file; done; exit 9"
+    image = {"path": str(root), "runtime": runtime, "binds": python_folders()}
+    driver = {"command": ["sh", "-c", words], "image": image}
+    done, folder = run(marked, campaign(tmp_path, "writes", driver, attempts_max=1))
+    assert done.returncode == 3, done.stderr
+    (case,) = outcomes(folder).values()
+    assert "exit code 9" in " ".join(case["reasons"])
+    assert "cannot create /written: Read-only file system" in " ".join(case["reasons"])
+    assert not (root / "written").exists()
+    assert list(precious.iterdir()) == []
 
 
 def test_images_that_cannot_be_used_have_their_reason(marked, tmp_path):
