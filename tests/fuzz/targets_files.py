@@ -27,6 +27,7 @@ from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery, kpi_file
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError
 from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
 from twin.sensors.lidar import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.worker.steering_journal import read_journal
@@ -100,7 +101,7 @@ def _resources(path: Path) -> object:
 
 def _key(path: Path) -> object:
     path.chmod(0o600)
-    return load_key(path)
+    return load_key(path, Role.viewer)
 
 
 def _log(data: bytes) -> object:
