@@ -10,13 +10,10 @@ import typer
 
 from twin.fabric.cli import KeyOption
 from twin.fabric.errors import UsageError, storage_error
-from twin.fabric.roles import Role
+from twin.fabric.roles import INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
-
-INVITED = (Role.viewer, Role.stack, Role.worker, Role.admin)
-"""Roles that somebody may be invited as; there is one conductor."""
 
 MODE = 0o600
 
