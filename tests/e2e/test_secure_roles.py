@@ -78,6 +78,12 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
             (("conductor", "submit", "aeb-demo"), pasted, 2, "invite --role admin"),
             (cancel, invited["worker"], 2, "key of role worker may not ask conductor/rpc/admin"),
             (("viewer", "pause", "a"), invited["viewer"], 2, "invite --role admin"),
+            (
+                ("conductor", "relay", "--listen", "tls/127.0.0.1:0"),
+                invited["worker"],
+                2,
+                "a relay",
+            ),
             (("twin", "worker"), invited["viewer"], 2, "invite --role worker"),
             (("viewer", "live", "--no-window"), invited["stack"], 2, "invite --role"),
             ((*cancel, "--connect", endpoint), expired, 2, "this key expired on"),
