@@ -106,6 +106,7 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
     for options, words in (
         (("--role", "conductor"), "allowed: viewer, stack, worker, admin"),
         (("--role", "viewer", "--days", "400"), "allowed: 1 to 36"),
+        (("--role", "viewer", "--connect", "tcp/10.0.0.1:7447"), "use tls/10.0.0.1:7447"),
     ):
         refused = marked.run("conductor", "invite", "--state", str(state), *options)
         assert refused.returncode == 2
