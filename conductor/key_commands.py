@@ -10,13 +10,10 @@ import typer
 
 from twin.fabric.cli import KeyOption
 from twin.fabric.errors import UsageError, storage_error
-from twin.fabric.roles import Role
+from twin.fabric.roles import INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
-
-INVITED = (Role.viewer, Role.stack, Role.worker, Role.admin)
-"""Roles that somebody may be invited as; there is one conductor."""
 
 MODE = 0o600
 
@@ -69,7 +66,7 @@ def invite(
     It names the conductor: `viewer live --key FILE` needs nothing else. Treat it as a password.
     """
     from twin.fabric.authority import days_left, load_authority
-    from twin.fabric.endpoint import check_endpoint
+    from twin.fabric.endpoint import check_protected
     from twin.fabric.files import write_atomic
     from twin.fabric.key_file import as_line
 
@@ -84,7 +81,7 @@ def invite(
             "`conductor keygen --force` makes a new one"
         )
     if connect:
-        check_endpoint(connect)
+        check_protected(connect, keyed=True)
     endpoint = connect or (found.endpoint if found else "")
     data = authority.issue(role, days, endpoint, found.namespace if found else "twin")
     if out is None:

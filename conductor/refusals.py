@@ -15,6 +15,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from schemas.words import plain
+
 PERIOD_S = 60.0
 """A reason is logged once in so long, however often it occurs [s]."""
 REASON_CHARS_MAX = 200
@@ -45,7 +47,7 @@ def reason_of(line: str) -> str:
         return ""
     said = found[1].partition(" Hint:")[0].rstrip(".")
     known = (meaning for part, meaning in _REASONS if part in said)
-    return next(known, f"the handshake failed: {said[:REASON_CHARS_MAX]}")
+    return next(known, f"the handshake failed: {plain(said, REASON_CHARS_MAX)}")
 
 
 class Refusals:

@@ -15,7 +15,7 @@ from pathlib import Path
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import Target, find_target
 from twin.fabric.endpoint import to_listen
-from twin.fabric.errors import TwinError
+from twin.fabric.errors import TwinError, UsageError
 from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
@@ -30,7 +30,16 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
         target: the conductor, which must answer now; later it may come and go.
         listen: endpoint for those who cannot reach it.
         state: folder whose ``conductor.json`` tells where the conductor is, should it move.
+
+    Raises:
+        UsageError: the key is of another role, in which it would drop what others send.
     """
+    if target.key is not None and target.key.role is not Role.conductor:
+        raise UsageError(
+            f"{target.key.path}: a relay passes on for all roles, so it takes a key of role "
+            f"{Role.conductor}, this one is of role {target.key.role}; give --key keys/ or --state "
+            "of the conductor"
+        )
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

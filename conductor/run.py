@@ -50,7 +50,7 @@ from twin.fabric.errors import (
     UnfinishedError,
     UsageError,
 )
-from twin.fabric.key_file import Key
+from twin.fabric.key_file import Key, shared
 from twin.fabric.nvml import visible_gpus
 from twin.fabric.software import device_class, software_digest
 
@@ -179,7 +179,7 @@ def _execute(
             *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
-            *(("--key", str(conductor.key.path.parent)) if conductor.key else ()),
+            *(("--key", str(shared(conductor.key))) if conductor.key else ()),
         ]
         if ViewMode(campaign.view).shows:
             console.print(

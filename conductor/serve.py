@@ -17,7 +17,7 @@ from conductor.shell import Conductor
 from conductor.state import Config
 from schemas.view_mode import ViewMode
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
-from twin.fabric.key_file import Key
+from twin.fabric.key_file import Key, shared
 
 
 def serve_folder(
@@ -80,7 +80,7 @@ def _metrics(address: str, conductor: Conductor) -> Iterator[None]:
 def _announce(conductor: Conductor, namespace: str) -> None:
     conductor.started.wait()
     option = "" if namespace == "twin" else f" --namespace {namespace}"
-    key = f" --key {shlex.quote(str(conductor.key.path.parent))}" if conductor.key else ""
+    key = f" --key {shlex.quote(str(shared(conductor.key)))}" if conductor.key else ""
     here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
     folder = shlex.quote(str(Path(conductor.folder).absolute()))
     where = f"--connect {conductor.endpoint}{option}{key}"

@@ -46,7 +46,7 @@ from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
-from twin.fabric.key_file import Key
+from twin.fabric.key_file import Key, shared
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -169,7 +169,7 @@ class Conductor:
                 epoch=self._engine.state.epoch,
                 namespace=self.namespace,
                 version=_version(),
-                key=str(self.key.path.parent) if self.key else "",
+                key=str(shared(self.key)) if self.key else "",
             ),
             self._engine.state,
         )

@@ -7,8 +7,8 @@ from pathlib import Path
 from hpc.commands import exists, watch
 from twin.fabric.errors import InfrastructureError, UsageError
 
-LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.owner")
-"""What only means something beside its conductor."""
+LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.owner", "/keys")
+"""What only means something beside its conductor; private keys above all stay where they are."""
 
 
 def pull_command(source: str, folder: Path, *, rsync: bool) -> list[str]:

@@ -78,6 +78,12 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
             (("conductor", "submit", "aeb-demo"), pasted, 2, "invite --role admin"),
             (cancel, invited["worker"], 2, "key of role worker may not ask conductor/rpc/admin"),
             (("viewer", "pause", "a"), invited["viewer"], 2, "invite --role admin"),
+            (
+                ("conductor", "relay", "--listen", "tls/127.0.0.1:0"),
+                invited["worker"],
+                2,
+                "a relay",
+            ),
             (("twin", "worker"), invited["viewer"], 2, "invite --role worker"),
             (("viewer", "live", "--no-window"), invited["stack"], 2, "invite --role"),
             ((*cancel, "--connect", endpoint), expired, 2, "this key expired on"),
@@ -100,6 +106,7 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
     for options, words in (
         (("--role", "conductor"), "allowed: viewer, stack, worker, admin"),
         (("--role", "viewer", "--days", "400"), "allowed: 1 to 36"),
+        (("--role", "viewer", "--connect", "tcp/10.0.0.1:7447"), "use tls/10.0.0.1:7447"),
     ):
         refused = marked.run("conductor", "invite", "--state", str(state), *options)
         assert refused.returncode == 2

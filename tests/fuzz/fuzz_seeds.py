@@ -53,6 +53,7 @@ from schemas.yaml_file import dump_yaml
 from twin.dataset.recipe import parse_recipe
 from twin.fabric.authority import make_keys
 from twin.fabric.discovery import ConductorFile
+from twin.fabric.key_file import as_line
 from twin.fabric.kpi_file import kpi_table
 from twin.worker.pipe import Done, Progress, pack
 from twin.worker.spool import pack as spooled
@@ -149,8 +150,9 @@ def _result_files(folder: Path) -> None:
     lines = [head, Steered(3, 150_000_000, SetLights(None)), JournalEnd("verdict", "pass", "", 4)]
     _write("steering-journal", "lights", b"\n".join(msgspec.json.encode(line) for line in lines))
     _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
-    make_keys(folder / "keys", days=36_500)
-    _write("key", "fabric", (folder / "keys/worker.key").read_bytes())
+    key = (make_keys(folder / "keys", days=36_500) / "viewer.key").read_bytes()
+    _write("key", "viewer", key)
+    _write("key", "line", as_line(key))
 
 
 def _autodrive() -> None:

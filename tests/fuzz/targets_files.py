@@ -101,7 +101,7 @@ def _resources(path: Path) -> object:
 
 def _key(path: Path) -> object:
     path.chmod(0o600)
-    return load_key(path, Role.worker)
+    return load_key(path, Role.viewer)
 
 
 def _log(data: bytes) -> object:

@@ -119,6 +119,13 @@ def beside(key: Key, role: Role) -> Path:
     return found if found.exists() else key.path
 
 
+def shared(key: Key) -> Path:
+    """What other processes of its owner are told: the folder of keys, or ``key`` where it lies
+    alone."""
+    folder = key.path.parent
+    return folder if (folder / f"{Role.worker}.key").exists() else key.path
+
+
 def as_line(data: bytes) -> bytes:
     """A key file's content in one line."""
     return LINE_MARK + base64.urlsafe_b64encode(data)

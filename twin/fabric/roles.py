@@ -130,6 +130,10 @@ _NOT_ITS = {
 }
 
 
+INVITED = (Role.viewer, Role.stack, Role.worker, Role.admin)
+"""Roles that somebody may be invited as, the least first; there is one conductor."""
+
+
 def common_name(fabric: str, role: Role) -> str:
     """What a certificate of ``role`` is called; no two fabrics share it."""
     return f"{fabric} {role}"
@@ -149,9 +153,10 @@ def may(role: Role, act: Act, key: str) -> bool:
 
 def refusal(role: Role, act: Act, key: str) -> str:
     """Why it may not, and which role may: the end of a sentence."""
-    able = [str(other) for other in Role if other is not Role.conductor and may(other, act, key)]
+    # Nobody is told to ask for more than it takes.
+    able = [other for other in INVITED if may(other, act, key)]
     allowed = " or ".join(able) or Role.conductor
-    remedy = f"ask for one by `conductor invite --role {able[-1]}`" if able else "give that one"
+    remedy = f"ask for one by `conductor invite --role {able[0]}`" if able else "give that one"
     return f"a key of role {role} may not {_NOT_ITS[act]} {key}, allowed: {allowed}; {remedy}"
 
 

@@ -22,6 +22,9 @@ from twin.fabric.roles import Act, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
 
+ACCEPT_S = 3.0
+"""How long somebody who connects may take to open a session; closing ours waits for it [s]."""
+
 
 def open_bus(
     mode: Mode,
@@ -50,7 +53,6 @@ def open_bus(
         shared_memory: Zenoh's own shared memory; off, because a killed publisher leaks segments.
         connect_timeout_s: how long to try to connect before giving up [s].
         connect_required: False: open at once and keep trying in the background (peers only).
-
         message_bytes_max: of a larger message no more is kept in memory; it does not arrive, and
             nobody is told [bytes].
 
@@ -138,6 +140,7 @@ def _config(
         "transport/shared_memory/enabled": shared_memory,
         # A peer that is frozen or cut off is noticed after the transport lease (default 10 s).
         "transport/link/tx/lease": 4000,
+        "transport/unicast/accept_timeout": int(ACCEPT_S * 1000),
     }
     for key, value in options.items():
         config.insert_json5(key, json.dumps(value))

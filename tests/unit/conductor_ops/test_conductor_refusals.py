@@ -17,6 +17,7 @@ HINT = ". Hint: increase the system open file limit."
         ("invalid peer certificate: certificate expired: verification time 1", "has expired"),
         ("received corrupt message of type InvalidContentType", "it does not speak TLS"),
         ("something new", "the handshake failed: something new"),
+        ("a name\x1b[2J\rall is well", r"failed: a name\x1b[2J\rall is well"),
     ],
 )
 def test_reasons(said, reason):

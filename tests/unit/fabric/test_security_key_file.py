@@ -10,7 +10,7 @@ from cryptography import x509
 from twin.fabric import key_file
 from twin.fabric.authority import load_authority, load_or_make, make_keys
 from twin.fabric.errors import UsageError
-from twin.fabric.key_file import UnfitKeyError, as_line, load_key
+from twin.fabric.key_file import UnfitKeyError, as_line, load_key, shared
 from twin.fabric.roles import Role
 
 
@@ -35,6 +35,15 @@ def test_a_new_key_is_private_whatever_the_umask(tmp_path):
     assert len({key.fabric for key in found.values()}) == 1
     assert len({key.private for key in found.values()}) == len(Role)
     assert load_key(keys / "stack.key", Role.admin) == found[Role.stack], "a file is what it is"
+
+
+def test_others_are_told_the_folder_or_a_key_that_lies_alone(tmp_path):
+    keys = make_keys(tmp_path / "keys")
+    assert shared(load_key(keys, Role.conductor)) == keys
+    alone = tmp_path / "mine.key"
+    (keys / "conductor.key").rename(alone)
+    told = shared(load_key(alone, Role.conductor))
+    assert load_key(told, Role.worker).role is Role.conductor
 
 
 def test_a_member_cannot_sign(made):

@@ -289,6 +289,9 @@ def test_what_a_role_may_not_is_said_before_it_is_sent(keys):
         with pytest.raises(WrongRoleError, match=r"ask for one by `conductor invite --role admin`"):
             viewer.request(topics.RPC_ADMIN.key, b"", 1.0)
         viewer.close()
+        assert roles.refusal(Role.stack, Act.ask, topics.RPC_STATUS.key).endswith(
+            "allowed: viewer or worker or admin; ask for one by `conductor invite --role viewer`"
+        ), "the least that is enough"
     finally:
         router.close()
 

@@ -10,6 +10,8 @@ import weakref
 import psutil
 import pytest
 
+from twin.fabric import zenoh_bus
+from twin.fabric.endpoint import host_and_port
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.zenoh_bus import open_bus
 
@@ -67,6 +69,17 @@ def test_namespaces_do_not_hear_each_other():
         assert stranger.request("conductor/rpc", b"", 0.3) is None
         stranger.close()
         friend.close()
+    finally:
+        router.close()
+
+
+def test_who_connects_and_says_nothing_is_sent_away(monkeypatch):
+    monkeypatch.setattr(zenoh_bus, "ACCEPT_S", 0.3)
+    router = open_bus("router", listen=LOOPBACK)
+    try:
+        # Zenoh's own patience is 10 s, and closing a session waits for it.
+        with socket.create_connection(host_and_port(router.endpoints[0]), 7) as silent:
+            assert silent.recv(1) == b""
     finally:
         router.close()
 

@@ -223,6 +223,8 @@ def test_pull_brings_the_run_and_then_only_what_is_new(tmp_path):
     (run / "cases" / "a" / "kpi.parquet").write_bytes(b"values")
     (run / "conductor.json").write_text("{}")
     (run / "rigs").mkdir()
+    (run / "keys").mkdir()
+    (run / "keys" / "authority.key").write_text("private")
     done = pull(str(run), folder=tmp_path)
     assert (done.returncode, done.stdout) == (0, "runs/night\n"), done.stderr
     here = tmp_path / "runs" / "night"
@@ -230,6 +232,7 @@ def test_pull_brings_the_run_and_then_only_what_is_new(tmp_path):
     if shutil.which("rsync"):
         assert not (here / "conductor.json").exists()
         assert not (here / "rigs").exists()
+        assert not (here / "keys").exists()
     (run / "report.html").write_text("done")
     assert pull(str(run), folder=tmp_path).returncode == 0
     assert (here / "report.html").read_text() == "done"
