@@ -21,6 +21,7 @@ from twin.worker.pacing import Pacer, TickLog
 CSV_FILE = "realtime.csv"
 """Beside ``kpi.parquet``: :data:`twin.worker.pacing.COLUMNS`."""
 
+
 @dataclass(frozen=True, slots=True)
 class Paced:
     """How an attempt went by the wall clock."""
