@@ -6,6 +6,7 @@ be wrong with a file is said then, in one line, and not in the middle of a case.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,8 @@ class Detector:
             model = _read_model(path)
         self.description = description or _described(path, model)
         name, batch = _check_input(path, model, self.description)
+        # Several variants may select from one network, and look at the same time.
+        self._turn = threading.Lock()
         self._network: Network
         if device:
             if runtime != "onnxruntime":
@@ -110,7 +113,8 @@ class Detector:
     def raw(self, images: Pictures) -> dict[str, np.ndarray]:
         """Raw heads of N images: name -> float32 [N, ...], see
         :mod:`devkit.detector_description`."""
-        found = self._network.heads(images)
+        with self._turn:
+            found = self._network.heads(images)
         return {head.output: found[head.output] for head in self.description.heads}
 
     def _check_heads(self, size_px: tuple[int, int]) -> None:

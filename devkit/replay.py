@@ -84,8 +84,9 @@ def find_records(folder: Path, cases: Sequence[str], attempt: int | None) -> lis
         UsageError: there is none; one line.
     """
     if folder.is_file() or (folder / DRIVE_FILE).is_file():
-        if cases:
-            raise UsageError(f"{folder}: one attempt already; leave {cases[0]} out")
+        if cases or attempt is not None:
+            given = cases[0] if cases else "--attempt"
+            raise UsageError(f"{folder}: one attempt already; leave {given} out")
         return [folder]
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; give a campaign folder, or that of an attempt")

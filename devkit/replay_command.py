@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from devkit.check_command import parsed_parameters
-from twin.fabric.cli import Output, OutputOption
+from twin.fabric.cli import Output, OutputOption, duration
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def replay(
         list[str] | None,
         typer.Option(
             help="FIELD=NUMBER: a smaller difference is none; throttle, brake, steering_rad, "
-            "handbrake, detections (in pixels). Default: exact. Repeatable."
+            "handbrake, detections (in pixels), pose (in metres). Default: exact. Repeatable."
         ),
     ] = None,
     attempt: Annotated[
@@ -52,7 +52,7 @@ def replay(
         Path | None, typer.Option(help="Folder for a picture per case, CASE.png.")
     ] = None,
     deadline_s: Annotated[
-        float, typer.Option(min=0.1, help="Longest time for an answer, start-up included.")
+        float, duration("Longest time for an answer, start-up included [s].", least=0.1)
     ] = 60.0,
     output: OutputOption = Output.human,
 ) -> None:

@@ -6,17 +6,19 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from schemas.messages import Command, Detection
+from msgspec import structs
+
+from schemas.messages import Command, Detection, Pose
 from schemas.validation import suggest
 from twin.fabric.errors import UsageError
 
 NUMBERS = ("throttle", "brake", "steering_rad", "handbrake")
 """Fields whose difference is that of two numbers."""
 
-FIELDS = (*NUMBERS, "aeb", "lights", "detections", "sensors")
+FIELDS = (*NUMBERS, "pose", "aeb", "lights", "detections", "sensors")
 """All fields that are compared; slot, token and tick say which attempt it was."""
 
-TOLERANT = (*NUMBERS, "detections")
+TOLERANT = (*NUMBERS, "pose", "detections")
 """Fields that may have a tolerance."""
 
 _BOX = ("confidence", "x_px", "y_px", "width_px", "height_px")
@@ -29,7 +31,7 @@ class FieldRow:
     field: str
     tolerance: float
     """Largest difference that counts as none, in the field's unit; of detections in pixels, and
-    for their confidence."""
+    for their confidence; of poses in metres, and for their quaternion."""
     ticks: int
     """That were compared."""
     differ: int
@@ -97,6 +99,8 @@ def difference_of(name: str, one: Command, two: Command) -> float:
         return _apart(a, b)
     if name == "detections":
         return _boxes_apart(a, b)
+    if name == "pose":
+        return _poses_apart(a, b)
     return 0.0 if a == b else math.inf
 
 
@@ -111,6 +115,12 @@ def _boxes_apart(one: list[Detection], two: list[Detection]) -> float:
         ),
         default=0.0,
     )
+
+
+def _poses_apart(one: Pose | None, two: Pose | None) -> float:
+    if one is None or two is None:
+        return 0.0 if one is two else math.inf
+    return max(map(_apart, structs.astuple(one), structs.astuple(two)))
 
 
 def _apart(a: float, b: float) -> float:

@@ -216,6 +216,18 @@ def test_a_stack_that_only_says_what_nobody_asked_for_does_not_hide_the_time():
         hub.stop()
 
 
+def test_while_nothing_is_asked_every_answer_is_late():
+    """In real time, between two messages; -1 is what a stack may begin with."""
+    hub, simulator, stack = held()
+    for seq in (-1, 0, 7):
+        stack.publish("drive/r/command", answer_to(seq))
+    hub.deliver()
+    assert simulator.answered(None, 0.0) is None
+    stack.publish("drive/r/command", answer_to(8))
+    hub.deliver()
+    assert simulator.answered(8, 0.0).seq == 8
+
+
 def test_many_readies_are_no_flood():
     """A stack says that it is ready every 50 ms while a first frame is drawn."""
     hub, simulator, stack = held()

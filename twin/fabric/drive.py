@@ -251,8 +251,9 @@ class SimulatorEnd:
             if commands is not None and commands.seq == seq:
                 return commands
 
-    def answered(self, seq: int, timeout_s: float) -> Commands | None:
-        """The commands for ``seq`` if they come within ``timeout_s``, without asking again."""
+    def answered(self, seq: int | None, timeout_s: float) -> Commands | None:
+        """The commands for ``seq`` (None: whatever comes is late) if they come within
+        ``timeout_s``, without asking again."""
         until_s = time.monotonic() + timeout_s
         for _ in range(WAITING_MAX):  # a stack that says a lot holds nobody up
             sample = self._receive(max(0.0, until_s - time.monotonic()))

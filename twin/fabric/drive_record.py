@@ -95,7 +95,12 @@ class RecordWriter:
         self.size = 0
         """Of the file [bytes]."""
         self.ticks = 0
-        self.write(head)
+        try:
+            self.write(head)
+        except OSError:
+            self.close()
+            path.unlink()  # without its head it says nothing, and stands in the way of the others
+            raise
 
     def write(self, block: RecordBlock) -> None:
         """Append a block.

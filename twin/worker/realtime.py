@@ -21,9 +21,6 @@ from twin.worker.pacing import Pacer, TickLog
 CSV_FILE = "realtime.csv"
 """Beside ``kpi.parquet``: :data:`twin.worker.pacing.COLUMNS`."""
 
-NOBODY = -1
-"""No seq: what comes then is late."""
-
 
 @dataclass(frozen=True, slots=True)
 class Paced:
@@ -129,7 +126,7 @@ class RealtimeLink:
         answer = None
         while True:
             left_s = due_s - self._clock()
-            seq = NOBODY if self._sent is None else self._sent.tick.seq
+            seq = None if self._sent is None else self._sent.tick.seq
             found = self._end.answered(seq, min(LOOK_S, max(0.0, left_s)))
             if found is not None:
                 assert self._sent is not None, "nothing else was asked for"

@@ -16,6 +16,8 @@ from darknet_oracle import random_weights
 from tiny_networks import write_dark_spot_detector
 
 import devkit.detector
+import devkit.model_files
+import devkit.network_perception
 from devkit.aeb import AebStack
 from devkit.darknet.build import build_network
 from devkit.darknet.importer import darknet_model
@@ -25,6 +27,7 @@ from devkit.darknet.variant import architecture, architecture_network
 from devkit.darknet.weights import write_weights
 from devkit.detector import Detector
 from devkit.detector_decode import Selection
+from devkit.eyes import Eyes
 from devkit.host import serve
 from devkit.images import Images
 from devkit.model_files import open_detector, runtime_of, shipped_models
@@ -157,6 +160,34 @@ def test_a_network_is_loaded_once_for_all_that_select_from_it(models, monkeypatc
         changes = {"confidence_min": 0.1 + 0.05 * (token % 3), "across_classes": token % 2 == 0}
         stack.reset(token % 3, episode(token % 3, token, variant(path, **changes)))
     assert loaded == [path]
+
+
+class OnDevice:
+    """Pictures that say they lie in a device's memory, which here is the host's."""
+
+    def __init__(self, pictures: np.ndarray):
+        self.shape, self.dtype, self._pictures = pictures.shape, pictures.dtype, pictures
+        self.__cuda_array_interface__ = pictures.__array_interface__
+
+    def host(self) -> np.ndarray:
+        return self._pictures
+
+
+@pytest.mark.parametrize("runtime", ["opencv", "frames"])
+def test_variants_that_share_a_network_do_not_disturb_each_other(models, monkeypatch, runtime):
+    place = ("onnxruntime", "cpu") if runtime == "frames" else ("opencv", "")
+    monkeypatch.setattr(devkit.model_files, "runtime_of", lambda *_: place)
+    devkit.network_perception._network.cache_clear()
+    pictures, slots = frames(8), list(range(8))
+    eyes = Eyes(8)
+    for slot in slots:
+        kind = variant(models[0], confidence_min=0.1 + 0.01 * (slot % 4))
+        eyes.reset(slot, episode(slot, slot, kind))
+    one_by_one = eyes.look(slots, observe(pictures, slots))
+    together = observe(OnDevice(pictures), slots)
+    for _ in range(10):
+        assert eyes.look(slots, together) == one_by_one
+    devkit.network_perception._network.cache_clear()
 
 
 def test_selection_and_order_are_those_of_the_variant(models):

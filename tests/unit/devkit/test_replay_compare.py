@@ -6,11 +6,12 @@ import msgspec
 import pytest
 
 from devkit.replay_compare import FIELDS, compared, parse_tolerances
-from schemas.messages import Command, Detection, Lights, SensorErrors
+from schemas.messages import Command, Detection, Lights, Pose, SensorErrors
 from twin.fabric.errors import UsageError
 
 PLAIN = Command(slot=0, token=5, tick=3, throttle=0.3, brake=0.0, steering_rad=0.1)
 BOX = Detection("car", 0.5, 1.0, 2.0, 3.0, 4.0)
+POSE = Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def changed(**fields):
@@ -29,12 +30,14 @@ def test_every_field_is_compared_alone():
         "brake": changed(brake=1.0),
         "steering_rad": changed(steering_rad=-0.1),
         "handbrake": changed(handbrake=0.5),
+        "pose": changed(pose=POSE),
         "aeb": changed(aeb=True),
         "lights": changed(lights=Lights(fog=True)),
         "detections": changed(detections=[BOX]),
         "sensors": changed(sensors=SensorErrors()),
     }
     assert set(others) == set(FIELDS)
+    assert set(Command.__struct_fields__) == {*FIELDS, "slot", "token", "tick"}
     for name, other in others.items():
         found = rows([(PLAIN, PLAIN), (PLAIN, other), (PLAIN, other)])
         assert {n for n, row in found.items() if row.differ} == {name}
@@ -55,6 +58,15 @@ def test_a_tolerance_is_the_largest_difference_that_is_none():
     truck = msgspec.structs.replace(BOX, label="truck")
     pair = [(changed(detections=[BOX]), changed(detections=[truck]))]
     assert math.isinf(rows(pair, detections=1e9)["detections"].largest)
+
+
+def test_poses_are_as_far_apart_as_the_axis_that_differs_most():
+    moved = msgspec.structs.replace(POSE, x_m=1.5, y_m=1.0)
+    pair = [(changed(pose=POSE), changed(pose=moved))]
+    assert rows(pair)["pose"].largest == 1.0
+    assert rows(pair, pose=1.0)["pose"].differ == 0
+    assert math.isinf(rows([(PLAIN, changed(pose=POSE))], pose=1e9)["pose"].largest)
+    assert parse_tolerances(["pose=0.5"]) == {"pose": 0.5}
 
 
 def test_no_number_equals_itself_and_nothing_else():

@@ -38,6 +38,7 @@ def test_what_is_not_there_is_said_in_one_line(run, tmp_path):
         (run, ["rain"], None, r"no record of case rain; there are 2, as in clear \(1\)"),
         (run, ["fog"], 9, "no record of attempt 9 of case fog"),
         (run / "cases/fog/attempt-1", ["fog"], None, "leave fog out"),
+        (run / "cases/fog/attempt-1", [], 7, "leave --attempt out"),
     ):
         with pytest.raises(UsageError, match=words) as caught:
             find_records(folder, cases, attempt)

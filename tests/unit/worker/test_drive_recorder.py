@@ -179,6 +179,19 @@ def test_a_full_disk_ends_the_record_and_not_the_case(tmp_path, path, monkeypatc
     assert reader.end is None
 
 
+def test_a_record_that_cannot_begin_is_not_left_behind(tmp_path, path, monkeypatch, capfd):
+    """``devkit replay`` of the campaign's folder would end at it."""
+
+    def full(self, block):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(RecordWriter, "write", full)
+    lease, recorder = record(tmp_path)
+    recorder.end(1).finish(result(lease, "pass"))
+    assert "No space left on device" in capfd.readouterr().err
+    assert not path.exists()
+
+
 def test_a_long_attempt_is_cut_off_and_says_so(tmp_path, path, monkeypatch):
     monkeypatch.setattr("twin.worker.drive_recorder.FILE_BYTES_MAX", 4000)
     lease, recorder = record(tmp_path, ticks=40)
