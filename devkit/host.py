@@ -122,8 +122,7 @@ def _run_stack(options: HostOptions, script: Script | None) -> int:
 
 def serve(link: StackEnd, stack: Stack) -> None:
     """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
-    # A stack that is none of ours may lack the attribute.
-    link.takes_device_frames = bool(getattr(stack, "takes_device_frames", False))
+    link.takes_device_frames = takes_device_frames(stack)
     settle()
     while True:
         incoming = link.receive(lambda: None)
@@ -133,6 +132,12 @@ def serve(link: StackEnd, stack: Stack) -> None:
             link.answer(refusal(incoming.tick.seq, error))
             raise
         link.answer(commands)
+
+
+def takes_device_frames(stack: Stack) -> bool:
+    """Whether the class of ``stack`` itself says so: one that inherits from a stack that does may
+    look at its arrays as NumPy's."""
+    return bool(vars(type(stack)).get("takes_device_frames", False))
 
 
 def answer(stack: Stack, incoming: Incoming) -> Commands:
@@ -167,7 +172,7 @@ class Inline:
             self._stack = load_stack(entry_point, slots, parameters)
         except StackError as error:
             raise InfrastructureError(str(error)) from None
-        self.takes_device_frames = bool(getattr(self._stack, "takes_device_frames", False))
+        self.takes_device_frames = takes_device_frames(self._stack)
 
     def answer(self, incoming: Incoming) -> Commands:
         """The commands for one seq, or the reason why there are none."""
