@@ -108,9 +108,10 @@ class Observation:
 class Stack(ABC):
     """An autonomy stack for ``slots`` cars.
 
-    ``takes_device_frames``, said by a class itself and not inherited: arrays of cameras and lidars may come as objects in a GPU's memory
-    (``__cuda_array_interface__``, ``shape``, ``dtype``, and ``host()``, which copies them to a
-    NumPy array), if the simulator's GPU is there; otherwise all arrays are NumPy's.
+    ``takes_device_frames``, said by a class itself and not inherited: arrays of cameras and lidars
+    may come as objects in a GPU's memory (``__cuda_array_interface__``, ``shape``, ``dtype``, and
+    ``host()``, which copies them to a NumPy array), if the simulator's GPU is there; otherwise all
+    arrays are NumPy's.
 
     Two rules make its verdicts reproducible. *Deterministic*: no wall clock, no unseeded random
     numbers, no state that outlives :meth:`reset`. *Slot independent*: what it asks of a car is the
