@@ -29,6 +29,13 @@ class ReadBack:
     """By name: ``case``, ``verdict``."""
 
 
+def begun(path: Path) -> bool:
+    """Whether it can be read and says whose recording it is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RerunWarning)
+        return bool(RrdReader(path).recordings())
+
+
 def read_recording(path: Path) -> ReadBack:
     """Read all of ``path``; also works on the file of a recorder that was killed."""
     with warnings.catch_warnings():

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from processes import Marked, committed, nothing_left, outcomes, wait_for
-from recordings import read_recording
+from recordings import begun, read_recording
 
 from twin.fabric.kpi_file import read_kpi
 from viewer import naming, native
@@ -104,7 +104,8 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
     for case in incomplete:
         path = folder / outcomes(folder)[case]["attempt_dir"] / naming.RECORDING_FILE
         if path.exists() and path.stat().st_size:
-            assert read_recording(path).application_id == naming.CASE_APP, "readable so far"
+            # A recorder that died while it opened the file has left one of nobody.
+            assert not begun(path) or read_recording(path).application_id == naming.CASE_APP
     assert not list(folder.rglob("*.tmp"))
 
 

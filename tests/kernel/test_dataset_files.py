@@ -199,12 +199,22 @@ def test_a_sheet_shows_the_boxes(made, tmp_path):
         run_dataset(DatasetRequest(out=made, plain={}, preview=tmp_path / "sheet.gif"))
 
 
+STRANGERS = set()
+"""Processes of other tests' fixtures, such as a browser."""
+
+
 def children():
-    """Processes that this one has started."""
+    """Processes that this one has started meanwhile."""
     found = []
     for path in Path("/proc/self/task").glob("*/children"):
         found += [int(pid) for pid in path.read_text().split()]
-    return found
+    return [pid for pid in found if pid not in STRANGERS]
+
+
+@pytest.fixture(autouse=True)
+def _strangers():
+    STRANGERS.clear()
+    STRANGERS.update(children())
 
 
 def test_the_same_bytes_by_several_processes(made, tmp_path):
