@@ -12,7 +12,7 @@ CLUSTER = (
 )
 """They make networks and schedulers on this machine, and there is one machine."""
 APART = (
-    *("test_edges", "test_storms", "test_nothing_left", "test_same_verdicts"),
+    *("test_edges", "test_zombies", "test_nothing_left", "test_same_verdicts"),
     *("test_conductor_restart", "test_workers", "test_bad_input", "test_foreign_stacks"),
 )
 """Long files whose tests share only what is run once for all processes: each runs anywhere."""
