@@ -26,6 +26,18 @@ def attempt_folder(folder: Path, attempt_dir: str) -> Path:
     return found
 
 
+def attempt_file(folder: Path, attempt_dir: str, name: str) -> Path:
+    """The file ``name`` in such a folder, whether it is there or not.
+
+    Raises:
+        InfrastructureError: it lies outside, by the folder's name or through a symbolic link.
+    """
+    path = attempt_folder(folder, attempt_dir) / name
+    if path.is_symlink():
+        raise InfrastructureError(f"{path} is a symbolic link; put the file there")
+    return path
+
+
 def leads_away(folder: Path, path: Path) -> bool:
     """Whether something below ``folder`` on the way to ``path``, or ``path`` itself, is a link that
     leads elsewhere; what does not exist yet leads nowhere."""

@@ -406,6 +406,12 @@ def report(
 add_report_commands(app)
 
 
+JournalsOption = Annotated[
+    Path, typer.Option("--folder", help="Where journals are written; on a real disk.")
+]
+CheckOption = Annotated[bool, typer.Option("--check", help="Exit with 1 when a target is missed.")]
+
+
 @app.command("bench")
 def bench_command(
     tasks: Annotated[
@@ -415,12 +421,8 @@ def bench_command(
     cases: Annotated[
         int, typer.Option(min=0, help="Cases of the large campaign, e.g. 100000; 0: none.")
     ] = 0,
-    folder: Annotated[
-        Path, typer.Option(help="Where journals are written; on a real disk.")
-    ] = Path("runs"),
-    check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
-    ] = False,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Measure durable lease and commit of no-op cases beside dask.distributed and HyperQueue.
@@ -455,12 +457,8 @@ def bench_report_command(
 def bench_tls_command(
     cases: Annotated[int, typer.Option(min=1, help="No-op cases per run.")] = 2000,
     rounds: Annotated[int, typer.Option(min=1, help="Runs of each, plain and TLS in turns.")] = 3,
-    folder: Annotated[
-        Path, typer.Option(help="Where journals are written; on a real disk.")
-    ] = Path("runs"),
-    check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 when a target is missed.")
-    ] = False,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what mutual TLS costs: lease and commit, and messages and pictures of a rig."""

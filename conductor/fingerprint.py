@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pyarrow as pa
 
-from conductor.attempts import attempt_folder
+from conductor.attempts import attempt_file
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 from twin.fabric.kpi_file import canonical, read_kpi
@@ -105,12 +105,9 @@ def kpi_path(folder: Path, name: str, case: CaseOutcome) -> Path:
         InfrastructureError: the outcomes name a folder outside the campaign's, or it is a link.
     """
     try:
-        path = attempt_folder(folder, case.attempt_dir) / KPI_FILE
+        return attempt_file(folder, case.attempt_dir, KPI_FILE)
     except InfrastructureError as error:
         raise InfrastructureError(f"case {name}: {error}") from None
-    if path.is_symlink():
-        raise InfrastructureError(f"case {name}: {path} is a symbolic link; put the file there")
-    return path
 
 
 def committed_rows(folder: Path, name: str, case: CaseOutcome) -> tuple[pa.Table, bytes]:

@@ -176,11 +176,7 @@ def _drive(
     pairs: list[tuple[int, Command | None, Command]] = []
     ended = ""
     begun_s = time.monotonic()
-    ticks = reader.ticks()
-    while True:
-        recorded = next(ticks, None)
-        if recorded is None:
-            break
+    for recorded in reader.ticks():
         try:
             command = rig.show(recorded.seen, reader, case, asked)
         except InfrastructureError as error:

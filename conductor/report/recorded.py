@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from conductor.attempts import attempt_folder
+from conductor.attempts import attempt_file
 from conductor.report.axes import axis_values
 from conductor.report.cache import FOLDER
 from conductor.report.dossier import Dossier, Row
@@ -61,10 +61,9 @@ def _inside(dossier: Dossier, row: Row, name: str) -> Path | None:
     if not row.end.attempt_dir:
         return None
     try:
-        path = attempt_folder(dossier.folder, row.end.attempt_dir) / name
+        return attempt_file(dossier.folder, row.end.attempt_dir, name)
     except InfrastructureError:
         return None  # reading its KPIs says so
-    return None if path.is_symlink() else path
 
 
 def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: str) -> str:
