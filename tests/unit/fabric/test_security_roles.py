@@ -163,23 +163,23 @@ def watched(tested, member):
 
 
 def alive(session, other):
-    """Keys on which ``other`` sees ``session`` alive: what it is told, and what it is answered."""
+    """Keys on which ``other`` is told that ``session`` is alive."""
     tokens = [session.liveliness().declare_token(key) for key in [*KEYS, END]]
-    ear = Ear()
-    declared = [
-        other.liveliness().declare_subscriber(key, ear, history=True) for key in ["**", *KEYS, END]
+    told, gone = Ear(), Ear()
+
+    def hear(sample):
+        (told if sample.kind == zenoh.SampleKind.PUT else gone)(sample)
+
+    listening = [
+        other.liveliness().declare_subscriber(key, hear, history=True) for key in ["**", *KEYS, END]
     ]
-    assert ear.ended()
-
-    def answers(key):
-        return bool(list(other.liveliness().get(key, timeout=WAIT_S)))
-
-    # An answer may miss a token that a crowded router has only just told the subscribers.
-    found = {key for key in KEYS if answers(key) or (key in ear.keys and answers(key))}
-    for each in [*declared, *tokens]:
-        each.undeclare()
-    assert ear.keys == found
-    return found
+    assert told.ended()
+    for token in tokens:
+        token.undeclare()
+    assert gone.ended(), "or the next try hears of these"
+    for subscriber in listening:
+        subscriber.undeclare()
+    return told.keys
 
 
 TRIES = {
@@ -192,16 +192,21 @@ TRIES = {
 }
 
 
-def test_every_role_at_every_key(keys, monkeypatch):
-    """What is let through is what the table says, no more and no less."""
+def open_to_the_end(keys, monkeypatch):
+    """A router with the fabric's access list, and END allowed to everybody."""
     open_end = {
         role: {act: (*allowed.get(act, ()), END) for act in Act} for role, allowed in MAY.items()
     }
     with monkeypatch.context() as patched:
         patched.setattr(roles, "MAY", open_end)
-        router = open_bus(
+        return open_bus(
             "router", listen=["tls/127.0.0.1:0"], key=keys[Role.conductor], namespace=NAMESPACE
         )
+
+
+def test_every_role_at_every_key(keys, monkeypatch):
+    """What is let through is what the table says, no more and no less."""
+    router = open_to_the_end(keys, monkeypatch)
     endpoint = router.endpoints[0]
     denied = 0
     with lawless(endpoint, keys[Role.conductor]) as member:
@@ -214,6 +219,25 @@ def test_every_role_at_every_key(keys, monkeypatch):
                     denied += len(KEYS) - len(expected)
     router.close()
     assert denied > 1000, "and most of it is denied"
+
+
+def test_who_is_alive_is_listed_to_those_who_may_watch(keys, monkeypatch):
+    router = open_to_the_end(keys, monkeypatch)
+    endpoint = router.endpoints[0]
+    with lawless(endpoint, keys[Role.conductor]) as member:
+        tokens = [member.liveliness().declare_token(key) for key in [*KEYS, END]]
+        for role in Role:
+            expected = {key for key in KEYS if may(role, Act.watch, key)} | {END}
+            listed = set()
+            with lawless(endpoint, keys[role]) as tested:
+                while not listed >= expected:  # an answer may miss what a crowded router has
+                    for key in ["**", *KEYS, END]:
+                        answer = tested.liveliness().get(key, timeout=WAIT_S)
+                        listed |= {str(reply.ok.key_expr) for reply in answer if reply.ok}
+            assert listed == expected, role
+        for token in tokens:
+            token.undeclare()
+    router.close()
 
 
 def test_the_table_keeps_what_matters_apart():
