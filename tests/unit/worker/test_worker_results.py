@@ -127,7 +127,7 @@ def test_the_profile_of_a_loop_has_its_last_tick(tmp_path, monkeypatch):
     log.transport = "memory"
     log.write(now=True)
     assert not list(tmp_path.iterdir()), "nothing has happened yet"
-    for active in (4, 3, 2):
+    for active in (4, 3, 3, 1):
         log.begin_tick()
         log.watch.lap("physics")
         log.end_tick(active, 2 * active, 50_000_000)
@@ -135,7 +135,12 @@ def test_the_profile_of_a_loop_has_its_last_tick(tmp_path, monkeypatch):
     log.watch.lap("idle")
     log.write(now=True)
     found = msgspec.json.decode((tmp_path / "r.json").read_bytes(), type=LoopProfile)
-    assert (found.ticks, found.frames, found.sim_s) == (3, 18, pytest.approx(0.45))
+    assert (found.ticks, found.frames, found.sim_s) == (4, 22, pytest.approx(0.55))
     assert found.first_tick_s <= found.full_s < found.last_tick_s
     assert found.seconds == counted, "what comes after the last tick is no part of the loop"
+    assert [(each.ticks, each.slot_ticks) for each in found.quarters] == [
+        *((1, 1), (0, 0), (2, 6), (1, 4))
+    ]
+    together = sum(each.seconds.get("physics", 0.0) for each in found.quarters)
+    assert together == pytest.approx(counted["physics"])
     assert decode(encode(structs.replace(found)), LoopProfile) == found
