@@ -65,7 +65,7 @@ class Delivery:
                 if not self._shared[lease.out]:
                     said.append(
                         f"{lease.out} is not the conductor's folder here: results are delivered "
-                        "through the fabric, recordings are not"
+                        "through the fabric, recordings and the log of resources are not"
                     )
             if not self._shared[lease.out]:
                 attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"

@@ -249,7 +249,9 @@ class Worker:
             self._carry_out(self._core.on_fetching(now))
         self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
-        self._resources.work = work_of(map(self._delivery.localized, leases))
+        self._resources.work = work_of(
+            lease for lease in leases if not self._delivery.holds(lease.token)
+        )
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core
