@@ -43,9 +43,7 @@ def keygen(
 
 
 def invite(
-    role: Annotated[
-        Role, typer.Option(help="What the holder may do: viewer, stack, worker or admin.")
-    ],
+    role: Annotated[Role, typer.Option(help="What the holder may do: viewer, worker or admin.")],
     state: Annotated[
         Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
     ] = None,
@@ -72,7 +70,10 @@ def invite(
 
     if role not in INVITED:
         allowed = ", ".join(INVITED)
-        raise UsageError(f"--role {role}: allowed: {allowed}; a conductor has its own key")
+        raise UsageError(
+            f"--role {role}: allowed: {allowed}; a conductor has its own key, and a stack gets one "
+            "from its rig"
+        )
     folder, found = _where(state, key)
     authority = load_authority(folder)
     if days > (most := days_left(authority)):

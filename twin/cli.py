@@ -46,7 +46,9 @@ def worker(
     ] = False,
     drive_listen: Annotated[
         str,
-        typer.Option(help="Where simulators listen for stacks on other nodes; needs a key."),
+        typer.Option(
+            help="Where simulators listen for stacks on other nodes; beyond loopback TLS."
+        ),
     ] = LOOPBACK,
     join_dir: Annotated[
         str,
@@ -152,6 +154,7 @@ def sim(
     listen: str = typer.Option(LOOPBACK),
     namespace: str = typer.Option("twin"),
     key: KeyOption = None,
+    rig_key: Path | None = typer.Option(None),
     slots: int = typer.Option(1),
     device: str = typer.Option("cpu"),
     view: ViewMode = typer.Option(ViewMode.none),
@@ -165,8 +168,9 @@ def sim(
     from twin.worker.view_feed import ViewOptions
 
     found = load_key(key, Role.worker) if key else None
+    own = load_key(rig_key, Role.worker) if rig_key else None
     options = ViewOptions(view, view_namespace, view_connect, found)
-    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, found, options))
+    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, own, options))
 
 
 @app.command()

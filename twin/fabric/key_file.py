@@ -113,12 +113,6 @@ def load_key(path: Path, role: Role) -> Key:
     )
 
 
-def beside(key: Key, role: Role) -> Path:
-    """The key of ``role`` in the same folder as ``key``, or else that of ``key`` itself."""
-    found = key.path.with_name(f"{role}.key")
-    return found if found.exists() else key.path
-
-
 def shared(key: Key) -> Path:
     """What other processes of its owner are told: the folder of keys, or ``key`` where it lies
     alone."""
