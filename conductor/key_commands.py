@@ -14,6 +14,7 @@ from twin.fabric.roles import INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
+    from twin.fabric.key_file import Key
 
 MODE = 0o600
 
@@ -22,6 +23,23 @@ def add_key_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command()(keygen)
     app.command()(invite)
+
+
+def own_key(key: Path | None, *, insecure: bool) -> Key | None:
+    """The key that a conductor is given, if any.
+
+    Raises:
+        UsageError: it is not fit, or there is to be none.
+    """
+    from twin.fabric.key_file import load_key
+
+    if key is None:
+        return None
+    if insecure:
+        raise UsageError(
+            f"--insecure and --key {key} (or TWIN_KEY): a key makes it TLS; leave one of them away"
+        )
+    return load_key(key, Role.conductor)
 
 
 def keygen(
@@ -84,7 +102,7 @@ def invite(
     if connect:
         check_protected(connect, keyed=True)
     endpoint = connect or (found.endpoint if found else "")
-    data = authority.issue(role, days, endpoint, found.namespace if found else "twin")
+    data = authority.issue(role, days, endpoint, found.namespace if found else "")
     if out is None:
         print(as_line(data).decode())
         print(

@@ -179,13 +179,48 @@ def test_garbage_then_a_restart_with_the_same_key(marked, locked):
 
 
 def test_keygen_and_serve(marked, tmp_path):
-    """A key of one's own."""
+    """A key of one's own; one of another role leaves no trace."""
     key = tmp_path / "mine"
     assert marked.run("conductor", "keygen", str(key)).returncode == 0
     state = tmp_path / "state"
+    for command in (("serve", "--state"), ("run", "chaos-16", "--out")):
+        wrong = marked.run(*("conductor", *command, str(state)), *("--key", f"{key}/worker.key"))
+        assert (wrong.returncode, "role worker may not serve" in wrong.stderr) == (2, True), wrong
+    assert not state.exists()
     child, found = serving(marked, state, "--key", str(key))
     assert found.endpoint.startswith("tls/127.0.0.1:"), "with a key loopback is TLS too"
     assert (found.key, (state / "keys").exists()) == (str(key), False)
     assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
     child.terminate()
     child.communicate()
+
+
+def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
+    """One word at the conductor, the workers and those who look; a line says what it means."""
+    state = tmp_path / "state"
+    child, found = serving(marked, state, "--insecure", "--listen", "tcp/0.0.0.0:0")
+    assert (found.endpoint[:4], found.insecure, found.key) == ("tcp/", True, "")
+    assert not (state / "keys").exists()
+    place = ("--connect", found.endpoint)
+    refused = [marked.start(*command, *place) for command in COMMANDS[:-1]]
+    refused.append(marked.start("twin", "worker", "--state", str(state)))
+    refused.append(marked.start("conductor", "status", "--state", str(state)))
+    for each in refused:
+        _, err = each.communicate()
+        assert (each.returncode, len(err.splitlines())) == (2, 1), err
+        assert "or type --insecure: whoever reaches it may then read and command" in err
+    keys = str(make_keys(tmp_path / "keys"))
+    both = marked.run("conductor", "serve", "--state", str(tmp_path), "--insecure", "--key", keys)
+    assert (both.returncode, "leave one of them away" in both.stderr) == (2, True), both.stderr
+    typed = (*place, "--insecure")
+    assert marked.run("conductor", "submit", "chaos-16", *typed).returncode == 0
+    worker = marked.start("twin", "worker", *typed)
+    look = marked.start("viewer", "live", "--no-window", *typed, "--output", "json")
+    wait_for(lambda: any(state.glob("chaos-16/cases/*/attempt-1/kpi.parquet")), "a verdict")
+    assert marked.run("conductor", "stop", *typed).returncode == 0
+    assert worker.wait() == 0
+    interrupt(look)
+    assert json.loads(look.communicate()[0].splitlines()[-1])["received"] > 0
+    child.wait()
+    _, err = child.communicate()
+    assert len([line for line in err.splitlines() if "INSECURE: plain TCP at tcp/" in line]) == 1

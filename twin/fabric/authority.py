@@ -63,7 +63,8 @@ class Authority:
 
         private = ec.generate_private_key(ec.SECP256R1())
         certificate = _certificate(self, common_name(self.fabric, role), private, days)
-        said = f"{ENDPOINT_MARK}{endpoint}\n{NAMESPACE_MARK}{namespace}\n" if endpoint else ""
+        said = f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
+        said += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
         pem = serialization.Encoding.PEM
         return b"".join(
             (

@@ -24,7 +24,7 @@ import psutil
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
+from twin.fabric.endpoint import LOOPBACK, is_exposed, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
@@ -115,7 +115,8 @@ class RigProcess:
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
         listen = options.drive_listen if remote else LOOPBACK
-        listen = to_listen(listen, keyed=options.key is not None)
+        # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
+        listen = to_listen(listen, keyed=options.key is not None or not is_loopback(listen))
         self._keys = RigKeys(self._id) if is_tls(listen) else None
         view = options.view or ViewMode(lease.case.view)
         if lease.case.keep == "none":
@@ -127,6 +128,7 @@ class RigProcess:
                 *("--slots", str(self._slots), "--device", options.device),
                 *("--view", view.value, "--view-namespace", options.namespace),
                 *("--view-connect", options.connect, *self._key),
+                *(("--insecure",) if is_exposed(options.connect) else ()),
                 *(("--rig-key", str(self._keys.simulator)) if self._keys else ()),
             ],
             environment=_threads() if lease.case.placement == "inline" else None,
