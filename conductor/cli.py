@@ -6,6 +6,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import json
+import logging
 import sys
 from dataclasses import asdict
 from enum import StrEnum
@@ -170,11 +171,11 @@ def serve(
     ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
-    from conductor.refusals import refusals_logged
     from conductor.serve import serve_folder
+    from twin.fabric.refusals import refusals_logged
 
     found = own_key(key, insecure=insecure)
-    with refusals_logged():
+    with refusals_logged(logging.getLogger("conductor").warning):
         code = serve_folder(
             state,
             listen,

@@ -79,6 +79,9 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     assert run.returncode == 1, stderr
     assert json.loads(stdout)["fingerprint"] == quiet["fingerprint"]
     assert not [secret for secret in secrets if secret in stdout + stderr]
+    said = "".join(path.read_text() for path in (out / "logs").iterdir())
+    for reason in ("it showed no key", "its key is of another fabric or rig"):
+        assert f"refused a connection: {reason}" in said, "the rig says why, too"
     for path in out.rglob("*"):
         if path.is_file() and path.parent.name != "keys":
             data = path.read_bytes()

@@ -30,7 +30,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.delivery import Delivery
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Steered, Touched
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.spool_folder import SpoolFolder
@@ -261,6 +261,9 @@ class Worker:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
                 return self._start_others(endpoint, view, now)
+            case (_, Refused(line)):
+                _log(line)
+                return []
             case (_, RecorderEnded(detail)):
                 _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []
