@@ -177,8 +177,19 @@ def test_garbage_then_a_restart_with_the_same_key(marked, locked):
     child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
     assert again.endpoint == endpoint, "workers look for it at the old port"
     assert (state / "keys/conductor.key").read_bytes() == key
-    assert marked.run("conductor", "stop", "--state", str(state)).returncode == 0
+    # An invitation leaked: new keys shut out everybody who holds an old one.
+    leaked = tmp_path / "leaked.key"
+    invite = ("conductor", "invite", "--role", "admin", "--state", str(state), "-o", str(leaked))
+    assert marked.run(*invite).returncode == 0
+    assert marked.run("conductor", "stop", "--key", str(leaked)).returncode == 0
     assert child.wait() == 0
+    assert marked.run("conductor", "keygen", "--force", str(state / "keys")).returncode == 0
+    child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
+    late = marked.run("conductor", "stop", "--key", str(leaked), "--connect", again.endpoint)
+    assert (late.returncode, "it is of another fabric" in late.stderr) == (2, True), late.stderr
+    assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
+    child.terminate()
+    child.communicate()
 
 
 def test_keygen_and_serve(marked, tmp_path):
