@@ -178,7 +178,7 @@ def test_garbage_then_a_restart_with_the_same_key(marked, locked):
     assert again.endpoint == endpoint, "workers look for it at the old port"
     assert (state / "keys/conductor.key").read_bytes() == key
     # An invitation leaked: new keys shut out everybody who holds an old one.
-    leaked = tmp_path / "leaked.key"
+    leaked = state / "leaked.key"
     invite = ("conductor", "invite", "--role", "admin", "--state", str(state), "-o", str(leaked))
     assert marked.run(*invite).returncode == 0
     assert marked.run("conductor", "stop", "--key", str(leaked)).returncode == 0
