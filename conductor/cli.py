@@ -6,6 +6,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import json
+import logging
 import sys
 from dataclasses import asdict
 from enum import StrEnum
@@ -14,11 +15,11 @@ from typing import Annotated
 
 import typer
 
-from conductor.key_commands import add_key_commands
+from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
+from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
@@ -92,6 +93,7 @@ def run_command(
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     view: View = None,
     record_drive: Annotated[
         bool,
@@ -122,8 +124,6 @@ def run_command(
     from conductor.run import RunOptions, run_campaign, where
     from conductor.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
 
     loaded = load(campaign, seed=seed)
     if case:
@@ -145,7 +145,7 @@ def run_command(
         device=device,
         by_batch=by_batch,
         listen=listen,
-        key=load_key(key, Role.conductor) if key else None,
+        key=own_key(key, insecure=insecure),
         view=view,
         memory_gb=memory_gb,
         json=output is Output.json,
@@ -159,6 +159,7 @@ def serve(
     listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
@@ -170,13 +171,11 @@ def serve(
     ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
-    from conductor.refusals import refusals_logged
     from conductor.serve import serve_folder
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
+    from twin.fabric.refusals import refusals_logged
 
-    found = load_key(key, Role.conductor) if key else None
-    with refusals_logged():
+    found = own_key(key, insecure=insecure)
+    with refusals_logged(logging.getLogger("conductor").warning):
         code = serve_folder(
             state,
             listen,
@@ -197,6 +196,7 @@ def submit(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
@@ -223,6 +223,7 @@ def status(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
@@ -253,6 +254,7 @@ def stop(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
     from conductor.client import Client
@@ -273,6 +275,7 @@ def relay_command(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Pass on between a conductor and workers of another cluster that cannot reach its host.
 

@@ -38,7 +38,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.view import ViewMode
-from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.endpoint import LOOPBACK, is_exposed
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -180,6 +180,7 @@ def _execute(
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
             *(("--key", str(shared(conductor.key))) if conductor.key else ()),
+            *(("--insecure",) if is_exposed(conductor.endpoint) else ()),
         ]
         if ViewMode(campaign.view).shows:
             console.print(

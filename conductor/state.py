@@ -252,8 +252,8 @@ class State:
     """Cases without an outcome, over all campaigns."""
     campaigns: dict[str, CampaignState] = field(default_factory=dict)
     workers: dict[str, WorkerState] = field(default_factory=dict)
-    departed: set[str] = field(default_factory=set)
-    """Ids of workers that left; an id is one incarnation and never comes back."""
+    departed: dict[str, None] = field(default_factory=dict)
+    """Ids of workers that left, the latest last; an id is one incarnation, never two."""
     leases: dict[int, LiveLease] = field(default_factory=dict)
     deaths: dict[str, tuple[CaseKey, ...]] = field(default_factory=dict)
     """Host -> different cases that were charged on it since it committed one."""

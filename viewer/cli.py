@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
+from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.errors import UsageError
 from twin.fabric.process import PARENT_VARIABLE
 from viewer.steer_commands import register as register_steering
@@ -235,6 +235,7 @@ def live(
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     wait: Annotated[
         float | None,
         duration("Give up without a conductor after this long [s]; default: wait."),
@@ -289,6 +290,7 @@ def web(
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     at: At = "aeb",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
@@ -315,6 +317,7 @@ def web(
         live_options = ["--connect", connect] if connect else []
         live_options += ["--run", str(run_folder)] if run_folder is not None else []
         live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
+        live_options += ["--insecure"] if insecure else []
         live_options += [f"--case={name}" for name in focus or ()]
         # The panel steers; with a viewer's key it says so, and all else is shown.
         where = LiveOptions(

@@ -55,6 +55,12 @@ class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
     """Where a recorder connects; empty: nothing is to be recorded."""
 
 
+class Refused(Struct, frozen=True, tag_field="kind", tag="refused"):
+    """Somebody was not let into the rig; a sentence for the worker's log."""
+
+    line: str
+
+
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
     """Engine built and stack connected."""
 
@@ -101,7 +107,7 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
 
 
 Downward = Build | Assign | Abandon | Close | Drain
-Upward = Listening | Built | Progress | Touched | Done | Steered | Drained | Broken
+Upward = Listening | Refused | Built | Progress | Touched | Done | Steered | Drained | Broken
 
 
 def pack(message: Struct) -> bytes:

@@ -30,7 +30,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.delivery import Delivery
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Steered, Touched
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.spool_folder import SpoolFolder
@@ -151,8 +151,8 @@ class Worker:
 
     def _startup(self) -> None:
         bind_to_parent()
-        keyed = self._options.key is not None
-        check_protected(to_listen(self._options.drive_listen, keyed=keyed), keyed=keyed)
+        # Rigs make their own keys, so that no stack's frames leave this host as plain TCP.
+        check_protected(to_listen(self._options.drive_listen, keyed=True), keyed=True)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, self._on_signal)
         self._bus = open_bus(
@@ -266,6 +266,9 @@ class Worker:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
                 return self._start_others(endpoint, view, now)
+            case (_, Refused(line)):
+                _log(line)
+                return []
             case (_, RecorderEnded(detail)):
                 _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
 from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
+from twin.fabric.refusals import refusals_logged
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
@@ -55,6 +57,7 @@ from twin.worker.pipe import (
     Drained,
     Listening,
     Progress,
+    Refused,
     Steered,
     Touched,
     Unpacker,
@@ -525,7 +528,10 @@ def run_simulator(
     out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)
     bus = None
+    said = ExitStack()
     try:
+        if key is not None:
+            said.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {rig} {why}"))))
         bus = open_bus(
             "peer",
             listen=[listen],
@@ -553,4 +559,5 @@ def run_simulator(
     finally:
         if bus is not None:
             bus.close()
+        said.close()
     return 0

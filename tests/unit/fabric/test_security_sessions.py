@@ -19,7 +19,8 @@ from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
 from twin.fabric.key_file import Key, load_key
-from twin.fabric.roles import Role
+from twin.fabric.rig_keys import RigKeys
+from twin.fabric.roles import MEMBERS, Role
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]
@@ -33,7 +34,7 @@ RPC = topics.RPC_WORKER.key
 def keys(tmp_path_factory):
     """Role -> its key, of one fabric."""
     folder = make_keys(tmp_path_factory.mktemp("ours") / "keys")
-    return {role: load_key(folder, role) for role in Role}
+    return {role: load_key(folder, role) for role in MEMBERS}
 
 
 @pytest.fixture
@@ -237,14 +238,19 @@ def test_garbage_on_the_port_ends_nothing(router, key):
             connection.close()
 
 
-def test_peers_and_liveliness_over_tls(key, keys):
+def test_peers_and_liveliness_over_tls():
     """The drive plane: simulator listens, stack connects; both are peers."""
+    rig = RigKeys("rig")
+    key = load_key(rig.simulator, Role.worker)
     simulator = open_bus("peer", listen=LISTEN, key=key, namespace="twin/rig")
     came, went = threading.Event(), threading.Event()
     simulator.announce(topics.SIMULATOR_ALIVE.key.format(rig="rig"))
     try:
         stack = open_bus(
-            "peer", connect=simulator.endpoints, key=keys[Role.stack], namespace="twin/rig"
+            "peer",
+            connect=simulator.endpoints,
+            key=load_key(rig.stack, Role.stack),
+            namespace="twin/rig",
         )
         alive = topics.SIMULATOR_ALIVE.key.format(rig="*")
         stack.watch(alive, lambda _, alive: (came if alive else went).set())
@@ -254,6 +260,7 @@ def test_peers_and_liveliness_over_tls(key, keys):
         stack.close()
     finally:
         simulator.close()
+        rig.close()
 
 
 def test_plain_beyond_loopback_is_refused_before_it_listens():
