@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from processes import MARK, committed, complete, outcomes, wait_for
+from processes import MARK, PATIENCE_S, committed, complete, outcomes, wait_for
 from test_conductor_restart import serve
 
 from conductor.fingerprint import fingerprint
@@ -76,7 +76,7 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
     told = marked.run(*explain).stdout
     for child in (worker, conductor):
         child.send_signal(signal.SIGTERM)
-        assert child.wait(20) == 0
+        assert child.wait(PATIENCE_S) == 0
     rows = outcomes(campaign)
     assert (rows[name]["attempts"], len(rows[name]["steered"])) == (2, 1)
     assert rows[name]["attempt_dir"].endswith("/attempt-2")
@@ -151,7 +151,7 @@ def _by_keyboard(marked, case, where):
         assert case.state.throttle > 0.0
         assert case.state.steering_rad > 0.0
         os.write(terminal, b"q")
-        assert child.wait(20) == 0
+        assert child.wait(PATIENCE_S) == 0
         assert "given back" in child.stderr.read().decode()
         assert not case.look().taken_over
     finally:

@@ -10,7 +10,7 @@ import slurm_cluster
 import yaml
 from container_images import missing, python_folders, shell_image
 from kernel_folders import LEFT_OUT, all_but_one, compiled_before, compiled_in, of_this_processor
-from processes import MARK, committed, outcomes
+from processes import MARK, PATIENCE_S, committed, outcomes
 from slurm_job import Job, hpc, wrapped_commands
 
 pytestmark = [
@@ -41,7 +41,7 @@ def render(folder, campaign, *options):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
