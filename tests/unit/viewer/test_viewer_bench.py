@@ -4,6 +4,7 @@ import json
 import threading
 
 import pytest
+from waiting import PATIENCE_S
 
 from schemas import topics
 from schemas.view import Thumbnail
@@ -92,7 +93,7 @@ def test_every_synthetic_case_is_sent():
     with _source(4) as endpoint:
         bus = open_bus("client", connect=[endpoint])
         bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), receive)
-        assert all_seen.wait(60)
+        assert all_seen.wait(PATIENCE_S)
         bus.close()
     assert seen == {f"case-{index:03d}" for index in range(4)}
 
