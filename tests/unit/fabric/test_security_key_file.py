@@ -1,5 +1,6 @@
 """Key files: private from the first byte, checked on every use, never shown."""
 
+import datetime
 import os
 import stat
 import traceback
@@ -53,7 +54,8 @@ def test_a_member_cannot_sign(made):
     authority = x509.load_pem_x509_certificate(made.authority)
     certificate.verify_directly_issued_by(authority)
     assert certificate.public_key() != authority.public_key()
-    assert certificate.not_valid_before_utc == authority.not_valid_before_utc
+    later = certificate.not_valid_before_utc - authority.not_valid_before_utc
+    assert datetime.timedelta(0) <= later < datetime.timedelta(hours=1), "clocks of hosts differ"
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o660, 0o601, 0o644])
