@@ -38,7 +38,7 @@ CaseKey = tuple[str, str]
 
 
 _seal = msgspec.msgpack.Encoder().encode
-_unseal = msgspec.msgpack.Decoder(Committed | CaseEnded).decode
+unsealed = msgspec.msgpack.Decoder(Committed | CaseEnded).decode
 
 
 def _volatile(default: Any) -> Any:
@@ -153,7 +153,7 @@ class CaseState:
     @property
     def end(self) -> Committed | CaseEnded | None:
         """The fact that ended it; ask :attr:`ended` where speed matters."""
-        return _unseal(self.sealed) if self.sealed else None
+        return unsealed(self.sealed) if self.sealed else None
 
     @end.setter
     def end(self, fact: Committed | CaseEnded | None) -> None:

@@ -357,8 +357,9 @@ def bench_command(
     focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
     seconds: Annotated[float, duration("How long the viewer is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
-        str, typer.Option(help="Campaign that is run with and without viewers.")
-    ] = "aeb-demo",
+        str | None,
+        typer.Option(help="Run with and without viewers; default: 32 cells of the AEB campaign."),
+    ] = None,
     rounds: Annotated[
         int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
     ] = 3,
@@ -371,9 +372,10 @@ def bench_command(
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
-    from viewer.bench import BenchOptions, bench
+    from viewer.bench import CAMPAIGN, BenchOptions, bench
 
-    options = BenchOptions(cases, focus, seconds, campaign, rounds, workers, slots, device)
+    chosen = campaign or str(CAMPAIGN)
+    options = BenchOptions(cases, focus, seconds, chosen, rounds, workers, slots, device)
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 
 

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import interrupt, wait_for
+from processes import PATIENCE_S, interrupt, wait_for
 from strangers import Stranger, certificates_on, options_of
 
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import StatusRequest
+from schemas.wire import encode
 from twin.fabric.authority import make_keys
 from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import TwinError
@@ -102,10 +105,11 @@ def secret_of(path):
 def test_the_same_strangers_get_in_without_tls(marked, tmp_path):
     """So the test above can fail."""
     _, found = serving(marked, tmp_path / "state")
-    stranger = Stranger(found.endpoint, {})
+    stranger = Stranger(found.endpoint, {}, PATIENCE_S)
     try:
         assert stranger.inside
-        assert stranger.heard.is_set()
+        request = encode(StatusRequest(v=SCHEMA_VERSION))
+        assert stranger.answers([(topics.RPC_STATUS.key, request)], PATIENCE_S) != [[]]
     finally:
         stranger.close()
     for process in marked.processes("serve"):

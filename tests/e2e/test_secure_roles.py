@@ -6,8 +6,8 @@ import threading
 from contextlib import ExitStack, closing, suppress
 
 import pytest
-from processes import wait_for
-from strangers import Stranger, certificates_on, options_of
+from processes import PATIENCE_S, wait_for
+from strangers import SILENCE_S, Stranger, certificates_on, options_of
 
 from conductor.bench.own import noop_campaign
 from conductor.client import Client
@@ -18,7 +18,7 @@ from twin.fabric.authority import load_authority
 from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import TwinError
 from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.roles import Act, Role, may
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
 
@@ -221,14 +221,17 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
         assert not stranger.inside, kind
     # With a key of another role, and no rule of ours minded.
     for role in (Role.viewer, Role.admin):
-        member = Stranger(f"tls/127.0.0.1:{port}", options_of(load_key(keys, role)))
+        tls = options_of(load_key(keys, role))
+        member = Stranger(f"tls/127.0.0.1:{port}", tls, PATIENCE_S)
         stack.callback(member.close)
         assert member.inside
-        assert member.answers(topics.RPC_WORKER.key, recorded) == []
-        for door in (topics.RPC_STATUS.key, topics.RPC_ADMIN.key):
-            for data in member.answers(door, recorded):
-                assert f"send it to {topics.RPC_WORKER.key}" in decode(data, Reply).error
-        assert (member.answers(topics.RPC_ADMIN.key, b"") != []) is (role is Role.admin)
+        doors = [door.key for door in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN)]
+        opened = [door for door in doors if may(role, Act.ask, door)]
+        for (answer,) in member.answers([(door, recorded) for door in opened], PATIENCE_S):
+            assert f"send it to {topics.RPC_WORKER.key}" in decode(answer, Reply).error
+        shut = [(door, data) for door in doors if door not in opened for data in (recorded, b"")]
+        assert member.answers(shut, SILENCE_S) == [[]] * len(shut)
+        assert (topics.RPC_ADMIN.key in opened) is (role is Role.admin)
     assert rows() == before
     # By the worker again: the same answer. By another worker, in its own name: fenced.
     assert ask(bus, commit).acks == [lease.token]

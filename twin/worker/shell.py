@@ -194,17 +194,20 @@ class Worker:
     def _next(self, request: Next) -> Reply | None:
         """Files of results that the conductor cannot see go before their commit."""
         assert self._delivery is not None
-        tokens = [*request.held, *(result.token for result in request.results)]
+        over = [end.token for end in (*request.results, *request.ended)]
+        tokens = [*request.held, *over]
         # Files may take a while; the heartbeats that are due meanwhile are sent from here.
         beat = Beat(
             v=SCHEMA_VERSION, worker=request.worker, held=dict.fromkeys(map(str, tokens), 0)
         )
-        if not self._delivery.deliver(request.results, lambda: self._beat_if_due(beat)):
+        if not self._delivery.deliver(
+            request.results, request.ended, lambda: self._beat_if_due(beat)
+        ):
             self._beat_if_due(beat)
             return None
         reply = self._ask(request)
         if reply is not None and not reply.error:
-            self._delivery.forget(request.results)
+            self._delivery.forget(over)
             for line in self._delivery.look(reply.leases):
                 _log(line)
         return reply
@@ -246,7 +249,9 @@ class Worker:
             self._carry_out(self._core.on_fetching(now))
         self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
-        self._resources.work = work_of(map(self._delivery.localized, leases))
+        self._resources.work = work_of(
+            lease for lease in leases if not self._delivery.holds(lease.token)
+        )
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core

@@ -13,6 +13,7 @@ import threading
 
 import pytest
 import zenoh
+from waiting import PATIENCE_S
 
 from schemas import topics
 from twin.fabric import roles
@@ -30,7 +31,6 @@ KEYS = sorted(
 )
 """A key of every topic, both sides' handshake, and some that nobody knows."""
 END = "end/of/try"
-WAIT_S = 10.0
 OUTSIDERS = [role for role in Role if role is not Role.conductor]
 
 
@@ -77,7 +77,7 @@ class Ear:
         else:
             self.keys.add(key)
 
-    def ended(self, wait_s=WAIT_S):
+    def ended(self, wait_s=PATIENCE_S):
         return self._end.wait(wait_s)
 
 
@@ -148,7 +148,7 @@ def answered(tested, member):
 
 
 def replies(session, key):
-    return [reply for reply in session.get(key, timeout=WAIT_S) if reply.ok]
+    return [reply for reply in session.get(key, timeout=PATIENCE_S) if reply.ok]
 
 
 def until_answered(session, key):
@@ -236,7 +236,7 @@ def test_who_is_alive_is_listed_to_those_who_may_watch(keys, monkeypatch):
             with lawless(endpoint, keys[role]) as tested:
                 while not listed >= expected:  # an answer may miss what a crowded router has
                     for key in ["**", *KEYS, END]:
-                        answer = tested.liveliness().get(key, timeout=WAIT_S)
+                        answer = tested.liveliness().get(key, timeout=PATIENCE_S)
                         listed |= {str(reply.ok.key_expr) for reply in answer if reply.ok}
             assert listed == expected, role
         for token in tokens:
@@ -286,7 +286,7 @@ def test_a_namespace_of_another_rig_is_none_of_a_stacks(keys):
             put(one, command)
             put(one, tick)
             put(inside, command)
-            assert heard.wait(WAIT_S)
+            assert heard.wait(PATIENCE_S)
             assert not ear.is_set()
     finally:
         router.close()
