@@ -173,6 +173,7 @@ def _execute(
             (conductor.folder / "logs").mkdir(exist_ok=True)
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
+        insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
         worker_options = [
             *("--connect", conductor.endpoint, "--slots", str(slots)),
             *(() if options.view is None else ("--view", options.view.value)),
@@ -180,11 +181,11 @@ def _execute(
             *("--join-dir", str(conductor.folder / "rigs")),
             *("--spool", str(conductor.folder / "spool")),
             *(("--key", str(shared(conductor.key))) if conductor.key else ()),
-            *(("--insecure",) if is_exposed(conductor.endpoint) else ()),
+            *insecure,
         ]
         if ViewMode(campaign.view).shows:
             console.print(
-                f"look: viewer live --run {shlex.quote(str(options.out))}",
+                shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
                 markup=False,
                 soft_wrap=True,
             )
