@@ -18,7 +18,6 @@ from twin.fabric.roles import MEMBERS, Role, rig_of
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]
-WAIT_S = 10.0
 
 
 class Rig:
