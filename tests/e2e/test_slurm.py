@@ -16,7 +16,6 @@ from slurm_job import Job, hpc, wrapped_commands
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.timeout(600),
     pytest.mark.skipif(bool(slurm_cluster.missing()), reason=slurm_cluster.missing()),
 ]
 SKEWED = """

@@ -14,7 +14,6 @@ from conductor.fingerprint import fingerprint
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.network,
-    pytest.mark.timeout(600),
     pytest.mark.skipif(bool(slurm_namespaces.missing()), reason=slurm_namespaces.missing()),
 ]
 BY_HAND = """\

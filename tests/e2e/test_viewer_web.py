@@ -258,7 +258,6 @@ matrix: {weather: [clear]}
 """
 
 
-@pytest.mark.timeout(900)  # a browser that draws in software shares the cores with the rest
 def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
     (tmp_path / "panel.yaml").write_text(PANEL)
     conductor = serve(marked, tmp_path / "state")
