@@ -6,10 +6,13 @@ Every finding is written as a seed file, so that the tests fail until it is mend
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import importlib.util
+import io
+import multiprocessing
+import os
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -35,20 +38,23 @@ def main() -> int:
         "--corpus", type=Path, default=Path("build/fuzz"), help="what it has learnt"
     )
     parser.add_argument("--only", nargs="+", default=[""], help="parts of the targets' names")
-    parser.add_argument("--child", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if importlib.util.find_spec("atheris") is None:
         print("atheris is not installed; pip install 'drivetwin[fuzz]'", file=sys.stderr)
         return 2
-    if options.child:
-        name, end_s, *arguments = options.child
-        return _child(name, float(end_s), arguments)
+    import atheris
+
+    end_s = time.monotonic() + options.minutes * 60
+    # Once for all: it takes longer than the share of a target.
+    words = io.StringIO()  # a line for each module
+    with contextlib.redirect_stderr(words), atheris.instrument_imports(include=[*INSTRUMENTED]):
+        _targets()
     unknown = [part for part in options.only if not any(part in name for name in _targets())]
     if unknown:
         print(f"--only {unknown[0]}: no such target; {', '.join(_targets())}", file=sys.stderr)
         return 2
     names = [name for name in _targets() if any(part in name for part in options.only)]
-    return _round(names, time.monotonic() + options.minutes * 60, options.corpus)
+    return _round(names, end_s, options.corpus)
 
 
 def _targets() -> dict[str, Target]:
@@ -90,8 +96,8 @@ def _fuzz(name: str, end_s: float, corpus: Path) -> list[str]:
     for path in seed_files(name, _targets()[name]):
         data = path.read_bytes()
         (corpus / hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
-    command = [sys.executable, str(Path(__file__)), "--child", name, str(end_s), str(corpus)]
     options = {
+        "max_total_time": max(1, round(end_s - time.monotonic())),
         "timeout": TRY_S,
         "rss_limit_mb": MEMORY_MB,
         "max_len": INPUT_BYTES_MAX,
@@ -99,14 +105,16 @@ def _fuzz(name: str, end_s: float, corpus: Path) -> list[str]:
         "print_final_stats": 1,
         "close_fd_mask": 1,
     }
-    with _log(corpus).open("wb") as log:
-        subprocess.run(
-            [*command, *(f"-{key}={value}" for key, value in options.items())],
-            stdout=log,
-            stderr=log,
-            check=False,
-        )
-    return [_kept(name, path) for path in sorted(artifacts.iterdir())]
+    arguments = [str(corpus), *(f"-{key}={value}" for key, value in options.items())]
+    child = multiprocessing.get_context("fork").Process(
+        target=_child, args=[name, arguments, _log(corpus)]
+    )
+    child.start()
+    child.join()
+    found = [_kept(name, path) for path in sorted(artifacts.iterdir())]
+    if child.exitcode and not found:
+        return [f"ended with exit code {child.exitcode}, see {_log(corpus)}"]
+    return found
 
 
 def _kept(name: str, artifact: Path) -> str:
@@ -117,20 +125,20 @@ def _kept(name: str, artifact: Path) -> str:
     return seed.name
 
 
-def _child(name: str, end_s: float, arguments: list[str]) -> int:
+def _child(name: str, arguments: list[str], log: Path) -> None:
+    """libFuzzer ends its process, with whatever it has found."""
     import atheris
 
-    with atheris.instrument_imports(include=list(INSTRUMENTED)):
-        target = _targets()[name]
+    with log.open("wb") as file:
+        for descriptor in (1, 2):
+            os.dup2(file.fileno(), descriptor)
+    target = _targets()[name]
 
     def one(data: bytes) -> None:
         attempt(target, data)
 
-    # Instrumenting takes a good part of a small share: what is left is for the target.
-    left_s = max(1, round(end_s - time.monotonic()))
-    atheris.Setup([sys.argv[0], *arguments, f"-max_total_time={left_s}"], one)
+    atheris.Setup([sys.argv[0], *arguments], one)
     atheris.Fuzz()
-    return 0
 
 
 if __name__ == "__main__":
