@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -26,6 +27,7 @@ ROLES = {
     "stack": ("devkit", "host"),
     "recorder": ("viewer", "record"),
     "viewer": ("viewer", "web --run"),
+    "hub": ("viewer", "live --run"),
 }
 """Role -> module or command, and its subcommand."""
 MEMORY_MAX_MB = {"conductor": 8.0}
@@ -37,6 +39,8 @@ COUNT_MAX = 0.2
 WARM_SHARE = 0.25
 """Of the cases, which fill caches and pools before anything is measured."""
 SAMPLE_S = 2.0
+SLOTS = 3
+"""Cases together: they share ticks, leases and commits, most of what so short a case costs."""
 
 
 @dataclass(slots=True)
@@ -57,6 +61,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=0.0, help="stop after this; 0: never")
     parser.add_argument("--folder", type=Path, help="where the campaign is written")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # what was started ends too
     folder = options.folder or Path(tempfile.mkdtemp(prefix="soak-"))
     folder.mkdir(parents=True, exist_ok=True)
     shared_mb = _shared_mb()
@@ -70,7 +75,8 @@ def _run(folder: Path, cases: int, until_s: float) -> tuple[dict[str, Course], i
     campaign = folder / "soak.yaml"
     campaign.write_text(json.dumps(_campaign(cases)))
     command = [sys.executable, "-m", "conductor", "run", str(campaign), "--out", str(out)]
-    run = subprocess.Popen([*command, "--workers", "1"], stdout=sys.stderr)
+    command += ["--workers", "1", "--slots", str(SLOTS)]
+    run = subprocess.Popen(command, stdout=sys.stderr)
     viewer = None
     courses: dict[str, Course] = {}
     done = 0
@@ -83,7 +89,8 @@ def _run(folder: Path, cases: int, until_s: float) -> tuple[dict[str, Course], i
                     stderr=subprocess.DEVNULL,
                 )
             done = _committed(out / "timeline.jsonl", done)
-            for process in _family(run, viewer):
+            # After the last case the conductor's process writes the report of all.
+            for process in _family(run, viewer) if done < cases else ():
                 _sample(courses, process, done)
             try:
                 run.wait(SAMPLE_S)
@@ -98,13 +105,13 @@ def _run(folder: Path, cases: int, until_s: float) -> tuple[dict[str, Course], i
 
 
 def _campaign(cases: int) -> dict[str, object]:
-    """Two ticks of a tiny camera; recordings are made, and thrown away."""
+    """A few ticks of a tiny camera; recordings are made, and thrown away."""
     return {
         "campaign": "soak",
         "seed": 1,
         "view": "record",
         "recording": {"keep": "failed"},
-        "scenario": {"duration_s": 0.1, "ego_speed_mps": 12},
+        "scenario": {"duration_s": 0.15, "ego_speed_mps": 12},
         "camera": {"width": 64, "height": 36, "hz": 20},
         "matrix": {"repeat": list(range(cases))},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Sequence
 from typing import Literal
 
@@ -18,6 +19,9 @@ SKY = (118, 138, 160)
 
 WALL_SECONDS = 300
 """How much of the past the overview's plots show [s]."""
+
+NAMES = uuid.UUID("6c0c39b5-6a29-5f0f-9a5e-0c4b6e1a3d57")
+"""Where the ids of a layout's parts come from."""
 
 TRAIL_SECONDS_MAX = 3600
 """How far back the ego's trail is shown; longer than any case [s]."""
@@ -57,7 +61,7 @@ def case_blueprint(
     left = rrb.Vertical(*seen, street)
     play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[1.7, 1]),
+        _named(rrb.Horizontal(left, right, column_shares=[1.7, 1])),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -81,14 +85,16 @@ def overview_blueprint(*, bare: bool = False) -> rrb.Blueprint:
         row_shares=[1.9, 0.8, 0.8, 0.8, 1.3],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial2DView(
-                origin=naming.MOSAIC,
-                name="Cases",
-                background=BACKGROUND,
-            ),
-            right,
-            column_shares=[2.0, 1],
+        _named(
+            rrb.Horizontal(
+                rrb.Spatial2DView(
+                    origin=naming.MOSAIC,
+                    name="Cases",
+                    background=BACKGROUND,
+                ),
+                right,
+                column_shares=[2.0, 1],
+            )
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -99,6 +105,23 @@ def overview_blueprint(*, bare: bool = False) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _named(part: rrb.Container) -> rrb.Container:
+    """``part`` with ids that say what its parts are, instead of random ones.
+
+    Rerun keeps every name of an entity that it has met: 6 kB for a layout with names of its own.
+    """
+    parts: list[rrb.Container | rrb.View] = [part]
+    for number, found in enumerate(parts):
+        if isinstance(found, rrb.Container):
+            parts += found.contents
+            words = f"container {number}"
+        else:
+            # A viewer may remember what belongs to an id: never another kind of view.
+            words = f"{found.class_identifier} {found.name} {number}"
+        found.id = uuid.uuid5(NAMES, words)
+    return part
 
 
 def _camera(message: str, *, main: bool) -> rrb.Spatial2DView:

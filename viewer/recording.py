@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -175,8 +176,14 @@ def _set_file(stream: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) 
             default_enabled=True,
         )
     )
-    made.set_time("blueprint", sequence=0)
-    blueprint._log_to_stream(made)
+
+    def lay_out() -> None:
+        made.set_time("blueprint", sequence=0)
+        blueprint._log_to_stream(made)
+
+    # A stream's time is kept by the thread that set it, as long as that thread lives.
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(lay_out).result()
     memory = made.memory_recording()
     bindings.set_sinks(
         [rr.FileSink(path)], default_blueprint=memory.storage, recording=stream.inner

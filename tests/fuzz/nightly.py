@@ -6,9 +6,13 @@ Every finding is written as a seed file, so that the tests fail until it is mend
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import importlib.util
-import subprocess
+import io
+import multiprocessing
+import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -33,19 +37,24 @@ def main() -> int:
     parser.add_argument(
         "--corpus", type=Path, default=Path("build/fuzz"), help="what it has learnt"
     )
-    parser.add_argument("--only", default="", help="part of the targets' names")
-    parser.add_argument("--child", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument("--only", nargs="+", default=[""], help="parts of the targets' names")
     options = parser.parse_args()
     if importlib.util.find_spec("atheris") is None:
         print("atheris is not installed; pip install 'drivetwin[fuzz]'", file=sys.stderr)
         return 2
-    if options.child:
-        return _child(options.child[0], options.child[1:])
-    names = [name for name in _targets() if options.only in name]
-    if not names:
-        print(f"--only {options.only}: no such target; {', '.join(_targets())}", file=sys.stderr)
+    import atheris
+
+    end_s = time.monotonic() + options.minutes * 60
+    # Once for all: it takes longer than the share of a target.
+    words = io.StringIO()  # a line for each module
+    with contextlib.redirect_stderr(words), atheris.instrument_imports(include=[*INSTRUMENTED]):
+        _targets()
+    unknown = [part for part in options.only if not any(part in name for name in _targets())]
+    if unknown:
+        print(f"--only {unknown[0]}: no such target; {', '.join(_targets())}", file=sys.stderr)
         return 2
-    return _round(names, options.minutes * 60 / len(names), options.corpus)
+    names = [name for name in _targets() if any(part in name for part in options.only)]
+    return _round(names, end_s, options.corpus)
 
 
 def _targets() -> dict[str, Target]:
@@ -54,29 +63,41 @@ def _targets() -> dict[str, Target]:
     return TARGETS
 
 
-def _round(names: list[str], seconds: float, corpus: Path) -> int:
-    """Fuzz each in a process of its own; 1: something was found."""
+def _round(names: list[str], end_s: float, corpus: Path) -> int:
+    """Fuzz each in a process of its own, with its share of what is left; 1: something was found."""
     found = 0
-    for number, name in enumerate(names, 1):
-        began = time.monotonic()
-        crashes = _fuzz(name, max(1, round(seconds)), corpus / name)
-        took_s = time.monotonic() - began
+    for number, name in enumerate(names):
+        began_s = time.monotonic()
+        share_s = (end_s - began_s) / (len(names) - number)
+        crashes = _fuzz(name, began_s + share_s, corpus / name)
+        took_s = time.monotonic() - began_s
         words = f"{len(crashes)} found: {', '.join(crashes)}" if crashes else "nothing found"
-        print(f"{number}/{len(names)} {name}: {took_s:.0f} s, {words}", flush=True)
+        tries = _tries(_log(corpus / name))
+        line = f"{number + 1}/{len(names)} {name}: {took_s:.0f} s, {tries:,} tries, {words}"
+        print(line, flush=True)
         found += len(crashes)
     return 1 if found else 0
 
 
-def _fuzz(name: str, seconds: int, corpus: Path) -> list[str]:
+def _log(corpus: Path) -> Path:
+    return corpus.with_name(f"{corpus.name}.log")
+
+
+def _tries(log: Path) -> int:
+    """How often the decoder was called, as libFuzzer says last."""
+    numbers = re.findall(rb"^#(\d+)\s|executed_units: (\d+)", log.read_bytes(), re.MULTILINE)
+    return max((int(a or b) for a, b in numbers), default=0)
+
+
+def _fuzz(name: str, end_s: float, corpus: Path) -> list[str]:
     corpus.mkdir(parents=True, exist_ok=True)
     artifacts = corpus.parent / "found" / name
     artifacts.mkdir(parents=True, exist_ok=True)
     for path in seed_files(name, _targets()[name]):
         data = path.read_bytes()
         (corpus / hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
-    command = [sys.executable, str(Path(__file__)), "--child", name, str(corpus)]
     options = {
-        "max_total_time": seconds,
+        "max_total_time": max(1, round(end_s - time.monotonic())),
         "timeout": TRY_S,
         "rss_limit_mb": MEMORY_MB,
         "max_len": INPUT_BYTES_MAX,
@@ -84,14 +105,16 @@ def _fuzz(name: str, seconds: int, corpus: Path) -> list[str]:
         "print_final_stats": 1,
         "close_fd_mask": 1,
     }
-    with (corpus.parent / f"{name}.log").open("wb") as log:
-        subprocess.run(
-            [*command, *(f"-{key}={value}" for key, value in options.items())],
-            stdout=log,
-            stderr=log,
-            check=False,
-        )
-    return [_kept(name, path) for path in sorted(artifacts.iterdir())]
+    arguments = [str(corpus), *(f"-{key}={value}" for key, value in options.items())]
+    child = multiprocessing.get_context("fork").Process(
+        target=_child, args=[name, arguments, _log(corpus)]
+    )
+    child.start()
+    child.join()
+    found = [_kept(name, path) for path in sorted(artifacts.iterdir())]
+    if child.exitcode and not found:
+        return [f"ended with exit code {child.exitcode}, see {_log(corpus)}"]
+    return found
 
 
 def _kept(name: str, artifact: Path) -> str:
@@ -102,18 +125,20 @@ def _kept(name: str, artifact: Path) -> str:
     return seed.name
 
 
-def _child(name: str, arguments: list[str]) -> int:
+def _child(name: str, arguments: list[str], log: Path) -> None:
+    """libFuzzer ends its process, with whatever it has found."""
     import atheris
 
-    with atheris.instrument_imports(include=list(INSTRUMENTED)):
-        target = _targets()[name]
+    with log.open("wb") as file:
+        for descriptor in (1, 2):
+            os.dup2(file.fileno(), descriptor)
+    target = _targets()[name]
 
     def one(data: bytes) -> None:
         attempt(target, data)
 
     atheris.Setup([sys.argv[0], *arguments], one)
     atheris.Fuzz()
-    return 0
 
 
 if __name__ == "__main__":

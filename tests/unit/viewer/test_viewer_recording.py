@@ -2,18 +2,22 @@
 
 import hashlib
 import json
+import threading
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import rerun as rr
+import rerun.blueprint as rrb
 from recordings import read_recording
-from view_messages import camera, end, start, state
+from view_messages import STAGE, camera, end, start, state
 
 from schemas.wire import encode
 from twin.fabric.bus import Sample
 from twin.worker.view_samples import jpeg
 from viewer import naming
+from viewer.blueprint import case_blueprint
 from viewer.record import Recorder
 from viewer.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
 
@@ -149,6 +153,37 @@ def test_what_is_not_a_pass_is_kept(tmp_path, keep, ending, kept):
     assert ("sha256" in note) is kept
     assert note["complete"] is (ending is not None)
     assert (tmp_path / naming.RECORDING_FILE).exists() is kept
+
+
+def test_layouts_share_their_names():
+    """Rerun keeps every entity's name that it has ever met."""
+    layouts = [case_blueprint(STAGE), case_blueprint(msgspec.structs.replace(STAGE, cars=2))]
+    first, second = ([part.id for part in parts(layout.root_container)] for layout in layouts)
+    assert first == second
+    assert len(first) == len(set(first)) > 8
+
+
+def test_a_recording_leaves_no_time_in_the_recorders_thread(tmp_path):
+    """Rerun keeps a stream's time as long as the thread that set it."""
+    threads = set()
+    told = rr.RecordingStream.set_time
+
+    def set_time(*arguments, **named):
+        threads.add(threading.get_ident())
+        told(*arguments, **named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rr.RecordingStream, "set_time", set_time)
+        recording, seq = write(tmp_path)
+        recording.close(end(seq))
+    assert threads
+    assert threading.get_ident() not in threads
+
+
+def parts(part):
+    yield part
+    for below in part.contents if isinstance(part, rrb.Container) else []:
+        yield from parts(below)
 
 
 def test_a_recorder_of_many_cases_keeps_no_threads(tmp_path):

@@ -1,0 +1,41 @@
+"""A PNG whose chunk claims four gigabytes is refused, and not believed first."""
+
+import resource
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from schemas.drive_record import RecordArray
+from twin.fabric.drive_record import decoded
+from twin.world.content import Terrain
+from twin.world.terrain import load_heights
+
+BELIEVED_KB = 500_000
+"""More than any of this takes, and far less than what the chunk claims [kB]."""
+
+
+def damaged(picture):
+    """The chunk of the picture, which is cut off, says that it is 0xf9ff0014 bytes long."""
+    data = bytearray(cv2.imencode(".png", picture)[1].tobytes())
+    data[33:37] = struct.pack(">I", 0xF9FF0014)
+    del data[44:]
+    return bytes(data)
+
+
+def peak_kb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def test_a_chunk_is_not_taken_at_its_word(tmp_path):
+    before_kb = peak_kb()
+    path = tmp_path / "hill.png"
+    path.write_bytes(damaged(np.zeros((3, 3), np.uint8)))
+    with pytest.raises(ValueError, match="not a PNG file"):
+        load_heights(Terrain(heightmap=str(path), size_m=(8.0, 4.0), height_m=1.0))
+    shape = [3, 3, 3]
+    array = RecordArray("uint8", shape, "png", damaged(np.zeros(shape, np.uint8)), -1)
+    with pytest.raises(ValueError, match="cannot be decoded"):
+        decoded(array)
+    assert peak_kb() - before_kb < BELIEVED_KB
