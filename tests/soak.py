@@ -39,7 +39,7 @@ COUNT_MAX = 0.2
 WARM_SHARE = 0.25
 """Of the cases, which fill caches and pools before anything is measured."""
 SAMPLE_S = 2.0
-SLOTS = 3
+SLOTS = 2
 """Cases together: they share ticks, leases and commits, most of what so short a case costs."""
 
 
