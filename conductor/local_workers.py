@@ -91,11 +91,15 @@ class LocalWorkers:
             if line.startswith("rig ended")
         ]
 
-    def stop(self) -> None:
-        """Ask all at once, then wait for each; they give their leases back."""
+    def ask(self) -> None:
+        """Ask all to end, and wait for none."""
         for child in self.children:
             with contextlib.suppress(ProcessLookupError):
                 child.process.terminate()
+
+    def stop(self) -> None:
+        """Ask all at once, then wait for each; they give their leases back."""
+        self.ask()
         for child in self.children:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 child.process.wait(STOP_S)

@@ -190,6 +190,11 @@ def _execute(
         workers = LocalWorkers(worker_options, conductor.folder, places)
         try:
             _wait(conductor, campaign, workers, console, pending)
+            workers.ask()
+            if campaign.simulator != "noop":
+                from conductor.report import read_ahead
+
+                read_ahead(options.out)  # while they end
         finally:
             workers.stop()
             if not places:
@@ -220,6 +225,7 @@ def _wait(
         )
     storage = ""
     told: list[str] = []
+    prepared = campaign.simulator == "noop"
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
@@ -238,6 +244,9 @@ def _wait(
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:
                 return
+            if row["leased"] and not prepared:
+                prepared = True
+                threading.Thread(target=_prepare_report, name="report", daemon=True).start()
             for line in found["notes"]:
                 if line not in told:
                     told.append(line)
@@ -256,6 +265,14 @@ def _wait(
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
             time.sleep(POLL_S)
+
+
+def _prepare_report() -> None:
+    """Load what makes the report while cases run: nobody waits for this process then."""
+    with contextlib.suppress(Exception):  # the report itself says what is wrong
+        from conductor.report import prepare
+
+        prepare()
 
 
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:

@@ -186,12 +186,12 @@ class RigProcess:
         with self._lock:
             self._stopped = True
         self._finish_recordings()
-        for child in (self._simulator, self._stack, self._recorder):
-            if child is None:
-                continue
+        children = [c for c in (self._simulator, self._stack, self._recorder) if c is not None]
+        for child in children:
+            # What keeps watch over a foreign stack has to end all that the stack started.
             if child is not self._stack or self._lease.case.foreign is None:
                 child.kill()  # nothing of value is in there: results are on disk
-            # What keeps watch over a foreign stack has to end all that the stack started.
+        for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
         if self._announced is not None:
             self._announced.unlink(missing_ok=True)
