@@ -41,6 +41,7 @@ from twin.worker.pipe import (
     Upward,
     pack,
 )
+from twin.worker.sim_process import SimulatorProcess, start_simulator
 
 FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
@@ -96,7 +97,14 @@ class RigProcess:
     Messages go to ``inbox`` as ``(self, message)``.
     """
 
-    def __init__(self, options: WorkerOptions, lease: Lease, inbox: queue.SimpleQueue[Any]) -> None:
+    def __init__(
+        self,
+        options: WorkerOptions,
+        lease: Lease,
+        inbox: queue.SimpleQueue[Any],
+        loaded: SimulatorProcess | None = None,
+    ) -> None:
+        """``loaded``: a simulator that waits to be told what to build."""
         self._options = options
         self._lease = lease
         self._inbox = inbox
@@ -109,9 +117,6 @@ class RigProcess:
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: Path | None = None
         self._fetches, self._fetch_seen_ns = False, 0
-        # Unnamed files: gone with their last user, however this process ends. What matters of
-        # them, the last lines of a process that died, goes to the conductor.
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115
         self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
@@ -120,19 +125,25 @@ class RigProcess:
         view = options.view or ViewMode(lease.case.view)
         if lease.case.keep == "none":
             view = view.unrecorded
-        self._simulator = spawn(
-            [
-                *(sys.executable, "-m", "twin", "sim"),
-                *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
-                *("--slots", str(self._slots), "--device", options.device),
-                *("--view", view.value, "--view-namespace", options.namespace),
-                *("--view-connect", options.connect, *self._key),
-            ],
-            environment=_threads() if lease.case.placement == "inline" else None,
-            log=self._log,
-            pipe_output=True,
+        inline = lease.case.placement == "inline"
+        if loaded is None or inline or loaded.process.poll() is not None:
+            if loaded is not None:
+                loaded.discard()
+            loaded = start_simulator(_threads() if inline else None)
+        self._simulator, self._log = loaded.process, loaded.log
+        build = Build(
+            lease=lease,
+            rig=self._id,
+            listen=listen,
+            namespace=self._namespace,
+            slots=self._slots,
+            device=options.device,
+            view=view,
+            view_namespace=options.namespace,
+            view_connect=options.connect,
+            key=str(options.key.path) if options.key else "",
         )
-        self._write(pack(Build(lease)))
+        self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()
 
     @property
