@@ -21,6 +21,8 @@ from typing import IO, TYPE_CHECKING, Any
 import msgspec
 import psutil
 
+from schemas.campaign import Case
+from schemas.expected import expected_of
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
@@ -241,12 +243,17 @@ class RigProcess:
         self._drained.set()
         self._tell_end(self._simulator, "simulator", self._log)
 
-    def start_stack(self, endpoint: str) -> None:
-        """The simulator listens: start the stack, or announce the rig to a remote one."""
+    def start_stack(self, endpoint: str, cases: Sequence[Case] = ()) -> None:
+        """The simulator listens: start the stack, or announce the rig to a remote one.
+
+        ``cases``: those that will be the first, as far as they are known.
+        """
+        expected = expected_of(cases or [self._lease.case], self._options.device)
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
             *("--slots", str(self._slots), "--stack", self._lease.case.stack),
             *("--parameters", json.dumps(self._lease.case.parameters), *self._stack_key),
+            *("--expected", msgspec.json.encode(expected).decode()),
         ]
         if self._lease.case.foreign is not None:
             foreign = msgspec.json.encode(self._lease.case.foreign).decode()

@@ -302,7 +302,8 @@ class Worker:
         """The simulator listens: start the stack, and a recorder that reads at ``view``."""
         assert self._rig is not None
         try:
-            self._rig.start_stack(endpoint)
+            held = self._core.held.values()
+            self._rig.start_stack(endpoint, [each.lease.case for each in held])
             if view:
                 self._rig.start_recorder(view)
         except OSError as error:
