@@ -83,14 +83,14 @@ class LocalWorkers:
             self._tell(child)
 
     def _tell(self, child: Child) -> None:
-        if self.told is None:
-            return
+        if self.told is None or child.process.poll() is not None:
+            return  # what it said last stays where it is
         path = self.folder / "logs" / f"worker-{child.number}.log"
         child.log.close()
         child.log = path.open("w+b")
         told = msgspec.structs.replace(self.told, log=str(path))
         assert child.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it has died, and is replaced
+        with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
             child.process.stdin.write(msgspec.json.encode(told) + b"\n")
 
     def look(self) -> list[str]:

@@ -191,7 +191,7 @@ def _execute(
                 soft_wrap=True,
             )
         try:
-            workers.serve(Told(conductor.endpoint, slots, "", key), places)
+            workers.serve(Told(conductor.endpoint, slots, key), places)
             _wait(conductor, campaign, workers, console, pending)
             workers.ask()
             if campaign.simulator != "noop":

@@ -16,7 +16,7 @@ class Told(Struct, frozen=True):
     """Endpoint of the conductor."""
     slots: int
     """Cases simulated together."""
-    log: str
-    """File to which it writes from then on."""
     key: str = ""
     """Path of its key file; empty: none."""
+    log: str = ""
+    """File to which it writes from then on; empty: where it did before."""

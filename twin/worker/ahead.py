@@ -33,8 +33,9 @@ def await_told(*, simulator: bool) -> tuple[Told, SimulatorProcess | None]:
         told: Told = decode_json(line, Told)
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
-    log = os.open(told.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-    os.dup2(log, 1)
-    os.dup2(log, 2)
-    os.close(log)
+    if told.log:
+        log = os.open(told.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        os.dup2(log, 1)
+        os.dup2(log, 2)
+        os.close(log)
     return told, loading
