@@ -19,7 +19,7 @@ from typing import IO
 
 from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
-from twin.fabric.process import bind_to_parent, end, leave_signals_to_the_parent, spawn
+from twin.fabric.process import end, leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
 from twin.worker.pipe import Broken, Build, Listening, Upstream
 
@@ -56,8 +56,7 @@ def start_simulator(environment: Mapping[str, str] | None = None) -> SimulatorPr
 
 
 def main() -> int:
-    """Entry of ``twin sim``; the exit code."""
-    bind_to_parent()
+    """Entry of ``twin sim``, of a process that is bound to its worker; the exit code."""
     leave_signals_to_the_parent()
     # Whatever prints by mistake must not end up between the messages.
     out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
