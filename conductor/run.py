@@ -106,9 +106,16 @@ def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
     ]
     places = _places(options, len(expand(campaign)))
     workers = LocalWorkers(worker_options, folder, places)
-    if loads and not folder.exists():
+    if loads and _is_new(folder):
         workers.start()
     return workers
+
+
+def _is_new(folder: Path) -> bool:
+    try:
+        return not folder.exists()
+    except OSError:
+        return False  # the conductor says what is wrong with it
 
 
 def run_campaign(campaign: Campaign, options: RunOptions, workers: LocalWorkers) -> int:
