@@ -6,6 +6,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import json
+import logging
 import sys
 from contextlib import ExitStack
 from dataclasses import asdict, replace
@@ -15,11 +16,11 @@ from typing import Annotated
 
 import typer
 
-from conductor.key_commands import add_key_commands
+from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
-from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
+from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
 
@@ -93,6 +94,7 @@ def run_command(
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     view: View = None,
     record_drive: Annotated[
         bool,
@@ -153,11 +155,7 @@ def run_command(
             )
             local = local_workers(loaded, options)
             at_end.callback(local.stop)
-        if key:
-            from twin.fabric.key_file import load_key
-            from twin.fabric.roles import Role
-
-            options = replace(options, key=load_key(key, Role.conductor))
+        options = replace(options, key=own_key(key, insecure=insecure))
         raise typer.Exit(run_campaign(loaded, options, local))
 
 
@@ -167,6 +165,7 @@ def serve(
     listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     by_batch: ByBatch = False,
     ttl_s: Annotated[
         float,
@@ -178,13 +177,11 @@ def serve(
     ] = "",
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
-    from conductor.refusals import refusals_logged
     from conductor.serve import serve_folder
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
+    from twin.fabric.refusals import refusals_logged
 
-    found = load_key(key, Role.conductor) if key else None
-    with refusals_logged():
+    found = own_key(key, insecure=insecure)
+    with refusals_logged(logging.getLogger("conductor").warning):
         code = serve_folder(
             state,
             listen,
@@ -205,6 +202,7 @@ def submit(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
@@ -231,6 +229,7 @@ def status(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
@@ -261,6 +260,7 @@ def stop(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
     from conductor.client import Client
@@ -281,6 +281,7 @@ def relay_command(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Pass on between a conductor and workers of another cluster that cannot reach its host.
 

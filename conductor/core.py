@@ -56,7 +56,11 @@ from schemas.messages import (
 
 UNKNOWN_WORKER = "unknown worker, say hello"
 NAME_CHARS_MAX = 200
-"""Longest worker id [characters]."""
+"""Longest worker id, host, device class, software digest or tag [characters]."""
+TAGS_MAX = 100
+"""Most tags of a worker."""
+WORKERS_MAX = 10_000
+"""Most workers that have joined and not left."""
 
 
 def start(state: State) -> list[Fact]:
@@ -97,9 +101,14 @@ def _forget(turn: Turn) -> None:
     if now_ns - state.looked_ns < state.config.forget_ns // 60:
         return
     state.looked_ns = now_ns
-    for name, worker in list(state.workers.items()):
-        if not worker.tokens and now_ns - worker.seen_ns >= state.config.forget_ns:
-            turn.emit(WorkerLeft(worker=name, reason="silent for too long", forgotten=True))
+    _forget_silent(turn, state.config.forget_ns, "silent for too long")
+
+
+def _forget_silent(turn: Turn, silent_ns: int, reason: str) -> None:
+    """Those without leases; should one come back, it joins again."""
+    for name, worker in list(turn.state.workers.items()):
+        if not worker.tokens and turn.now_ns - worker.seen_ns >= silent_ns:
+            turn.emit(WorkerLeft(worker=name, reason=reason, forgotten=True))
 
 
 def close(state: State) -> list[Fact]:
@@ -130,6 +139,8 @@ def _hello(turn: Turn, request: Hello) -> Reply:
             error=f"worker id {request.worker[:60]!r}: 1-{NAME_CHARS_MAX} characters, "
             "without / * $ ? # and spaces"
         )
+    if error := _oversized(request):
+        return turn.reply(error=error)
     if request.worker in state.departed:
         return turn.reply(error=f"worker {request.worker} has left; a new start needs a new id")
     joined = WorkerJoined(
@@ -145,6 +156,13 @@ def _hello(turn: Turn, request: Hello) -> Reply:
     )
     known = state.workers.get(request.worker)
     if known is None:
+        if len(state.workers) >= WORKERS_MAX:
+            _forget_silent(turn, state.config.ttl_ns, "silent, and others want to join")
+        if len(state.workers) >= WORKERS_MAX:
+            return turn.reply(
+                error=f"{len(state.workers)} workers are here and none of them is silent without a "
+                f"lease, at most {WORKERS_MAX}; start another conductor with another --state folder"
+            )
         turn.emit(joined)
     elif known.joined != joined:
         return turn.reply(
@@ -153,6 +171,28 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         )
     turn.emit(seen(state, request.worker, (), turn.now_ns))
     return turn.reply(status=_notes(mismatches(state, joined)))
+
+
+def _oversized(request: Hello) -> str:
+    """What of a worker's properties is too long to be kept, or nothing."""
+    words = {
+        "host": [request.host],
+        "device class": [request.device_class],
+        "software digest": [request.software],
+        "tag": request.tags,
+    }
+    if len(request.tags) > TAGS_MAX:
+        return (
+            f"worker {request.worker}: {len(request.tags)} tags, at most {TAGS_MAX}; leave some out"
+        )
+    for name, given in words.items():
+        for word in given:
+            if len(word) > NAME_CHARS_MAX:
+                return (
+                    f"worker {request.worker}: a {name} of {len(word)} characters, allowed: "
+                    f"{NAME_CHARS_MAX}; give a shorter one"
+                )
+    return ""
 
 
 def _next(turn: Turn, request: Next) -> Reply:

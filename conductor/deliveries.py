@@ -20,6 +20,7 @@ from schemas.delivery import (
     Delivered,
     Delivery,
     SeenFolder,
+    extras_sha256,
     files_sha256,
 )
 from schemas.wire import WireError, decode, encode
@@ -90,14 +91,16 @@ class Deliveries:
             return _refused(
                 f"{files.campaign}: has no case {files.case[:80]!r} with attempt {files.attempt}"
             )
-        if files_sha256(files.kpi, files.log) != files.sha256:
+        whole = files_sha256(files.kpi, files.log), extras_sha256(files.extras)
+        if whole != (files.sha256, files.extras_sha256):
             return _refused(f"{files.case}: damaged on its way", retry=True)
         attempt = folder / "cases" / files.case / f"attempt-{files.attempt}"
         if leads_away(folder, attempt):
             return _refused(f"{attempt}: leads out of {folder} through a symbolic link")
         try:
             attempt.mkdir(parents=True, exist_ok=True)
-            for name, data in (("kpi.parquet", files.kpi), ("log.txt", files.log)):
+            written = [("kpi.parquet", files.kpi), ("log.txt", files.log)]
+            for name, data in (*written, *files.extras.items()):
                 path = attempt / name
                 if leads_away(folder, path):
                     return _refused(f"{path}: a symbolic link")

@@ -52,6 +52,9 @@ from schemas.campaign import Campaign
 from schemas.identity import rig_key
 from schemas.messages import Result, Touch
 
+DEPARTED_MAX = 10_000
+"""So many ids of workers that left are known; of an older one a word that was under way for so long
+would count as a new worker's, which is forgotten when it is silent."""
 TOUCH_CHARS_MAX = 300
 """Longest words of a hand that are kept [characters]."""
 
@@ -134,7 +137,8 @@ def _pinned(state: State, fact: Pinned) -> None:
 
 def _worker_joined(state: State, fact: WorkerJoined) -> None:
     _expect(fact.worker not in state.workers, fact)
-    _expect(fact.worker not in state.departed, fact)
+    # Whoever decided this had forgotten it: another version may have another limit.
+    state.departed.pop(fact.worker, None)
     state.workers[fact.worker] = WorkerState(joined=fact)
 
 
@@ -142,7 +146,9 @@ def _worker_left(state: State, fact: WorkerLeft) -> None:
     _expect(not state.workers[fact.worker].tokens, fact)
     del state.workers[fact.worker]
     if not fact.forgotten:
-        state.departed.add(fact.worker)
+        state.departed[fact.worker] = None
+        while len(state.departed) > DEPARTED_MAX:
+            del state.departed[next(iter(state.departed))]
 
 
 def _worker_draining(state: State, fact: WorkerDraining) -> None:

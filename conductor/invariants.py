@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
+from itertools import pairwise
 
-from conductor.facts import ALONE, SHARED, CaseEnded, Committed
+from conductor.facts import ALONE, SHARED, Committed
 from conductor.fold import end_name
-from conductor.state import CampaignState, CaseState, State
+from conductor.state import CampaignState, State, unsealed
 
 LIVE_MAX = 2
 """Most live tokens of one case."""
+
+
+@lru_cache(maxsize=4096)
+def _end_of(sealed: bytes) -> tuple[str, int | None]:
+    """Name of an end, and the token of its result, if it has one.
+
+    Kept, as all that is said of one case alone: every case is looked at after every fact, and few
+    have changed.
+    """
+    end = unsealed(sealed)
+    return end_name(end), end.result.token if isinstance(end, Committed) else None
 
 
 def check(state: State) -> None:
@@ -52,17 +65,22 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
     ended: Counter[str] = Counter()
     committed = 0
     open_batches: Counter[int] = Counter()
+    attempts_max = campaign.campaign.attempts_max
     for order, case in enumerate(campaign.ordered):
-        _that(campaign.cases[case.case.id] is case and case.order == order, f"{name}: order")
-        end = case.end  # unpacked once, since all cases are checked after every fact
-        _check_case(case, end, campaign.campaign.attempts_max)
-        if end is None:
+        sealed, charges = case.sealed, len(case.charges)
+        wrong = _contradiction(case.issued, case.live, charges, sealed, attempts_max)
+        if campaign.cases[case.case.id] is not case or case.order != order:
+            wrong = "order"
+        if wrong:
+            raise AssertionError(f"{name}: {case.case.id}: {wrong}")
+        if sealed:
+            end, token = _end_of(sealed)
+            ended[end] += 1
+            committed += token is not None
+        else:
             open_batches[case.case.batch] += 1
             if case.waits:
                 waiting.setdefault(case.rig, {}).setdefault(case.group, []).append(-order)
-        else:
-            ended[end_name(end)] += 1
-            committed += isinstance(end, Committed)
     lanes = {r: {g: q[::-1] for g, q in groups.items()} for r, groups in waiting.items()}
     _that(campaign.backlog.lanes == lanes, f"{name}: the backlog is not the waiting cases")
     count = sum(len(lane) for groups in lanes.values() for lane in groups.values())
@@ -76,19 +94,26 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
     _that(campaign.pinned or not campaign.attempts, f"{name}: leased before it was pinned")
 
 
-def _check_case(case: CaseState, end: Committed | CaseEnded | None, attempts_max: int) -> None:
-    name = case.case.id
-    _that(len(case.live) <= LIVE_MAX, f"{name}: {len(case.live)} live tokens")
-    _that(set(case.live) <= set(case.issued), f"{name}: a token that was never issued")
-    _that(list(case.issued) == sorted(set(case.issued)), f"{name}: tokens do not grow")
-    _that(len(case.charges) < attempts_max + LIVE_MAX, f"{name}: too many charges")
-    if case.ended:
-        _that(not case.live, f"{name}: ended and leased")
-        _that(not case.waits, f"{name}: ended and waiting")
-    elif not case.live:
-        _that(len(case.charges) < attempts_max, f"{name}: waits after its last charge")
-    if isinstance(end, Committed):
-        _that(end.result.token in case.issued, f"{name}: committed with a foreign token")
+@lru_cache(maxsize=4096)
+def _contradiction(
+    issued: tuple[int, ...], live: tuple[int, ...], charges: int, sealed: bytes, attempts_max: int
+) -> str:
+    """What is wrong with a case, or nothing."""
+    if len(live) > LIVE_MAX:
+        return f"{len(live)} live tokens"
+    if not set(live) <= set(issued):
+        return "a token that was never issued"
+    if any(one >= other for one, other in pairwise(issued)):
+        return "tokens do not grow"
+    if charges >= attempts_max + LIVE_MAX:
+        return "too many charges"
+    if not sealed:
+        spent = not live and charges >= attempts_max
+        return "waits after its last charge" if spent else ""
+    if live:
+        return "ended and leased"
+    token = _end_of(sealed)[1]
+    return "" if token is None or token in issued else "committed with a foreign token"
 
 
 def _that(condition: bool, text: str) -> None:

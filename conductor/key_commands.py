@@ -14,6 +14,7 @@ from twin.fabric.roles import INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
+    from twin.fabric.key_file import Key
 
 MODE = 0o600
 
@@ -22,6 +23,23 @@ def add_key_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command()(keygen)
     app.command()(invite)
+
+
+def own_key(key: Path | None, *, insecure: bool) -> Key | None:
+    """The key that a conductor is given, if any.
+
+    Raises:
+        UsageError: it is not fit, or there is to be none.
+    """
+    from twin.fabric.key_file import load_key
+
+    if key is None:
+        return None
+    if insecure:
+        raise UsageError(
+            f"--insecure and --key {key} (or TWIN_KEY): a key makes it TLS; leave one of them away"
+        )
+    return load_key(key, Role.conductor)
 
 
 def keygen(
@@ -43,9 +61,7 @@ def keygen(
 
 
 def invite(
-    role: Annotated[
-        Role, typer.Option(help="What the holder may do: viewer, stack, worker or admin.")
-    ],
+    role: Annotated[Role, typer.Option(help="What the holder may do: viewer, worker or admin.")],
     state: Annotated[
         Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
     ] = None,
@@ -72,7 +88,10 @@ def invite(
 
     if role not in INVITED:
         allowed = ", ".join(INVITED)
-        raise UsageError(f"--role {role}: allowed: {allowed}; a conductor has its own key")
+        raise UsageError(
+            f"--role {role}: allowed: {allowed}; a conductor has its own key, and a stack gets one "
+            "from its rig"
+        )
     folder, found = _where(state, key)
     authority = load_authority(folder)
     if days > (most := days_left(authority)):
@@ -83,7 +102,7 @@ def invite(
     if connect:
         check_protected(connect, keyed=True)
     endpoint = connect or (found.endpoint if found else "")
-    data = authority.issue(role, days, endpoint, found.namespace if found else "twin")
+    data = authority.issue(role, days, endpoint, found.namespace if found else "")
     if out is None:
         print(as_line(data).decode())
         print(

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from conductor.client import Client
-from twin.fabric.cli import KeyOption
+from twin.fabric.cli import InsecureOption, KeyOption
 from twin.fabric.roles import Role
 
 Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
@@ -46,6 +46,7 @@ def explain(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Say why a case waits, runs or ended."""
     with Client(connect, state, namespace, key, Role.viewer) as client:
@@ -59,6 +60,7 @@ def drain(
     state: State = None,
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Let a worker give its cases back and leave."""
     with Client(connect, state, namespace, key) as client:
@@ -76,6 +78,7 @@ def _command(action: Action) -> Callable[..., None]:
         state: State = None,
         namespace: Namespace = "twin",
         key: KeyOption = None,
+        _insecure: InsecureOption = False,
     ) -> None:
         with Client(connect, state, namespace, key) as client:
             changed = client.control(action, campaign=campaign, case=case)

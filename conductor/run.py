@@ -39,7 +39,7 @@ from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.view import ViewMode
 from twin.fabric.ahead import Told
-from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.endpoint import LOOPBACK, is_exposed
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -191,14 +191,16 @@ def _execute(
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
         key = str(shared(conductor.key)) if conductor.key else ""
+        exposed = is_exposed(conductor.endpoint)
+        insecure = ["--insecure"] if exposed else []
         if ViewMode(campaign.view).shows:
             console.print(
-                f"look: viewer live --run {shlex.quote(str(options.out))}",
+                shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
                 markup=False,
                 soft_wrap=True,
             )
         try:
-            workers.serve(Told(conductor.endpoint, slots, key), places)
+            workers.serve(Told(conductor.endpoint, slots, key, exposed), places)
             _wait(conductor, campaign, workers, console, pending)
             workers.ask()
             if campaign.simulator != "noop":

@@ -16,6 +16,7 @@ from pathlib import Path
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas.view_mode import ViewMode
+from twin.fabric.endpoint import is_exposed
 from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
 from twin.fabric.key_file import Key, shared
 
@@ -83,7 +84,8 @@ def _announce(conductor: Conductor, namespace: str) -> None:
     key = f" --key {shlex.quote(str(shared(conductor.key)))}" if conductor.key else ""
     here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
     folder = shlex.quote(str(Path(conductor.folder).absolute()))
-    where = f"--connect {conductor.endpoint}{option}{key}"
+    typed = " --insecure" if is_exposed(conductor.endpoint) else ""
+    where = f"--connect {conductor.endpoint}{option}{key}{typed}"
     print(
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"

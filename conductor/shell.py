@@ -43,10 +43,11 @@ from schemas.wire import decode, encode
 from twin.fabric.authority import load_or_make
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
-from twin.fabric.endpoint import LOOPBACK, is_tls, to_listen
+from twin.fabric.endpoint import LOOPBACK, is_exposed, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
-from twin.fabric.key_file import Key, shared
+from twin.fabric.key_file import Key, WrongRoleError, shared
+from twin.fabric.roles import Role
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -132,6 +133,11 @@ class Conductor:
 
     def startup(self) -> None:
         """Lock the folder, fold the journal, raise the epoch on disk, and only then listen."""
+        if self.key is not None and self.key.role is not Role.conductor:
+            raise WrongRoleError(
+                f"{self.key.path}: a key of role {self.key.role} may not serve, allowed: "
+                f"{Role.conductor}; give --key of the folder of keys, or leave it away"
+            )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -156,6 +162,12 @@ class Conductor:
             self.key = load_or_make(self.folder / KEYS_NAME)
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
+        if is_exposed(self._listen):
+            _log.warning(
+                "INSECURE: plain TCP at %s, because of --insecure: whoever reaches it may read, "
+                "lease, commit, steer and stop",
+                self.endpoint,
+            )
         for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN):
             self._bus.serve(topic.key, partial(self._inbox.receive, door=topic.key))
         self._deliveries = Deliveries(self._folder_of)
@@ -170,6 +182,7 @@ class Conductor:
                 namespace=self.namespace,
                 version=_version(),
                 key=str(shared(self.key)) if self.key else "",
+                insecure=is_exposed(self._listen),
             ),
             self._engine.state,
         )

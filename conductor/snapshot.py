@@ -135,7 +135,7 @@ def _head(state: State) -> _Head:
             _WorkerHead(worker.joined, list(worker.tokens), worker.draining)
             for worker in state.workers.values()
         ],
-        departed=sorted(state.departed),
+        departed=list(state.departed),
         leases=[
             _LeaseHead(x.token, *x.key, x.worker, x.attempt, x.group, x.speculative, x.touched)
             for x in state.leases.values()
@@ -189,7 +189,7 @@ def _restore_cases(state: State, image: _Cases) -> None:
 
 def _restore_head(state: State, head: _Head) -> None:
     state.epoch, state.granted, state.groups = head.epoch, head.granted, head.groups
-    state.departed = set(head.departed)
+    state.departed = dict.fromkeys(head.departed)
     state.deaths = dict(head.deaths)
     for campaign in state.campaigns.values():
         campaign.submitted = None

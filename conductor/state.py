@@ -38,7 +38,7 @@ CaseKey = tuple[str, str]
 
 
 _seal = msgspec.msgpack.Encoder().encode
-_unseal = msgspec.msgpack.Decoder(Committed | CaseEnded).decode
+unsealed = msgspec.msgpack.Decoder(Committed | CaseEnded).decode
 
 
 def _volatile(default: Any) -> Any:
@@ -153,7 +153,7 @@ class CaseState:
     @property
     def end(self) -> Committed | CaseEnded | None:
         """The fact that ended it; ask :attr:`ended` where speed matters."""
-        return _unseal(self.sealed) if self.sealed else None
+        return unsealed(self.sealed) if self.sealed else None
 
     @end.setter
     def end(self, fact: Committed | CaseEnded | None) -> None:
@@ -252,8 +252,8 @@ class State:
     """Cases without an outcome, over all campaigns."""
     campaigns: dict[str, CampaignState] = field(default_factory=dict)
     workers: dict[str, WorkerState] = field(default_factory=dict)
-    departed: set[str] = field(default_factory=set)
-    """Ids of workers that left; an id is one incarnation and never comes back."""
+    departed: dict[str, None] = field(default_factory=dict)
+    """Ids of workers that left, the latest last; an id is one incarnation, never two."""
     leases: dict[int, LiveLease] = field(default_factory=dict)
     deaths: dict[str, tuple[CaseKey, ...]] = field(default_factory=dict)
     """Host -> different cases that were charged on it since it committed one."""

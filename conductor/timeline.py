@@ -51,7 +51,7 @@ def mark_start(folder: Path, at_s: float) -> None:
     """
     path = folder / FILE_NAME
     try:
-        with path.open("r+b", buffering=0) as file:
+        with open(path, "r+b", buffering=0, opener=_no_link) as file:
             if file.seek(0, os.SEEK_END) == 0:
                 return
             file.seek(-1, os.SEEK_END)
@@ -68,7 +68,7 @@ def append_events(
 ) -> None:
     """Append what ``facts`` say about leases to the files of their campaigns.
 
-    A file that cannot be written loses these lines; the journal has them.
+    A file that cannot be written, or is a link, loses these lines; the journal has them.
     """
     lines: dict[str, bytearray] = {}
     for fact in facts:
@@ -79,10 +79,16 @@ def append_events(
     for name, text in lines.items():
         path = Path(campaigns[name].out) / FILE_NAME
         try:
-            with path.open("ab", buffering=0) as file:
+            with open(path, "ab", buffering=0, opener=_no_link) as file:
                 file.write(text)
         except OSError as error:
             _log.debug("%s: %s", path, error.strerror)
+
+
+def _no_link(path: str, flags: int) -> int:
+    """Other files of a campaign are replaced; this one is written into, so what lies there counts:
+    neither a link nor a pipe that nobody reads."""
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
 
 
 def _event(fact: Fact, at_s: float) -> tuple[str, Event] | None:

@@ -17,7 +17,7 @@ from devkit.replay_command import replay
 from devkit.training_commands import evaluate, train
 from schemas.expected import Expected
 from schemas.foreign import Foreign
-from twin.fabric.cli import KeyOption, make_app, run
+from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
@@ -47,10 +47,15 @@ def host(
     expected: Annotated[
         str, typer.Option(help="What its cases will look with, as JSON; loaded beforehand.")
     ] = "[]",
-    key: KeyOption = None,
+    # No TWIN_KEY: that names keys of the conductor's fabric, none of which opens a rig.
+    key: Annotated[
+        Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
+    ] = None,
     join: Annotated[
         Path | None,
-        typer.Option(help="Serve every rig announced in this shared folder, one by one."),
+        typer.Option(
+            help="Serve every rig announced in this shared folder, which holds their keys, too."
+        ),
     ] = None,
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
@@ -58,9 +63,10 @@ def host(
     from twin.fabric.key_file import load_key
     from twin.fabric.roles import Role
 
-    found = load_key(key, Role.stack) if key else None
     if join is not None:
-        raise typer.Exit(run_join(join, found))
+        if key is not None:
+            raise UsageError(f"--key {key}: rigs announced in {join} have keys of their own there")
+        raise typer.Exit(run_join(join))
     if not (connect and rig and (stack or foreign)):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
     values = parsed_parameters(parameters)
@@ -72,6 +78,7 @@ def host(
         first = msgspec.json.decode(expected, type=list[Expected])
     except msgspec.MsgspecError as error:
         raise UsageError(f"--expected: {error}") from None
+    found = load_key(key, Role.stack) if key else None
     options = HostOptions(connect, rig, namespace, slots, stack, values, found, command, first)
     raise typer.Exit(run_host(options))
 

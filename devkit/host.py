@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,8 @@ from schemas.messages import Commands
 from twin.fabric import cuda
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
-from twin.fabric.key_file import Key
+from twin.fabric.files import write_atomic
+from twin.fabric.key_file import Key, read_private
 from twin.fabric.pauses import settle
 from twin.fabric.process import (
     PARENT_VARIABLE,
@@ -57,7 +60,7 @@ class HostOptions:
     stack: str
     parameters: dict[str, Any]
     key: Key | None = None
-    """Its key, for a simulator that listens with TLS."""
+    """The key that the rig gave its stack, for a simulator that listens with TLS."""
     foreign: Foreign | None = None
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
     expected: Sequence[Expected] = ()
@@ -80,17 +83,23 @@ def run_host(options: HostOptions) -> int:
 
 def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
     """A stack, or the script behind a bridge, in a process of its own."""
+    key, forget_key = _key_of_script(options.key, foreign)
     variables = drive_variables(
         connect=options.connect,
         namespace=options.namespace,
         rig=options.rig,
         slots=options.slots,
         parameters=options.parameters,
-        key=str(options.key.path) if options.key else "",
+        key=key,
     )
     # From here on nothing outlives the worker: neither a fetch of files nor what runs in them.
     supervised = os.environ.pop(PARENT_VARIABLE, "") != ""
-    ending = Ending(lambda: vacate(foreign, options.rig))
+
+    def clear() -> None:
+        forget_key()
+        vacate(foreign, options.rig)
+
+    ending = Ending(clear)
     watch_script_lifeline(supervised=supervised, ending=ending)
     try:
         command, folder = placed(foreign, options.rig)
@@ -98,6 +107,16 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         return _run_stack(options, script) if options.stack else run_command(script, ending)
     finally:
         ending()
+
+
+def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[], None]]:
+    """Path of the key as the script sees it, and what removes what was made for that."""
+    if key is None or foreign.image is None:
+        return str(key.path) if key else "", lambda: None
+    # Nothing of the host is seen in a container but /tmp, not even the worker's open files.
+    folder = Path(tempfile.mkdtemp(prefix="drivetwin-", dir="/tmp"))
+    write_atomic(folder / "stack.key", read_private(key.path), mode=0o600)
+    return str(folder / "stack.key"), lambda: shutil.rmtree(folder, ignore_errors=True)
 
 
 def _run_stack(options: HostOptions, script: Script | None) -> int:
@@ -222,12 +241,11 @@ def step(stack: Stack, incoming: Incoming) -> list[Any]:
     )
 
 
-def run_join(folder: Path, key: Key | None) -> int:
+def run_join(folder: Path) -> int:
     """Serve rigs announced in ``folder`` one after the other, each in a process of its own.
 
-    An announcement names the worker's key file; ``key`` replaces it where that has another path.
+    Beside an announcement lies the rig's key, if it has one.
     """
-    own = ["--key", str(key.path)] if key else []
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     child = None
     try:
@@ -236,9 +254,12 @@ def run_join(folder: Path, key: Key | None) -> int:
             if claimed is None:
                 time.sleep(JOIN_PERIOD_S)
                 continue
-            print(f"joining {claimed.stem}", file=sys.stderr, flush=True)
+            rig = claimed.name.partition(".")[0]
+            print(f"joining {rig}", file=sys.stderr, flush=True)
             arguments = json.loads(claimed.read_text(encoding="utf-8"))["arguments"]
             claimed.unlink(missing_ok=True)
+            key = folder / f"{rig}.key"
+            own = ["--key", str(key)] if key.exists() else []
             child = spawn(
                 [sys.executable, "-m", "devkit", "host", *arguments, *own], log=sys.stderr.buffer
             )

@@ -119,31 +119,42 @@ def replay(
     asked: Asked,
     tolerances: Mapping[str, float],
     report: Callable[[Replayed], None],
-) -> list[Replayed]:
+) -> tuple[list[Replayed], list[str]]:
     """Show all records to the stack, one after the other; each is reported when it is over.
 
     Cases whose stack is the same are driven by one process, as in a rig.
 
+    Returns:
+        What came of them, and a line for each file that is damaged.
+
     Raises:
-        UsageError: a file is damaged.
         StackFailedError: the stack does not start.
     """
-    done = []
+    done, damaged = [], []
     with contextlib.ExitStack() as held:
         rig, of = None, None
         for path in paths:
-            reader = RecordReader(path)
+            try:
+                reader = RecordReader(path)
+            except UsageError as error:
+                damaged.append(str(error))
+                continue
             case = _case(reader.head.case, asked)
             same = msgspec.json.encode((case.stack, case.parameters, case.foreign))
             if rig is None or of != same:
                 held.close()
                 rig, of = _started(held, case, asked.timeout_s), same
-            one = _drive(rig, reader, case, asked, tolerances)
+            try:
+                one = _drive(rig, reader, case, asked, tolerances)
+            except UsageError as error:
+                damaged.append(str(error))
+                rig = None  # it is in the middle of a case
+                continue
             done.append(one)
             report(one)
             if one.ended:
                 rig = None
-    return done
+    return done, damaged
 
 
 def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> ReplayRig:

@@ -11,7 +11,7 @@ import typer
 
 from devkit.check_command import parsed_parameters
 from twin.fabric.cli import Output, OutputOption, duration
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
 if TYPE_CHECKING:
     from devkit.replay import Asked, Replayed
@@ -77,14 +77,15 @@ def replay(
 
             write_plot(one, plots / f"{one.head.case.id}.png")
 
-    done = run_replay(paths, asked, tolerances, report)
+    done, damaged = run_replay(paths, asked, tolerances, report)
     equal = sum(one.equal for one in done)
     if output is Output.json:
-        print(
-            json.dumps({"equal": equal == len(done), "cases": [_plain(o) for o in done]}, indent=1)
-        )
-    else:
-        print(f"{equal} of {len(done)} equal")
+        found = {"equal": equal == len(paths), "cases": [_plain(one) for one in done]}
+        print(json.dumps({**found, "damaged": damaged}, indent=1))
+    elif done:
+        print(f"{equal} of {len(paths)} equal")
+    if damaged:
+        raise UsageError("\n".join(damaged))
     raise typer.Exit(EXIT_PASS if equal == len(done) else EXIT_FAILED)
 
 

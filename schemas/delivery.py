@@ -6,9 +6,9 @@ A worker asks whether it sees the conductor's campaign folder, by the digest of 
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 from schemas.campaign import Name
 from schemas.identity import digest
@@ -18,6 +18,12 @@ FILES_BYTES_MAX = 64 << 20
 
 MESSAGE_BYTES_MAX = FILES_BYTES_MAX + (1 << 20)
 """Largest message of this topic [bytes]."""
+
+
+Extra = Literal["interventions.jsonl", "realtime.csv"]
+"""Files that an attempt may have besides KPIs and log: what was done to it by hand, and how it went
+by the wall clock."""
+EXTRAS: tuple[Extra, ...] = ("interventions.jsonl", "realtime.csv")
 
 
 class SeenFolder(Struct, frozen=True, tag_field="verb", tag="seen"):
@@ -42,6 +48,10 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
     """Content of ``log.txt``."""
     sha256: str
     """See :func:`files_sha256`."""
+    extras: dict[Extra, bytes] = field(default_factory=dict)
+    """Content of the others, by name."""
+    extras_sha256: str = ""
+    """See :func:`extras_sha256`."""
 
 
 Delivery = SeenFolder | AttemptFiles
@@ -61,3 +71,9 @@ class Delivered(Struct, frozen=True):
 def files_sha256(kpi: bytes, log: bytes) -> str:
     """Digest over both files with their lengths."""
     return digest([kpi, log])
+
+
+def extras_sha256(extras: dict[Extra, bytes]) -> str:
+    """Digest over names and files with their lengths; empty without any."""
+    parts = [part for name in sorted(extras) for part in (name.encode(), extras[name])]
+    return digest(parts) if parts else ""

@@ -1,10 +1,17 @@
 """Being here puts ``tests/`` on the import path, for the modules that tests share; and which tests
-pytest-xdist runs together on one core."""
+pytest-xdist runs together in one process."""
 
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+# Thousands of processes are started, in environments that were installed without compiled modules:
+# they compile once, also where the environment of an image says that nothing is to be kept.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 CLUSTER = (
     *("test_containers", "test_faults", "test_offline", "test_pbs_wrapper", "test_slurm"),
@@ -24,6 +31,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
     items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """One more than there are cores: whoever waits for a time-out, a scheduler or a browser leaves
+    its core to another."""
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
+    return len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.hookimpl(optionalhook=True)

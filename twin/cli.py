@@ -12,7 +12,16 @@ import typer
 
 from schemas.view import ViewMode
 from twin.bench.command import app as bench_app
-from twin.fabric.cli import SECONDS_MAX, KeyOption, Output, OutputOption, duration, make_app, run
+from twin.fabric.cli import (
+    SECONDS_MAX,
+    InsecureOption,
+    KeyOption,
+    Output,
+    OutputOption,
+    duration,
+    make_app,
+    run,
+)
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import UsageError
 from twin.validate.command import app as validate_app
@@ -40,6 +49,7 @@ def worker(
     wait: Annotated[float, duration("With --state: wait this long for a conductor [s].")] = 0.0,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
     device: Device = "cpu",
     cores: Annotated[
@@ -50,7 +60,9 @@ def worker(
     ] = False,
     drive_listen: Annotated[
         str,
-        typer.Option(help="Where simulators listen for stacks on other nodes; needs a key."),
+        typer.Option(
+            help="Where simulators listen for stacks on other nodes; beyond loopback TLS."
+        ),
     ] = LOOPBACK,
     join_dir: Annotated[
         str,

@@ -28,6 +28,9 @@ from viewer.bench_compare import MODES, Run, compare
 WARM_UP_S = 10.0
 """Before anything is measured: imports, first pictures, subscriptions [s]."""
 
+CAMPAIGN = Path(__file__).with_name("bench_campaign.yaml")
+"""Long enough that the start of a rig and of its recorder count for what they do in use."""
+
 CPU_MAX = 0.25
 """Target: the viewer process takes at most this share of a core [-]."""
 MEMORY_MAX_MB = 600.0
@@ -43,7 +46,7 @@ class BenchOptions:
     """Cases of these in full."""
     seconds: float = 60.0
     """How long the viewer is measured; 0: not at all [s]."""
-    campaign: str = "aeb-demo"
+    campaign: str = str(CAMPAIGN)
     """What is simulated with and without viewers."""
     rounds: int = 3
     """Runs of each mode, interleaved; 0: none."""
@@ -234,6 +237,6 @@ def _lines(found: dict[str, Any]) -> list[str]:
             f"{viewer['received']} messages"
         )
     if simulation := found.get("simulation"):
-        lines.append(f"{simulation['campaign']}, {simulation['rounds']} runs of each:")
+        lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")
         lines += [f"  {line}" for line in bench_compare.lines(simulation)]
     return lines + [f"missed: {line}" for line in found["missed"]]

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import KeyOption, Output, OutputOption, duration, make_app, run
+from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.errors import UsageError
 from twin.fabric.process import PARENT_VARIABLE
 from viewer.steer_commands import register as register_steering
@@ -235,6 +235,7 @@ def live(
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     wait: Annotated[
         float | None,
         duration("Give up without a conductor after this long [s]; default: wait."),
@@ -289,6 +290,7 @@ def web(
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
+    insecure: InsecureOption = False,
     at: At = "aeb",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
@@ -315,6 +317,7 @@ def web(
         live_options = ["--connect", connect] if connect else []
         live_options += ["--run", str(run_folder)] if run_folder is not None else []
         live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
+        live_options += ["--insecure"] if insecure else []
         live_options += [f"--case={name}" for name in focus or ()]
         # The panel steers; with a viewer's key it says so, and all else is shown.
         where = LiveOptions(
@@ -354,8 +357,9 @@ def bench_command(
     focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
     seconds: Annotated[float, duration("How long the viewer is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
-        str, typer.Option(help="Campaign that is run with and without viewers.")
-    ] = "aeb-demo",
+        str | None,
+        typer.Option(help="Run with and without viewers; default: 32 cells of the AEB campaign."),
+    ] = None,
     rounds: Annotated[
         int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
     ] = 3,
@@ -368,9 +372,10 @@ def bench_command(
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
-    from viewer.bench import BenchOptions, bench
+    from viewer.bench import CAMPAIGN, BenchOptions, bench
 
-    options = BenchOptions(cases, focus, seconds, campaign, rounds, workers, slots, device)
+    chosen = campaign or str(CAMPAIGN)
+    options = BenchOptions(cases, focus, seconds, chosen, rounds, workers, slots, device)
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 
 

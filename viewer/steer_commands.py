@@ -17,7 +17,7 @@ from schemas.interventions import (
     Step,
 )
 from schemas.settings import actions_of, parse_words
-from twin.fabric.cli import KeyOption, Output, OutputOption
+from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption
 from twin.fabric.errors import UsageError
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def set_(
     campaign: Campaign = "",
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Change weather, hour, place, lamps, sensor errors or pace of a running case.
@@ -88,6 +89,7 @@ def step(
     campaign: Campaign = "",
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Let a case go on for some ticks and then stand still; its values stay the same."""
@@ -104,6 +106,7 @@ def takeover(
     campaign: Campaign = "",
     namespace: Namespace = "twin",
     key: KeyOption = None,
+    _insecure: InsecureOption = False,
 ) -> None:
     """Drive a running case by the keyboard of this terminal, in real time, until Q.
 
@@ -136,6 +139,7 @@ def _plain(action: Action):  # type: ignore[no-untyped-def]
         campaign: Campaign = "",
         namespace: Namespace = "twin",
         key: KeyOption = None,
+        _insecure: InsecureOption = False,
         output: OutputOption = Output.human,
     ) -> None:
         options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)

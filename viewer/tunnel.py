@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from schemas.json_text import JsonError, decode_json
-from twin.fabric.discovery import FILE_NAME, ConductorFile, Target
+from twin.fabric.discovery import FILE_NAME, ConductorFile, Target, agreed_namespace
 from twin.fabric.endpoint import check_endpoint, host_and_port, is_loopback, is_tls
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
 from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
@@ -79,8 +79,8 @@ class Tunnel:
         if far.connect:
             check_endpoint(far.connect)
         self._far = far
-        self._namespace = namespace
         self._key = load_key(key, role) if key is not None else None
+        self._namespace = agreed_namespace(namespace, self._key)
         self._role = role
         self._child: subprocess.Popen[bytes] | None = None
         self._to = ""

@@ -39,6 +39,7 @@ from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.fabric.frames import Channel, FrameBuffer, open_frames
 from twin.fabric.key_file import load_key
+from twin.fabric.rig_keys import RigKeys
 from twin.fabric.roles import Role
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
@@ -138,7 +139,7 @@ def _measure(folder: Path, cases: int, rounds: int) -> dict[str, Row]:
                 found = _commits(folder, used, cases, k)
                 rates.setdefault(name, {}).setdefault(tls, []).append(found)
             for exchange in EXCHANGES:
-                rate, sent = _round_trips(used, exchange)
+                rate, sent = _round_trips(exchange, tls=tls)
                 rates.setdefault(exchange.name, {}).setdefault(tls, []).append(rate)
                 wire[exchange.name] = sent
     return {
@@ -202,9 +203,9 @@ _TICK = topics.TICK.key.format(rig="rig")
 _COMMAND = topics.COMMAND.key.format(rig="rig")
 
 
-def _stack(keys: Path | None, path: str, nonce: str, connection: Connection) -> None:
+def _stack(own: Path | None, path: str, nonce: str, connection: Connection) -> None:
     """The other end of the drive plane, in a process of its own: answers with a small message."""
-    key = load_key(keys, Role.stack) if keys else None
+    key = load_key(own, Role.stack) if own else None
     shared = open_frames(path, FRAME_BYTES, nonce) if path else None
     bus = open_bus("peer", connect=[connection.recv()], key=key, namespace=NAMESPACE)
 
@@ -219,17 +220,18 @@ def _stack(keys: Path | None, path: str, nonce: str, connection: Connection) -> 
     bus.close()
 
 
-def _round_trips(keys: Path | None, exchange: Exchange) -> tuple[float, float]:
+def _round_trips(exchange: Exchange, *, tls: bool) -> tuple[float, float]:
     """Exchanges per second, one after the other, and bytes that one of them sends."""
+    keys = RigKeys("bench") if tls else None
     ours, theirs = multiprocessing.Pipe()
     frames = FrameBuffer(FRAME_BYTES) if exchange.shared else None
+    place = (frames.path, frames.nonce) if frames else ("", "")
     process = multiprocessing.get_context("spawn").Process(
-        target=_stack,
-        args=(keys, frames.path if frames else "", frames.nonce if frames else "", theirs),
+        target=_stack, args=(keys and keys.stack, *place, theirs)
     )
     process.start()
-    key = load_key(keys, Role.worker) if keys else None
-    listen = [to_listen(LOOPBACK, keyed=keys is not None)]
+    key = load_key(keys.simulator, Role.worker) if keys else None
+    listen = [to_listen(LOOPBACK, keyed=tls)]
     bus = open_bus("peer", listen=listen, key=key, namespace=NAMESPACE)
     try:
         ours.send(bus.endpoints[0])
@@ -255,6 +257,8 @@ def _round_trips(keys: Path | None, exchange: Exchange) -> tuple[float, float]:
         process.join()
         if frames:
             frames.close()
+        if keys:
+            keys.close()
 
 
 def _sent_bytes() -> int:

@@ -4,8 +4,10 @@ import fcntl
 import json
 import os
 import subprocess
+from pathlib import Path
 
 import pytest
+from changed_campaigns import changed, from_nearby
 from processes import Marked, nothing_left
 from slurm_cluster import SlurmCluster
 
@@ -29,8 +31,9 @@ def quiet(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def local(tmp_path_factory):
-    """``conductor run aeb-demo`` on this machine, without a scheduler: 2 workers x 1 slot."""
-    return _once(tmp_path_factory, "local", "aeb-demo", "--workers", "2", "--slots", "1")
+    """The demo from nearby on this machine, without a scheduler: 2 workers x 1 slot."""
+    path = changed(tmp_path_factory.mktemp("demo"), "aeb-demo", from_nearby)
+    return _once(tmp_path_factory, "local", path, "--workers", "2", "--slots", "1")
 
 
 @pytest.fixture(scope="session")
@@ -51,7 +54,7 @@ def _once(tmp_path_factory, name, campaign, *options):
     """
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    folder, said = shared / name / campaign, shared / f"{name}.json"
+    folder, said = shared / name / Path(campaign).stem, shared / f"{name}.json"
     with (shared / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not said.exists():

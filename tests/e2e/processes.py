@@ -9,19 +9,16 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO
 
 import psutil
+from waiting import PATIENCE_S, wait_for
 
-T = TypeVar("T")
 MARK = "TWIN_TEST_MARK"
-PATIENCE_S = 240.0
-"""Longest wait for a fact; generous, for machines that are shared and slow."""
 
 
 class Marked:
@@ -97,17 +94,6 @@ class Marked:
             for stream in (child.stdout, child.stderr):
                 if stream is not None:
                     stream.close()
-
-
-def wait_for(look: Callable[[], T], what: str) -> T:
-    """Poll until ``look`` returns something true."""
-    until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
-        found = look()
-        if found:
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"waited {PATIENCE_S:.0f} s in vain for {what}")
 
 
 def committed(folder: Path) -> int:

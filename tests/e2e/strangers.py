@@ -4,34 +4,30 @@ from __future__ import annotations
 
 import base64
 import json
-import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import zenoh
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.messages import StatusRequest
-from schemas.wire import encode
 from twin.fabric.authority import make_keys
 from twin.fabric.key_file import Key, load_key
 from twin.fabric.roles import Role
 
-PATIENCE_MS = 500
-"""How long a stranger tries to get in [ms]; with the key it takes 5."""
+SILENCE_S = 2.0
+"""How long somebody waits for an answer that must not come."""
 
 
 class Stranger:
     """A Zenoh session with certificates of its own choice, or with none."""
 
-    def __init__(self, endpoint: str, tls: dict[str, object]) -> None:
-        self.heard = threading.Event()
-        """A message or an answer came."""
+    def __init__(self, endpoint: str, tls: dict[str, object], patience_s: float = 0.5) -> None:
+        """Try to get in for ``patience_s``; with the key it takes 5 ms where nobody else works."""
         config = zenoh.Config()
         for name, value in {
             "mode": "client",
             "namespace": "twin",
             "connect/endpoints": [endpoint],
-            "connect/timeout_ms": PATIENCE_MS,
+            "connect/timeout_ms": int(1000 * patience_s),
             "scouting/multicast/enabled": False,
             "transport/link/tls": tls,
         }.items():
@@ -40,22 +36,20 @@ class Stranger:
             self._session: zenoh.Session | None = zenoh.open(config)
         except zenoh.ZError:
             self._session = None
-            return
-        self._subscriber = self._session.declare_subscriber("**", lambda _: self.heard.set())
-        request = encode(StatusRequest(v=SCHEMA_VERSION))
-        for _ in self._session.get(topics.RPC_STATUS.key, payload=request, timeout=2.0):
-            self.heard.set()
 
     @property
     def inside(self) -> bool:
         """Whether it got a session."""
         return self._session is not None
 
-    def answers(self, key: str, payload: bytes) -> list[bytes]:
-        """What comes back for a request."""
+    def answers(self, asked: Sequence[tuple[str, bytes]], wait_s: float) -> list[list[bytes]]:
+        """What comes back for each of several requests (key, payload), all under way at once."""
         assert self._session is not None
-        replies = self._session.get(key, payload=payload, timeout=2.0)
-        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+        under_way = [self._session.get(key, payload=data, timeout=wait_s) for key, data in asked]
+        return [
+            [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+            for replies in under_way
+        ]
 
     def close(self) -> None:
         """Go away."""

@@ -101,8 +101,24 @@ def test_recorded_drives_for_stacks_without_a_simulator(marked, tmp_path, monkey
     assert f"brake {clear['ticks']:>14}" in words
     assert words.endswith("0 of 1 equal\n")
 
+    # Damaged ones are named, at their head or amid the ticks; the others are shown all the same.
+    head, middle = (
+        folder / f"cases/{case}/attempt-1/drive.record" for case in ("clear", "heavy_fog")
+    )
+    head.write_bytes(b"no record of a drive")
+    data = bytearray(middle.read_bytes())
+    data[len(data) // 2] ^= 1
+    middle.write_bytes(data)
+    done, found = replay(marked, folder, *given)
+    assert done.returncode == 2
+    assert [case["case"] for case in found["cases"]] == ["heavy_rain"]
+    assert found["cases"][0]["equal"]
+    assert not found["equal"]
+    assert [line.partition(":")[0] for line in found["damaged"]] == [str(head), str(middle)]
+    assert [line in done.stderr for line in found["damaged"]] == [True, True]
+
     # One that does not start has no case to be blamed for: one line.
-    done, found = replay(marked, folder / "cases/clear/attempt-1", "--stack", "gapstack:None")
+    done, found = replay(marked, folder / "cases/heavy_rain/attempt-1", "--stack", "gapstack:None")
     assert (done.returncode, found) == (1, None), done.stderr
     assert "no class 'None'" in done.stderr
     assert "Traceback" not in done.stderr

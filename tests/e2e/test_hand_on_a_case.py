@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import os
 import pty
 import signal
@@ -9,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from processes import MARK, committed, complete, outcomes, wait_for
+from processes import MARK, PATIENCE_S, committed, complete, outcomes, wait_for
 from test_conductor_restart import serve
 
 from conductor.fingerprint import fingerprint
@@ -19,9 +20,12 @@ from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import TwinError, UsageError
 from twin.worker.steering_journal import read_journal
 
+EARLY_TICK = 20
+"""Of the forty of a case; half of them are steered."""
 
-def caught(state, but=()):
-    """A hand on some running case, which stands still."""
+
+def caught(state, but=(), before_tick=math.inf):
+    """A hand on some running case, which stands still; those that came further are let go."""
 
     def catch():
         for found in running_cases(run=state):
@@ -32,10 +36,12 @@ def caught(state, but=()):
             except UsageError:
                 continue  # it has just ended
             try:
-                case.pause()
-                return case
+                if case.pause() < before_tick:
+                    return case
+                case.resume()
             except UsageError:
-                case.close()
+                pass
+            case.close()
         return None
 
     return wait_for(catch, "a case to be caught")
@@ -52,7 +58,10 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
     conductor = serve(marked, state)
     marked.run("conductor", "submit", "chaos-16", "--state", str(state))
     worker = marked.start("twin", "worker", "--state", str(state), "--slots", "2")
-    with caught(state) as case, caught(state, but=[case.state.case]) as other:
+    with (
+        caught(state, before_tick=EARLY_TICK) as case,
+        caught(state, but=[case.state.case]) as other,
+    ):
         name, still = case.state.case, other.state.case
         before, held = case.look(), other.look()
         assert before.paused
@@ -76,7 +85,7 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
     told = marked.run(*explain).stdout
     for child in (worker, conductor):
         child.send_signal(signal.SIGTERM)
-        assert child.wait(20) == 0
+        assert child.wait(PATIENCE_S) == 0
     rows = outcomes(campaign)
     assert (rows[name]["attempts"], len(rows[name]["steered"])) == (2, 1)
     assert rows[name]["attempt_dir"].endswith("/attempt-2")
@@ -151,7 +160,7 @@ def _by_keyboard(marked, case, where):
         assert case.state.throttle > 0.0
         assert case.state.steering_rad > 0.0
         os.write(terminal, b"q")
-        assert child.wait(20) == 0
+        assert child.wait(PATIENCE_S) == 0
         assert "given back" in child.stderr.read().decode()
         assert not case.look().taken_over
     finally:

@@ -16,7 +16,6 @@ MISSING = slurm_cluster.missing() or (
 )
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.timeout(600),
     pytest.mark.skipif(bool(MISSING), reason=MISSING),
 ]
 

@@ -7,6 +7,7 @@ import sys
 
 import pyarrow.parquet as pq
 import pytest
+from changed_campaigns import changed, from_nearby
 from processes import committed, outcomes, wait_for
 
 
@@ -64,6 +65,8 @@ def test_a_process_killed_in_the_middle(marked, quiet, tmp_path, victim):
     rows = outcomes(folder)
     assert sum(row["attempts"] for row in rows.values()) > 16, "nothing was lost by the kill"
     assert all(not row["late"] for row in rows.values())
+    assert not list(folder.rglob("*.tmp"))
+    wait_for(lambda: not marked.processes(), "the end of every process, by itself")
 
 
 def test_another_seed_changes_it(marked, quiet, tmp_path):
@@ -93,13 +96,16 @@ def test_a_changed_kpi_file_is_noticed(marked, quiet, tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_the_demo_campaign_alone_and_together(marked, tmp_path):
-    folder = tmp_path / "a"
-    one = run(marked, folder, "--workers", "2", "--slots", "1", campaign="aeb-demo")
-    other = run(marked, tmp_path / "b", "--workers", "1", "--slots", "4", campaign="aeb-demo")
-    assert one["committed"] == 8
-    assert one["passed"] + one["failed"] == 8
-    assert one["fingerprint"] == other["fingerprint"]
+def test_the_demo_campaign_alone_and_together(marked, local, tmp_path):
+    """Real networks: eight cars one by one, and four at a time."""
+    folder = local["folder"]
+    path = changed(tmp_path, "aeb-demo", from_nearby)
+    other = run(marked, tmp_path / "b", "--workers", "1", "--slots", "4", campaign=path)
+    assert local["committed"] == 8
+    assert local["passed"] + local["failed"] == 8
+    assert local["fingerprint"] == other["fingerprint"]
+    ended = outcomes(folder).values()
+    assert all(row["scalars"]["aeb_time_s"] for row in ended), "its network was heard"
     assert (folder / "report.html").stat().st_size > 10_000
     summary = pq.read_table(folder / "summary.parquet")
     assert summary.num_rows == 8

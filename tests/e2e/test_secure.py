@@ -3,15 +3,21 @@
 import json
 import signal
 import socket
+from pathlib import Path
 
 import psutil
 import pytest
-from processes import interrupt, wait_for
-from strangers import Stranger, certificates_on
+from processes import PATIENCE_S, interrupt, wait_for
+from strangers import Stranger, certificates_on, options_of
 
+from schemas import SCHEMA_VERSION, topics
+from schemas.messages import StatusRequest
+from schemas.wire import encode
 from twin.fabric.authority import make_keys
 from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import TwinError
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
 
 
 def ports(marked):
@@ -54,12 +60,21 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     wait_for(lambda: marked.processes("record"), "the recorder")
     found = wait_for(lambda: len(ports(marked)) == 5 and ports(marked), "five listeners")
     secrets = [secret_of(path) for path in (out / "keys").iterdir()]
-    assert len(secrets) == 6
+    assert len(secrets) == 5
+    simulator = marked.one("sim")
+    words = simulator.cmdline()
+    secrets.append(secret_of(Path(words[words.index("--rig-key") + 1])))
     for kind, tls in certificates_on(out / "keys", tmp_path).items():
         for port in found:
             protocol = "tcp" if kind == "plain" else "tls"
             stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
             assert not stranger.inside, f"{kind} at {found[port]}"
+    member = options_of(load_key(out / "keys", Role.worker))
+    at = [each.laddr.port for each in simulator.net_connections("tcp") if each.status == "LISTEN"]
+    inside = [Stranger(f"tls/127.0.0.1:{port}", member) for port in at]
+    assert sorted(each.inside for each in inside) == [False, True], "the feed, not the rig"
+    for each in inside:
+        each.close()
     for process in marked.processes():
         shown = "".join([*process.cmdline(), *process.environ().values()])
         assert not [secret for secret in secrets if secret in shown]
@@ -67,6 +82,9 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     assert run.returncode == 1, stderr
     assert json.loads(stdout)["fingerprint"] == quiet["fingerprint"]
     assert not [secret for secret in secrets if secret in stdout + stderr]
+    said = "".join(path.read_text() for path in (out / "logs").iterdir())
+    for reason in ("it showed no key", "its key is of another fabric or rig"):
+        assert f"refused a connection: {reason}" in said, "the rig says why, too"
     for path in out.rglob("*"):
         if path.is_file() and path.parent.name != "keys":
             data = path.read_bytes()
@@ -87,10 +105,11 @@ def secret_of(path):
 def test_the_same_strangers_get_in_without_tls(marked, tmp_path):
     """So the test above can fail."""
     _, found = serving(marked, tmp_path / "state")
-    stranger = Stranger(found.endpoint, {})
+    stranger = Stranger(found.endpoint, {}, PATIENCE_S)
     try:
         assert stranger.inside
-        assert stranger.heard.is_set()
+        request = encode(StatusRequest(v=SCHEMA_VERSION))
+        assert stranger.answers([(topics.RPC_STATUS.key, request)], PATIENCE_S) != [[]]
     finally:
         stranger.close()
     for process in marked.processes("serve"):
@@ -128,7 +147,11 @@ def test_every_command_without_the_key_is_refused(marked, locked):
         for command in COMMANDS
         for reason, options in (
             ("needs a key of the fabric", ()),
-            ("it is of another fabric than", ("--key", other)),
+            # A host of a stack reads the key of a rig, not those of a conductor.
+            (
+                "it is of another fabric than",
+                ("--key", f"{other}/worker.key" if command[0] == "devkit" else other),
+            ),
         )
     ]
     for command, options, reason, child in started:
@@ -158,26 +181,64 @@ def test_garbage_then_a_restart_with_the_same_key(marked, locked):
     child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
     assert again.endpoint == endpoint, "workers look for it at the old port"
     assert (state / "keys/conductor.key").read_bytes() == key
-    assert marked.run("conductor", "stop", "--state", str(state)).returncode == 0
+    # An invitation leaked: new keys shut out everybody who holds an old one.
+    leaked = state / "leaked.key"
+    invite = ("conductor", "invite", "--role", "admin", "--state", str(state), "-o", str(leaked))
+    assert marked.run(*invite).returncode == 0
+    assert marked.run("conductor", "stop", "--key", str(leaked)).returncode == 0
     assert child.wait() == 0
+    assert marked.run("conductor", "keygen", "--force", str(state / "keys")).returncode == 0
+    child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
+    late = marked.run("conductor", "stop", "--key", str(leaked), "--connect", again.endpoint)
+    assert (late.returncode, "it is of another fabric" in late.stderr) == (2, True), late.stderr
+    assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
+    child.terminate()
+    child.communicate()
 
 
-def test_keygen_serve_and_a_worker_in_the_open(marked, tmp_path):
-    """A key of one's own; and what a worker must not open without one."""
+def test_keygen_and_serve(marked, tmp_path):
+    """A key of one's own; one of another role leaves no trace."""
     key = tmp_path / "mine"
     assert marked.run("conductor", "keygen", str(key)).returncode == 0
     state = tmp_path / "state"
+    for command in (("serve", "--state"), ("run", "chaos-16", "--out")):
+        wrong = marked.run(*("conductor", *command, str(state)), *("--key", f"{key}/worker.key"))
+        assert (wrong.returncode, "role worker may not serve" in wrong.stderr) == (2, True), wrong
+    assert not state.exists()
     child, found = serving(marked, state, "--key", str(key))
     assert found.endpoint.startswith("tls/127.0.0.1:"), "with a key loopback is TLS too"
     assert (found.key, (state / "keys").exists()) == (str(key), False)
     assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
     child.terminate()
     child.communicate()
-    child, found = serving(marked, state)
-    worker = marked.run(
-        *("twin", "worker", "--connect", found.endpoint, "--drive-listen", "tcp/0.0.0.0:0")
-    )
-    assert worker.returncode == 2
-    assert "tls/0.0.0.0:0: needs a key of the fabric" in worker.stderr
-    child.terminate()
-    child.communicate()
+
+
+def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
+    """One word at the conductor, the workers and those who look; a line says what it means."""
+    state = tmp_path / "state"
+    child, found = serving(marked, state, "--insecure", "--listen", "tcp/0.0.0.0:0")
+    assert (found.endpoint[:4], found.insecure, found.key) == ("tcp/", True, "")
+    assert not (state / "keys").exists()
+    place = ("--connect", found.endpoint)
+    refused = [marked.start(*command, *place) for command in COMMANDS[:-1]]
+    refused.append(marked.start("twin", "worker", "--state", str(state)))
+    refused.append(marked.start("conductor", "status", "--state", str(state)))
+    for each in refused:
+        _, err = each.communicate()
+        assert (each.returncode, len(err.splitlines())) == (2, 1), err
+        assert "or type --insecure: whoever reaches it may then read and command" in err
+    keys = str(make_keys(tmp_path / "keys"))
+    both = marked.run("conductor", "serve", "--state", str(tmp_path), "--insecure", "--key", keys)
+    assert (both.returncode, "leave one of them away" in both.stderr) == (2, True), both.stderr
+    typed = (*place, "--insecure")
+    assert marked.run("conductor", "submit", "chaos-16", *typed).returncode == 0
+    worker = marked.start("twin", "worker", *typed)
+    look = marked.start("viewer", "live", "--no-window", *typed, "--output", "json")
+    wait_for(lambda: any(state.glob("chaos-16/cases/*/attempt-1/kpi.parquet")), "a verdict")
+    assert marked.run("conductor", "stop", *typed).returncode == 0
+    assert worker.wait() == 0
+    interrupt(look)
+    assert json.loads(look.communicate()[0].splitlines()[-1])["received"] > 0
+    child.wait()
+    _, err = child.communicate()
+    assert len([line for line in err.splitlines() if "INSECURE: plain TCP at tcp/" in line]) == 1

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 import slurm_cluster
 import yaml
+from changed_campaigns import changed, from_nearby
 from container_images import missing, python_folders, shell_image
 from kernel_folders import LEFT_OUT, all_but_one, compiled_before, compiled_in, of_this_processor
-from processes import MARK, committed, outcomes
+from processes import MARK, PATIENCE_S, committed, outcomes
 from slurm_job import Job, hpc, wrapped_commands
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.timeout(600),
     pytest.mark.skipif(bool(slurm_cluster.missing()), reason=slurm_cluster.missing()),
 ]
 SKEWED = """
@@ -41,7 +41,7 @@ def render(folder, campaign, *options):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
@@ -145,9 +145,10 @@ def test_a_worker_on_each_of_six_gpus(marked, cluster, tmp_path):
     assert "exit code 0 (all passed)" in job.hpc("status")
 
 
-def test_aeb_demo(marked, cluster, local, tmp_path):
-    """Two nodes, one worker on each: the verdict is the exit code, the values are the same."""
-    job = Job(marked, cluster, tmp_path, "aeb-demo", "--workers", "2", "--nodes", "2")
+def test_real_networks_on_two_nodes(marked, cluster, local, tmp_path):
+    """One worker on each: the verdict is the exit code, the values are the same."""
+    path = changed(tmp_path, "aeb-demo", from_nearby)
+    job = Job(marked, cluster, tmp_path, path, "--workers", "2", "--nodes", "2")
     found = job.end()
     assert found["ExitCode"] == f"{local['code']}:0", job.text
     assert (found["Restarts"], found["NumNodes"]) == ("0", "2")

@@ -1,23 +1,19 @@
 """Nodes with networks of their own: stacks elsewhere, a node switched off, a node cut off."""
 
 import sys
-from pathlib import Path
 
 import pytest
 import slurm_namespaces
-import yaml
+from changed_campaigns import changed, from_nearby
 from processes import MARK, committed, outcomes
 from slurm_job import Job
 from slurm_namespaces import NamespacedCluster
 
-import conductor
 from conductor.fingerprint import fingerprint
-from schemas.yaml_file import load_yaml
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.network,
-    pytest.mark.timeout(600),
     pytest.mark.skipif(bool(slurm_namespaces.missing()), reason=slurm_namespaces.missing()),
 ]
 BY_HAND = """\
@@ -46,22 +42,14 @@ def cluster():
         slurm.stop()
 
 
-def campaign(folder, name, change):
-    """A shipped campaign with a change, as a file."""
-    data = load_yaml(Path(conductor.__file__).parent / "campaigns" / f"{name}.yaml")
-    change(data)
-    path = folder / "campaign.yaml"
-    path.write_text(yaml.safe_dump(data, sort_keys=False))
-    return str(path)
-
-
 def test_stacks_on_another_node(marked, cluster, local, tmp_path):
     """``autonomy.placement: node``: frames over TCP between two nodes, the same values."""
 
     def elsewhere(data):
+        from_nearby(data)
         data["autonomy"].update(placement="node")
 
-    path = campaign(tmp_path, "aeb-demo", elsewhere)
+    path = changed(tmp_path, "aeb-demo", elsewhere)
     where = ("--workers", "1", "--nodes", "2", "--interface", "eth0")
     job = Job(marked, cluster, tmp_path, path, *where, "--slots", "8")
 
@@ -79,7 +67,7 @@ def test_stacks_on_another_node(marked, cluster, local, tmp_path):
 
 def test_late_commits_of_a_node_that_was_cut_off_are_fenced(marked, cluster, tmp_path):
     """Started by hand. The cut-off worker finishes a case that was given to another meanwhile."""
-    campaign(tmp_path, "chaos-16", lambda data: data["matrix"].update(repeat=[0, 1, 2]))
+    changed(tmp_path, "chaos-16", lambda data: data["matrix"].update(repeat=[0, 1, 2]))
     script = tmp_path / "job.sh"
     script.write_text(BY_HAND.format(python=sys.executable))
     job = cluster.submit(script, **{MARK: marked.mark})

@@ -1,5 +1,6 @@
 """Simulator and stack in two network namespaces over mutual TLS: the same verdicts."""
 
+import stat
 from pathlib import Path
 
 import pytest
@@ -46,8 +47,12 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
         *("--drive-listen", f"tcp/{address}:0", "--join-dir", str(rigs)),
         prefix=inside,
     )
+    (key,) = wait_for(lambda: list(rigs.glob("[!.]*.key")), "the key of the rig")
+    assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    assert not (state / "keys/stack.key").exists(), "nothing else opens a rig"
     _, err = worker.communicate()
     assert worker.returncode == 0, err
+    assert list(rigs.iterdir()) == [], "announcement and key end with the rig"
     server.terminate()
     server.communicate()
     rows = outcomes(state / "chaos-16")

@@ -6,7 +6,7 @@ import signal
 import cv2
 import numpy as np
 import pytest
-from processes import Marked, committed, nothing_left, outcomes, wait_for
+from processes import PATIENCE_S, Marked, committed, nothing_left, outcomes, wait_for
 from recordings import begun, read_recording
 
 from twin.fabric.kpi_file import read_kpi
@@ -35,7 +35,7 @@ def keeping(keep, quiet, folder):
 
 def finish(child):
     """Its JSON."""
-    out, err = child.communicate(timeout=120)
+    out, err = child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 1, err
     found = json.loads(out)
     assert found["committed"] == 16
@@ -252,7 +252,7 @@ def test_running_cases_are_shown_live(marked, quiet, tmp_path):
         wait_for(laid_out(alone, views), "the views of the case")
     viewer.send_signal(signal.SIGINT)
     counts = said()
-    assert viewer.wait(20) == 0
+    assert viewer.wait(PATIENCE_S) == 0
     assert counts["received"] >= counts["cases"] >= 8
     assert counts["ended"] >= 8
     assert counts["logged"] >= 2
@@ -275,7 +275,7 @@ def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
     viewer.send_signal(signal.SIGCONT)
     viewer.send_signal(signal.SIGINT)
     assert said()["received"] >= 1
-    assert viewer.wait(20) == 0
+    assert viewer.wait(PATIENCE_S) == 0
 
 
 def test_a_conductor_that_moves_is_found_again(marked, tmp_path):
@@ -294,10 +294,10 @@ def test_a_conductor_that_moves_is_found_again(marked, tmp_path):
             assert len(heard.splitlines()) == 1
             heard = viewer.stderr.readline()
         conductor.send_signal(signal.SIGINT)
-        assert conductor.wait(30) == 130
+        assert conductor.wait(PATIENCE_S) == 130
     assert endpoints[0] != endpoints[1]
     viewer.send_signal(signal.SIGINT)
-    assert viewer.wait(30) == 0
+    assert viewer.wait(PATIENCE_S) == 0
 
 
 def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
@@ -322,7 +322,7 @@ def test_mistakes_are_one_line(marked, quiet, recorded, tmp_path):
         ]
     ]
     for child, words in done:
-        _, err = child.communicate(timeout=60)
+        _, err = child.communicate(timeout=PATIENCE_S)
         assert child.returncode == (3 if "serves" in words else 2), err
         assert words in err
         assert len(err.splitlines()) == 1

@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 from namespaces import hosts_in_a_row
+from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.network
 
@@ -74,6 +75,6 @@ def test_what_happens_to_the_network_and_the_conductor_is_told_and_heals(marked,
     conductor = conduct()
     line_with(viewer, f"connected to {endpoint}")
     viewer.send_signal(signal.SIGINT)
-    assert viewer.wait(30) == 0
+    assert viewer.wait(PATIENCE_S) == 0
     conductor.send_signal(signal.SIGINT)
-    assert conductor.wait(30) == 130
+    assert conductor.wait(PATIENCE_S) == 130

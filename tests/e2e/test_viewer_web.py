@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from processes import Marked, nothing_left, wait_for
+from processes import PATIENCE_S, Marked, nothing_left, wait_for
 from test_conductor_restart import serve
 from test_hand_on_a_case import caught
 from unit.viewer.recorded_case import write
@@ -152,7 +152,7 @@ def web(marked, *arguments):
 
 def end(child):
     child.send_signal(signal.SIGINT)
-    assert child.wait(20) == 0
+    assert child.wait(PATIENCE_S) == 0
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +244,7 @@ def test_running_cases_and_who_comes_late(marked, open_page, tmp_path):
         bus.close()
         for process in (child, conductor):
             process.send_signal(signal.SIGINT)
-            process.wait(20)
+            process.wait(PATIENCE_S)
 
 
 PANEL = """
@@ -258,7 +258,6 @@ matrix: {weather: [clear]}
 """
 
 
-@pytest.mark.timeout(900)  # a browser that draws in software shares the cores with the rest
 def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
     (tmp_path / "panel.yaml").write_text(PANEL)
     conductor = serve(marked, tmp_path / "state")
@@ -294,7 +293,7 @@ def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
         case.close()
         for process in (child, worker, conductor):
             process.send_signal(signal.SIGINT)
-            process.wait(20)
+            process.wait(PATIENCE_S)
 
 
 def _driven(page, case):
@@ -326,7 +325,7 @@ def _foreign(url, case):
     }
 
     def post(change, action="resume"):
-        line = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        line = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
         headers = {name: value for name, value in (ours | change).items() if value is not None}
         line.request("POST", "/steer", json.dumps(body | {"action": {"action": action}}), headers)
         answer = line.getresponse()
@@ -363,7 +362,7 @@ def test_mistakes_are_one_line(marked, campaign, tmp_path):
             ]
         ]
         for child, words in done:
-            _, err = child.communicate(timeout=120)
+            _, err = child.communicate(timeout=PATIENCE_S)
             assert child.returncode == 2, err
             assert words in err
             assert len(err.splitlines()) == 1

@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 import yaml
-from processes import wait_for
+from processes import PATIENCE_S, wait_for
 
 from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import UsageError
@@ -59,10 +59,10 @@ def test_watch_ends_with_the_campaign(marked, served):
     assert json.loads(objects.stdout.readline())["left"] == 40
     done = marked.run("twin", "worker", *where, "--slots", "4", "--until-done")
     assert done.returncode == 0, done.stderr
-    out, err = lines.communicate(timeout=30)
+    out, err = lines.communicate(timeout=PATIENCE_S)
     assert (lines.returncode, err) == (0, "")
     assert out.splitlines()[-1].startswith("idle: 40 of 40 cases ended")
-    out, err = objects.communicate(timeout=30)
+    out, err = objects.communicate(timeout=PATIENCE_S)
     assert (objects.returncode, err) == (0, "")
     assert json.loads(out.splitlines()[-1])["left"] == 0
     assert metric(url, cases % "passed") == 40
@@ -86,7 +86,7 @@ def test_watch_on_a_terminal_and_ctrl_c(marked, served):
         shown += os.read(ours, 65536).decode()
     assert "ETA" in shown
     watcher.send_signal(signal.SIGINT)
-    _, err = watcher.communicate(timeout=30)
+    _, err = watcher.communicate(timeout=PATIENCE_S)
     os.close(ours)
     assert watcher.returncode == 130
     assert "Traceback" not in err

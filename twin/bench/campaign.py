@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 
 from twin.fabric.errors import InfrastructureError, UsageError
-from twin.worker.profile import FOLDER_VARIABLE, LoopProfile
+from twin.worker.profile import FOLDER_VARIABLE, QUARTERS, LoopProfile, Quarter
 from twin.worker.resources_gpu import Gpu
 
 GPU_PERIOD_S = 0.2
@@ -81,6 +81,8 @@ class Row:
     """Of the loop's time, by :data:`PARTS`; they sum to 1."""
     laps_s: dict[str, float]
     """The same, finer [s]."""
+    quarters: list[Quarter]
+    """The ticks by how many of the slots had a case."""
     round_trip_p50_ms: float
     round_trip_p99_ms: float
     gpu_percent: float | None
@@ -191,11 +193,24 @@ def _row(
             for part, names in PARTS.items()
         },
         laps_s={name: round(spent_s, 4) for name, spent_s in sorted(laps.items())},
+        quarters=[
+            _together([profile.quarters[index] for profile in profiles])
+            for index in range(QUARTERS)
+        ],
         round_trip_p50_ms=longest.round_trip_p50_ms,
         round_trip_p99_ms=longest.round_trip_p99_ms,
         gpu_percent=percent,
         gpu_memory_bytes=memory,
     )
+
+
+def _together(parts: Sequence[Quarter]) -> Quarter:
+    """One quarter of all simulators, with the laps named as in :data:`PARTS`."""
+    seconds = {
+        part: sum(each.seconds.get(name, 0.0) for each in parts for name in names)
+        for part, names in PARTS.items()
+    }
+    return Quarter(sum(p.ticks for p in parts), sum(p.slot_ticks for p in parts), seconds)
 
 
 class _GpuWatcher:
@@ -274,13 +289,34 @@ def lines(rows: Sequence[Row]) -> list[str]:
                 *(gpu, memory, row.transport),
             ]
         )
-    widths = [max(len(line[column]) for line in table) for column in range(len(head))]
+    told = _columns(table)
+    for row in rows:
+        told.append(
+            f"{row.slots} slots: {row.cases} cases, {row.sim_s:,.1f} simulated s in "
+            f"{row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between the first tick and "
+            f"the last; fingerprint {row.fingerprint[:16]}"
+        )
+        told += [f"  {line}" for line in _columns(_by_use(row))]
+    return told
+
+
+def _by_use(row: Row) -> list[list[str]]:
+    """ms per tick while few and while many of the slots had a case: what does not fall with them
+    is paid for slots that stand empty."""
+    table = [["slots in use", "ticks", "cases per tick", *(f"{part} ms" for part in PARTS)]]
+    for index, quarter in enumerate(row.quarters):
+        if not quarter.ticks:
+            continue
+        laps_ms = [1e3 * quarter.seconds[part] / quarter.ticks for part in PARTS]
+        use = f"to {100 * (index + 1) // QUARTERS} %"
+        mean = f"{quarter.slot_ticks / quarter.ticks:.1f}"
+        table.append([use, str(quarter.ticks), mean, *(f"{lap_ms:.2f}" for lap_ms in laps_ms)])
+    return table
+
+
+def _columns(table: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     return [
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
         for line in table
-    ] + [
-        f"{row.slots} slots: {row.cases} cases, {row.sim_s:,.1f} simulated s in {row.wall_s:.1f} s "
-        f"of wall time, {row.loop_s:.1f} s of it between the first tick and the last; "
-        f"fingerprint {row.fingerprint[:16]}"
-        for row in rows
     ]

@@ -18,5 +18,7 @@ class Told(Struct, frozen=True):
     """Cases simulated together."""
     key: str = ""
     """Path of its key file; empty: none."""
+    insecure: bool = False
+    """The endpoint is plain TCP beyond loopback: somebody typed ``--insecure``."""
     log: str = ""
     """File to which it writes from then on; empty: where it did before."""

@@ -26,7 +26,7 @@ from twin.fabric.key_file import (
     load_key,
     read_private,
 )
-from twin.fabric.roles import Role, common_name
+from twin.fabric.roles import MEMBERS, Role, common_name, fabric_of_rig
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -40,6 +40,9 @@ DAYS = 365
 
 INVITED_DAYS = 30
 """How long a key that was asked for by itself is valid [days]."""
+
+RIG_DAYS = 30
+"""How long the two keys of a rig are valid; they open nothing once it has ended [days]."""
 
 MARGIN_DAYS = 2
 """A key is valid from so long before it is made: clocks of nodes differ [days]."""
@@ -60,7 +63,8 @@ class Authority:
 
         private = ec.generate_private_key(ec.SECP256R1())
         certificate = _certificate(self, common_name(self.fabric, role), private, days)
-        said = f"{ENDPOINT_MARK}{endpoint}\n{NAMESPACE_MARK}{namespace}\n" if endpoint else ""
+        said = f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
+        said += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
         pem = serialization.Encoding.PEM
         return b"".join(
             (
@@ -93,9 +97,9 @@ def make_keys(folder: Path, *, days: int = DAYS, replace: bool = False) -> Path:
     made: Path | None = None
     try:
         made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-        authority = _new_authority(days)
+        authority = _new_authority(f"drivetwin {secrets.token_hex(8)}", days)
         write_atomic(made / FILE_NAME, _as_file(authority), mode=0o600)
-        for role in Role:
+        for role in MEMBERS:
             write_atomic(made / f"{role}.key", authority.issue(role, days), mode=0o600)
         if there:
             # A folder is not replaced in one step; nobody reads keys while they change.
@@ -107,6 +111,16 @@ def make_keys(folder: Path, *, days: int = DAYS, replace: bool = False) -> Path:
             shutil.rmtree(made, ignore_errors=True)
         raise storage_error(error, str(folder)) from None
     return folder
+
+
+def rig_keys(rig: str) -> tuple[bytes, bytes]:
+    """The content of the key files of a rig's simulator and of its stack.
+
+    Their authority is a new one that nobody keeps, so these two can talk to each other and to
+    nobody else, and nobody can make a third.
+    """
+    authority = _new_authority(fabric_of_rig(rig), RIG_DAYS)
+    return authority.issue(Role.worker, RIG_DAYS), authority.issue(Role.stack, RIG_DAYS)
 
 
 def load_or_make(folder: Path) -> Key:
@@ -159,12 +173,11 @@ def days_left(authority: Authority) -> int:
 _SUFFIX = "authority"
 
 
-def _new_authority(days: float) -> Authority:
+def _new_authority(fabric: str, days: float) -> Authority:
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes
     from cryptography.hazmat.primitives.asymmetric import ec
 
-    fabric = f"drivetwin {secrets.token_hex(8)}"
     private = ec.generate_private_key(ec.SECP256R1())
     certificate = (
         _unsigned(fabric, f"{fabric} {_SUFFIX}", private, _from_now(days))

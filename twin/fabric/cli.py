@@ -51,6 +51,24 @@ KeyOption = Annotated[
 """The option of every command that connects."""
 
 
+def _allow_plain(value: bool) -> bool:
+    from twin.fabric.endpoint import allow_plain
+
+    if value:
+        allow_plain()
+    return value
+
+
+InsecureOption = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        callback=_allow_plain,
+        help="Plain TCP beyond loopback: whoever reaches the port may read and command.",
+    ),
+]
+"""Beside :data:`KeyOption`; works by itself, for the whole process."""
+
 SECONDS_MAX = 1e9
 """Longest duration that an option takes, 32 years; without a limit ``inf`` and ``nan`` pass [s]."""
 

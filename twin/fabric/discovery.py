@@ -19,6 +19,9 @@ from twin.fabric.roles import Role
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""
 
+NAMESPACE = "twin"
+"""The namespace where nobody says another."""
+
 POLL_S = 0.2
 """How often a conductor that is awaited is looked for [s]."""
 
@@ -34,6 +37,8 @@ class ConductorFile(msgspec.Struct, frozen=True):
     version: str
     key: str = ""
     """Path of the folder of keys, as the conductor sees it; empty: there is none."""
+    insecure: bool = False
+    """It speaks plain TCP beyond loopback, which has to be typed on every side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +101,7 @@ def choose_target(
     Args:
         connect: endpoint; empty: see the others.
         folder: state or campaign folder.
-        namespace: prefix of every key at ``connect``.
+        namespace: prefix of every key at ``connect``, unless an invitation says which.
         key: key file, or a folder of keys.
         role: what the command does needs a key of this role.
 
@@ -106,14 +111,29 @@ def choose_target(
     if folder is not None and not connect:
         return find_target(folder, role, key)
     found = load_key(key, role) if key is not None else None
-    if connect:
-        return Target(connect, namespace, found)
-    if found is not None and found.endpoint:
-        return Target(found.endpoint, found.namespace, found)
+    endpoint = connect or (found.endpoint if found else "")
+    if endpoint:
+        return Target(endpoint, agreed_namespace(namespace, found), found)
     raise UsageError(
         "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
         "(`conductor serve` prints both), or the --key of an invitation, which names it"
     )
+
+
+def agreed_namespace(given: str, key: Key | None) -> str:
+    """The namespace to speak in: that of an invitation, or else the one given.
+
+    Raises:
+        UsageError: they contradict each other.
+    """
+    if key is None or not key.namespace or key.namespace == given:
+        return given
+    if given != NAMESPACE:
+        raise UsageError(
+            f"--namespace {given}: {key.path} is an invitation to namespace {key.namespace}; leave "
+            "--namespace away, or ask for a key of the other conductor"
+        )
+    return key.namespace
 
 
 def find_conductor(folder: Path) -> ConductorFile:

@@ -7,10 +7,27 @@ import ipaddress
 from twin.fabric.errors import UsageError
 
 PROTOCOLS = ("tcp", "tls")
-"""``tcp`` is plain and stays on loopback; ``tls`` needs a key."""
+"""``tcp`` is plain and stays on loopback, see :func:`allow_plain`; ``tls`` needs a key."""
 
 LOOPBACK = "tcp/127.0.0.1:0"
 """A free port that only this host reaches."""
+
+
+_plain_allowed = False
+
+
+def allow_plain() -> None:
+    """From now on this process may speak plain TCP beyond loopback: somebody typed ``--insecure``.
+
+    It holds for the process, because what it opens must not depend on which way the word took.
+    """
+    global _plain_allowed
+    _plain_allowed = True
+
+
+def is_exposed(endpoint: str) -> bool:
+    """Whether others than this host could read and write there: plain TCP beyond loopback."""
+    return not is_tls(endpoint) and not is_loopback(endpoint)
 
 
 def check_endpoint(endpoint: str) -> None:
@@ -49,19 +66,21 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def to_listen(endpoint: str, *, keyed: bool) -> str:
-    """``endpoint`` as it is listened on: with TLS beyond loopback, and wherever a key was given.
+    """``endpoint`` as it is listened on: with TLS beyond loopback, and wherever a key was given;
+    after :func:`allow_plain` as it stands.
 
     Raises:
         UsageError: it is no endpoint.
     """
     check_endpoint(endpoint)
-    if keyed or not is_loopback(endpoint):
+    if keyed or (is_exposed(endpoint) and not _plain_allowed):
         return f"tls/{endpoint.partition('/')[2]}"
     return endpoint
 
 
 def check_protected(endpoint: str, *, keyed: bool) -> None:
-    """Raise UsageError if ``endpoint`` would be plain beyond loopback, or TLS without a key."""
+    """Raise UsageError if ``endpoint`` is TLS and there is no key, or plain beyond loopback and
+    there is one, or nobody typed ``--insecure``."""
     check_endpoint(endpoint)
     if is_tls(endpoint) and not keyed:
         raise UsageError(
@@ -74,10 +93,12 @@ def check_protected(endpoint: str, *, keyed: bool) -> None:
             f"{endpoint}: TLS does not work with IPv6 addresses; use the host's name or IPv4 "
             "address, or [::] to listen on all interfaces"
         )
-    if not is_tls(endpoint) and not is_loopback(endpoint):
+    if is_exposed(endpoint) and (keyed or not _plain_allowed):
+        end = "" if keyed else ", or type --insecure: whoever reaches it may then read and command"
         raise UsageError(
             f"{endpoint}: plain TCP is for this host's loopback only; "
             f"use tls/{endpoint.partition('/')[2]} with --key FILE (`conductor keygen` makes one)"
+            f"{end}"
         )
 
 

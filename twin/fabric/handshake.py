@@ -16,7 +16,7 @@ from typing import Any
 from twin.fabric.endpoint import check_protected, host_and_port, is_tls
 from twin.fabric.errors import UnreachableError
 from twin.fabric.key_file import Key, UnfitKeyError
-from twin.fabric.roles import Role, split_name
+from twin.fabric.roles import Role, rig_of, split_name
 
 _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""
@@ -53,10 +53,16 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
     except ssl.SSLCertVerificationError as error:
         if error.verify_code in (_NOT_YET_VALID, _EXPIRED):
             line = f"{endpoint}: {error.verify_message}; compare the clocks, or make a new key"
+        elif rig := rig_of(key.fabric):
+            line = (
+                f"{endpoint}: refused: this is not the simulator of rig {rig}, and {key.path} is "
+                "for that one alone; every rig gives its stack a key of its own, see --join-dir"
+            )
         else:
             line = (
                 f"{endpoint}: refused: it is of another fabric than {key.path}; take one of the "
-                "keys/ in its state folder, as they are now, or ask for a new one"
+                "keys/ in its state folder, as they are now, or ask for a new one (a rig takes "
+                "only the key that it gave its stack)"
             )
         raise UnfitKeyError(line) from None
     except (ssl.SSLError, TimeoutError):

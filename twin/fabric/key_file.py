@@ -55,8 +55,8 @@ class Key:
     role: Role
     endpoint: str = ""
     """Where the conductor was when the key was made; empty: unknown."""
-    namespace: str = "twin"
-    """Its namespace, where ``endpoint`` is known."""
+    namespace: str = ""
+    """Its namespace then; empty: unknown."""
 
     def __repr__(self) -> str:
         return f"Key({self.path})"
@@ -109,14 +109,8 @@ def load_key(path: Path, role: Role) -> Key:
         fabric=fabric,
         role=found,
         endpoint=_said(said, ENDPOINT_MARK),
-        namespace=_said(said, NAMESPACE_MARK) or "twin",
+        namespace=_said(said, NAMESPACE_MARK),
     )
-
-
-def beside(key: Key, role: Role) -> Path:
-    """The key of ``role`` in the same folder as ``key``, or else that of ``key`` itself."""
-    found = key.path.with_name(f"{role}.key")
-    return found if found.exists() else key.path
 
 
 def shared(key: Key) -> Path:

@@ -23,7 +23,7 @@ class Role(StrEnum):
     worker = "worker"
     """Leases and commits, drives and shows its rigs: worker, simulator and recorder."""
     stack = "stack"
-    """Drives in the rig that it connects to."""
+    """Drives in its rig, which has a fabric of its own; there are no others of this role."""
     viewer = "viewer"
     """Looks."""
     admin = "admin"
@@ -64,8 +64,6 @@ _SHOWN = _keys(
         if topic.key.startswith("view/") and topic is not topics.VIEW_CONTROL
     )
 )
-_STEERED = _keys(topics.CONTROL, topics.VIEW_CONTROL)
-
 _STACK = {
     Act.publish: (*_keys(topics.COMMAND), _ready("stack")),
     Act.subscribe: (*_SENSED, _ready("simulator")),
@@ -79,27 +77,21 @@ _VIEWER = {
 MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
     Role.conductor: dict.fromkeys(Act, ("**",)),
     Role.worker: {
-        # Both ends of its rigs: a stack that it starts may have no key of its own.
-        Act.publish: (
-            *_SENSED,
-            *(_ready("simulator"), *_STACK[Act.publish]),
-            *(*_SHOWN, *_keys(topics.FEED_END)),
-        ),
+        Act.publish: (*_SENSED, _ready("simulator"), *_SHOWN, *_keys(topics.FEED_END)),
         Act.subscribe: (
             *_keys(topics.COMMAND, topics.WORKER_COMMAND),
-            *(_ready("stack"), *_STACK[Act.subscribe]),
-            *(*_SHOWN, *_keys(topics.FEED_END)),  # its recorder
+            *(_ready("stack"), *_SHOWN, *_keys(topics.FEED_END)),  # its recorder
         ),
         Act.ask: _keys(topics.RPC_WORKER, topics.RPC_STATUS, topics.FILES),
-        Act.answer: (*_STEERED, *_keys(topics.FEED_SCENE)),
+        Act.answer: _keys(topics.CONTROL, topics.VIEW_CONTROL, topics.FEED_SCENE),
         Act.announce: _keys(topics.WORKER_ALIVE, topics.SIMULATOR_ALIVE, topics.RECORDER_ALIVE),
-        Act.watch: _keys(topics.SIMULATOR_ALIVE, topics.RECORDER_ALIVE),
+        Act.watch: _keys(topics.RECORDER_ALIVE),
     },
     Role.stack: _STACK,
     Role.viewer: _VIEWER,
     Role.admin: {
         Act.subscribe: _VIEWER[Act.subscribe],
-        Act.ask: (*_VIEWER[Act.ask], *_keys(topics.RPC_ADMIN), *_STEERED),
+        Act.ask: (*_VIEWER[Act.ask], *_keys(topics.RPC_ADMIN, topics.VIEW_CONTROL)),
     },
 }
 """Role -> act -> key expressions, below the session's namespace; what is not here is denied."""
@@ -130,13 +122,30 @@ _NOT_ITS = {
 }
 
 
-INVITED = (Role.viewer, Role.stack, Role.worker, Role.admin)
-"""Roles that somebody may be invited as, the least first; there is one conductor."""
+INVITED = (Role.viewer, Role.worker, Role.admin)
+"""Roles that somebody may be invited as, the least first; there is one conductor, and a stack gets
+its key from its rig."""
+
+MEMBERS = (Role.conductor, *INVITED)
+"""Roles of which a conductor's folder of keys has one."""
 
 
 def common_name(fabric: str, role: Role) -> str:
     """What a certificate of ``role`` is called; no two fabrics share it."""
     return f"{fabric} {role}"
+
+
+_RIG = "drivetwin rig "
+
+
+def fabric_of_rig(rig: str) -> str:
+    """The fabric that the simulator and the stack of ``rig`` are of, and nobody else."""
+    return f"{_RIG}{rig}"
+
+
+def rig_of(fabric: str) -> str:
+    """The rig whose fabric this is; empty: it is that of a conductor."""
+    return fabric.removeprefix(_RIG) if fabric.startswith(_RIG) else ""
 
 
 def split_name(name: str) -> tuple[str, Role]:
@@ -155,8 +164,10 @@ def refusal(role: Role, act: Act, key: str) -> str:
     """Why it may not, and which role may: the end of a sentence."""
     # Nobody is told to ask for more than it takes.
     able = [other for other in INVITED if may(other, act, key)]
-    allowed = " or ".join(able) or Role.conductor
     remedy = f"ask for one by `conductor invite --role {able[0]}`" if able else "give that one"
+    if may(Role.stack, act, key) and not able:
+        able, remedy = [Role.stack], "its rig gives it that one"
+    allowed = " or ".join(able) or Role.conductor
     return f"a key of role {role} may not {_NOT_ITS[act]} {key}, allowed: {allowed}; {remedy}"
 
 

@@ -12,20 +12,22 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import msgspec
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.delivery import (
+    EXTRAS,
     FILES_BYTES_MAX,
     AttemptFiles,
     Delivered,
     SeenFolder,
+    extras_sha256,
     files_sha256,
 )
-from schemas.messages import Lease, Result
+from schemas.messages import Ended, Lease, Result
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -63,7 +65,7 @@ class Delivery:
                 if not self._shared[lease.out]:
                     said.append(
                         f"{lease.out} is not the conductor's folder here: results are delivered "
-                        "through the fabric, recordings are not"
+                        "through the fabric, recordings and the log of resources are not"
                     )
             if not self._shared[lease.out]:
                 attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"
@@ -83,29 +85,41 @@ class Delivery:
         """Whether the files of this token are in our scratch, and end with us."""
         return token in self._files
 
-    def deliver(self, results: Sequence[Result], on_sent: Callable[[], None]) -> bool:
-        """Bring the files of ``results`` to the conductor; False: not now, ask again.
+    def deliver(
+        self, results: Sequence[Result], ended: Sequence[Ended], on_sent: Callable[[], None]
+    ) -> bool:
+        """Bring the files of ``results``, and of attempts that ended by hand, to the conductor;
+        False: not now, ask again.
 
         ``on_sent`` runs after each: many results over a slow line take a while.
 
         Raises:
             InfrastructureError: the conductor will never take one of them.
         """
-        for result in results:
-            if result.token in self._files and result.attempt_dir:
-                lease, folder = self._files[result.token]
-                if result.token not in self._delivered and not self._send(lease, folder):
+        due = [result.token for result in results if result.attempt_dir]
+        due += [end.token for end in ended if self._has_journal(end)]
+        for token in due:
+            if token in self._files:
+                lease, folder = self._files[token]
+                if token not in self._delivered and not self._send(lease, folder):
                     return False
-                self._delivered.add(result.token)
+                self._delivered.add(token)
                 on_sent()
         return True
 
-    def forget(self, results: Sequence[Result]) -> None:
-        """Committed: the scratch copies can go."""
-        for result in results:
-            if result.token in self._files:
-                _, folder = self._files.pop(result.token)
-                self._delivered.discard(result.token)
+    def _has_journal(self, end: Ended) -> bool:
+        """Of the leases that went back, only these are worth keeping, once they are whole."""
+        if end.reason != "intervened" or end.token not in self._files:
+            return False
+        _, folder = self._files[end.token]
+        return (folder / "kpi.parquet").exists() and (folder / "log.txt").exists()
+
+    def forget(self, tokens: Iterable[int]) -> None:
+        """The conductor knows how they ended: the scratch copies can go."""
+        for token in tokens:
+            if token in self._files:
+                _, folder = self._files.pop(token)
+                self._delivered.discard(token)
                 shutil.rmtree(folder, ignore_errors=True)
 
     def close(self) -> None:
@@ -138,9 +152,11 @@ class Delivery:
 
     def _send(self, lease: Lease, folder: Path) -> bool:
         kpi, log = (folder / "kpi.parquet").read_bytes(), (folder / "log.txt").read_bytes()
-        if len(kpi) + len(log) > FILES_BYTES_MAX:
+        extras = {name: (folder / name).read_bytes() for name in EXTRAS if (folder / name).exists()}
+        size = len(kpi) + len(log) + sum(map(len, extras.values()))
+        if size > FILES_BYTES_MAX:
             raise InfrastructureError(
-                f"{lease.case.id}: results of {len(kpi) + len(log)} bytes, at most "
+                f"{lease.case.id}: results of {size} bytes, at most "
                 f"{FILES_BYTES_MAX} are delivered; run this worker where it shares the "
                 "conductor's file system"
             )
@@ -152,6 +168,8 @@ class Delivery:
             kpi=kpi,
             log=log,
             sha256=files_sha256(kpi, log),
+            extras=extras,
+            extras_sha256=extras_sha256(extras),
         )
         answer = self._ask(encode(files))
         if answer is None or (answer.retry and not answer.ok):

@@ -33,7 +33,11 @@ class Build(Struct, frozen=True, tag_field="kind", tag="build"):
     view_connect: str
     """The conductor's router."""
     key: str = ""
-    """Path of the worker's key file; empty: none."""
+    """Path of the worker's key file, for viewers; empty: none."""
+    rig_key: str = ""
+    """Path of the simulator's own key file, for the drive session; empty: none."""
+    insecure: bool = False
+    """The router is plain TCP beyond loopback: somebody typed ``--insecure``."""
 
 
 class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
@@ -68,6 +72,12 @@ class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
     endpoint: str
     view: str = ""
     """Where a recorder connects; empty: nothing is to be recorded."""
+
+
+class Refused(Struct, frozen=True, tag_field="kind", tag="refused"):
+    """Somebody was not let into the rig; a sentence for the worker's log."""
+
+    line: str
 
 
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
@@ -116,7 +126,7 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
 
 
 Downward = Build | Assign | Abandon | Close | Drain
-Upward = Listening | Built | Progress | Touched | Done | Steered | Drained | Broken
+Upward = Listening | Refused | Built | Progress | Touched | Done | Steered | Drained | Broken
 
 
 def pack(message: Struct) -> bytes:

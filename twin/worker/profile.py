@@ -24,6 +24,20 @@ ROUND_TRIPS_MAX = 200_000
 """Most round trips remembered; later ones are left out."""
 
 
+QUARTERS = 4
+"""Ticks are told apart by the quarter of the slots that had a case."""
+
+
+class Quarter(Struct, frozen=True):
+    """The ticks of one quarter of use: above 0 to 25 % of the slots, to 50 %, to 75 %, to all."""
+
+    ticks: int
+    slot_ticks: int
+    """Sum over these ticks of the slots that had a case."""
+    seconds: dict[str, float]
+    """As :attr:`LoopProfile.seconds`, of these ticks."""
+
+
 class LoopProfile(Struct, frozen=True):
     """One simulator process so far. Times are wall clock on the host's monotonic clock."""
 
@@ -51,6 +65,7 @@ class LoopProfile(Struct, frozen=True):
     """Where the loop's time went, by name [s]; sums to that from the first tick to the last."""
     round_trip_p50_ms: float
     round_trip_p99_ms: float
+    quarters: list[Quarter]
 
 
 class LoopLog:
@@ -70,6 +85,7 @@ class LoopLog:
         self._round_trips = array("d")
         self._counted: dict[str, float] = {}
         """Laps up to the last tick: what comes after it is no part of the loop."""
+        self._quarters = [Quarter(0, 0, {})] * QUARTERS
 
     def begin_tick(self) -> None:
         """A tick begins; what passed before the first is not part of the loop."""
@@ -90,7 +106,15 @@ class LoopLog:
     def end_tick(self, active: int, frames: int, period_ns: int) -> None:
         """A tick of ``active`` slots has ended, ``frames`` pictures were rendered in it."""
         self._last_s = time.monotonic()
-        self._counted = dict(self.watch.seconds)
+        laps = dict(self.watch.seconds)
+        index = max(0, -(-QUARTERS * active // self._slots) - 1)
+        had = self._quarters[index]
+        seconds = {
+            name: had.seconds.get(name, 0.0) + spent_s - self._counted.get(name, 0.0)
+            for name, spent_s in laps.items()
+        }
+        self._quarters[index] = Quarter(had.ticks + 1, had.slot_ticks + active, seconds)
+        self._counted = laps
         self._ticks += 1
         self._frames += frames
         self._sim_ns += active * period_ns
@@ -125,4 +149,5 @@ class LoopLog:
             seconds=self._counted,
             round_trip_p50_ms=float(np.percentile(trips_ms, 50)),
             round_trip_p99_ms=float(np.percentile(trips_ms, 99)),
+            quarters=list(self._quarters),
         )

@@ -26,12 +26,11 @@ from schemas.expected import expected_of
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import LOOPBACK, to_listen
+from twin.fabric.endpoint import LOOPBACK, is_exposed, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
-from twin.fabric.key_file import beside
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
-from twin.fabric.roles import Role
+from twin.fabric.rig_keys import RigKeys
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -117,13 +116,15 @@ class RigProcess:
         self._lock = threading.Lock()
         self._stack: subprocess.Popen[bytes] | None = None
         self._recorder: subprocess.Popen[bytes] | None = None
-        self._announced: Path | None = None
+        self._announced: tuple[Path, ...] = ()
         self._fetches, self._fetch_seen_ns = False, 0
         self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
         listen = options.drive_listen if remote else LOOPBACK
-        listen = to_listen(listen, keyed=options.key is not None)
+        # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
+        listen = to_listen(listen, keyed=options.key is not None or not is_loopback(listen))
+        self._keys = RigKeys(self._id) if is_tls(listen) else None
         view = options.view or ViewMode(lease.case.view)
         if lease.case.keep == "none":
             view = view.unrecorded
@@ -144,6 +145,8 @@ class RigProcess:
             view_namespace=options.namespace,
             view_connect=options.connect,
             key=str(options.key.path) if options.key else "",
+            rig_key=str(self._keys.simulator) if self._keys else "",
+            insecure=is_exposed(options.connect),
         )
         self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()
@@ -156,12 +159,6 @@ class RigProcess:
     def _key(self) -> tuple[str, ...]:
         """Children are told where the key lies, never the key."""
         return ("--key", str(self._options.key.path)) if self._options.key else ()
-
-    @property
-    def _stack_key(self) -> tuple[str, ...]:
-        """A stack is somebody else's program: where there is a key for stacks, it gets that."""
-        key = self._options.key
-        return ("--key", str(beside(key, Role.stack))) if key else ()
 
     def assign(self, lease: Lease, replay: Sequence[Intervention] = ()) -> None:
         """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
@@ -206,8 +203,10 @@ class RigProcess:
                 child.kill()  # nothing of value is in there: results are on disk
         for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
-        if self._announced is not None:
-            self._announced.unlink(missing_ok=True)
+        for path in self._announced:
+            path.unlink(missing_ok=True)
+        if self._keys is not None:
+            self._keys.close()
         self._log.close()
         self._stack_log.close()
         self._recorder_log.close()
@@ -252,7 +251,7 @@ class RigProcess:
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
             *("--slots", str(self._slots), "--stack", self._lease.case.stack),
-            *("--parameters", json.dumps(self._lease.case.parameters), *self._stack_key),
+            *("--parameters", json.dumps(self._lease.case.parameters)),
             *("--expected", msgspec.json.encode(expected).decode()),
         ]
         if self._lease.case.foreign is not None:
@@ -263,6 +262,8 @@ class RigProcess:
         if self._lease.case.placement == "node":
             self._announce(arguments)
             return
+        if self._keys is not None:
+            arguments += ["--key", str(self._keys.stack)]
         self._stack = spawn(
             [sys.executable, "-m", "devkit", "host", *arguments],
             environment=_threads(),
@@ -311,8 +312,11 @@ class RigProcess:
     def _announce(self, arguments: list[str]) -> None:
         folder = Path(self._options.join_dir)
         folder.mkdir(parents=True, exist_ok=True)
-        self._announced = folder / f"{self._id}.json"
-        write_atomic(self._announced, json.dumps({"arguments": arguments}).encode())
+        path = folder / f"{self._id}.json"
+        self._announced = (path, path.with_suffix(".key"))
+        if self._keys is not None:
+            self._keys.hand_over(path.with_suffix(".key"))  # first: whoever sees the other needs it
+        write_atomic(path, json.dumps({"arguments": arguments}).encode())
 
     def _watch_stack(self) -> None:
         assert self._stack is not None

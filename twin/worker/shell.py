@@ -30,7 +30,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.delivery import Delivery
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Steered, Touched
+from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
 from twin.worker.sim_process import SimulatorProcess
@@ -154,8 +154,8 @@ class Worker:
 
     def _startup(self) -> None:
         bind_to_parent()
-        keyed = self._options.key is not None
-        check_protected(to_listen(self._options.drive_listen, keyed=keyed), keyed=keyed)
+        # Rigs make their own keys, so that no stack's frames leave this host as plain TCP.
+        check_protected(to_listen(self._options.drive_listen, keyed=True), keyed=True)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, self._on_signal)
         self._bus = open_bus(
@@ -199,17 +199,20 @@ class Worker:
     def _next(self, request: Next) -> Reply | None:
         """Files of results that the conductor cannot see go before their commit."""
         assert self._delivery is not None
-        tokens = [*request.held, *(result.token for result in request.results)]
+        over = [end.token for end in (*request.results, *request.ended)]
+        tokens = [*request.held, *over]
         # Files may take a while; the heartbeats that are due meanwhile are sent from here.
         beat = Beat(
             v=SCHEMA_VERSION, worker=request.worker, held=dict.fromkeys(map(str, tokens), 0)
         )
-        if not self._delivery.deliver(request.results, lambda: self._beat_if_due(beat)):
+        if not self._delivery.deliver(
+            request.results, request.ended, lambda: self._beat_if_due(beat)
+        ):
             self._beat_if_due(beat)
             return None
         reply = self._ask(request)
         if reply is not None and not reply.error:
-            self._delivery.forget(request.results)
+            self._delivery.forget(over)
             for line in self._delivery.look(reply.leases):
                 _log(line)
         return reply
@@ -251,7 +254,9 @@ class Worker:
             self._carry_out(self._core.on_fetching(now))
         self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
-        self._resources.work = work_of(map(self._delivery.localized, leases))
+        self._resources.work = work_of(
+            lease for lease in leases if not self._delivery.holds(lease.token)
+        )
 
     def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
         core = self._core
@@ -266,6 +271,9 @@ class Worker:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
                 return self._start_others(endpoint, view, now)
+            case (_, Refused(line)):
+                _log(line)
+                return []
             case (_, RecorderEnded(detail)):
                 _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
                 return []

@@ -21,7 +21,7 @@ from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
 from twin.fabric.process import end, leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
-from twin.worker.pipe import Broken, Build, Listening, Upstream
+from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
 
 LOADED = (
     "twin.fabric.zenoh_bus",
@@ -94,18 +94,26 @@ def _first(orders: Orders) -> Build:
 
 
 def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
+    from twin.fabric.endpoint import allow_plain
     from twin.fabric.key_file import load_key
+    from twin.fabric.refusals import refusals_logged
     from twin.fabric.roles import Role
     from twin.fabric.zenoh_bus import open_bus
     from twin.worker.simulator import Simulator
     from twin.worker.view_feed import ViewOptions, open_feed
 
+    if build.insecure:
+        allow_plain()
     key = load_key(Path(build.key), Role.worker) if build.key else None
+    rig_key = load_key(Path(build.rig_key), Role.worker) if build.rig_key else None
+    if rig_key is not None:
+        name = build.rig
+        at_end.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {name} {why}"))))
     bus = open_bus(
         "peer",
         listen=[build.listen],
         namespace=build.namespace,
-        key=key,
+        key=rig_key,
         message_bytes_max=STACK_BYTES_MAX,
     )
     at_end.callback(bus.close)

@@ -12,6 +12,7 @@ from schemas.delivery import (
     AttemptFiles,
     Delivered,
     SeenFolder,
+    extras_sha256,
     files_sha256,
 )
 from schemas.wire import decode, encode
@@ -36,9 +37,13 @@ LEASED = 8
 """Attempts of the case."""
 
 
-def attempt(case="c1", number=1, kpi=b"kpi", log=b"log", sha256=None, campaign="demo"):
+def attempt(
+    case="c1", number=1, kpi=b"kpi", log=b"log", sha256=None, campaign="demo", extras=None, **more
+):
     found = sha256 or files_sha256(kpi, log)
-    return AttemptFiles(V, campaign, case, number, kpi, log, found)
+    extras = extras or {}
+    more = {"extras_sha256": extras_sha256(extras), **more}
+    return AttemptFiles(V, campaign, case, number, kpi, log, found, extras, **more)
 
 
 def test_an_attempt_is_written_whole(deliveries, folder):
@@ -51,6 +56,13 @@ def test_an_attempt_is_written_whole(deliveries, folder):
         "kpi.parquet": b"kpi",
         "log.txt": b"log",
     }
+
+
+def test_what_was_done_by_hand_and_by_the_clock_comes_too(deliveries, folder):
+    extras = {"interventions.jsonl": b"{}\n", "realtime.csv": b"tick\n0\n"}
+    assert deliveries.handle(encode(attempt(extras=extras))) == Delivered(V, True)
+    found = {path.name: path.read_bytes() for path in (folder / "cases/c1/attempt-1").iterdir()}
+    assert found == {"kpi.parquet": b"kpi", "log.txt": b"log", **extras}
 
 
 def test_the_same_again_is_answered_the_same(deliveries, folder):
@@ -80,6 +92,10 @@ def test_half_an_attempt_is_completed(deliveries, folder):
         (attempt(campaign="../x"), "not a valid message"),
         (attempt(number=0), "not a valid message"),
         (attempt(sha256="0" * 64), "damaged on its way"),
+        (attempt(extras={"realtime.csv": b"1"}, extras_sha256="0" * 64), "damaged on its way"),
+        (attempt(extras={"realtime.csv": b"1"}, extras_sha256=""), "damaged on its way"),
+        (attempt(extras={"../conductor.db": b"1"}), "not a valid message"),
+        (attempt(extras={"conductor.json": b"1"}), "not a valid message"),
     ],
 )
 def test_nothing_else_is_written(deliveries, folder, message, error):

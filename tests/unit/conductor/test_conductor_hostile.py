@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import subprocess
@@ -19,6 +20,7 @@ from conductor.folders import Folders
 from conductor.outcomes import CaseOutcome
 from conductor.report.recorded import _inside
 from conductor.state import CampaignState, Config, State
+from conductor.timeline import FILE_NAME, append_events, mark_start
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import ID_CHARS_MAX, parse_cases
 from schemas.delivery import AttemptFiles, files_sha256
@@ -209,3 +211,30 @@ class _Empty:
 
     cases = ()
     out = "/nowhere"
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "dangling link", "pipe", "folder"])
+def test_the_timeline_is_written_into_no_link(tmp_path: Path, kind: str) -> None:
+    precious, out = tmp_path / "precious", tmp_path / "out"
+    precious.write_text("mine")
+    out.mkdir()
+    path = out / FILE_NAME
+    if "link" in kind:
+        path.symlink_to(precious if kind == "link" else tmp_path / "nowhere")
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    bench = Bench()
+    bench.ask(submit(cases=1, out=str(out)))
+    bench.ask(hello())
+    bench.lease()
+    append_events(bench.journal, bench.state.campaigns, 1.0)
+    mark_start(out, 2.0)
+    assert precious.read_text() == "mine"
+    assert not (tmp_path / "nowhere").exists()
+    if kind == "file":
+        assert [json.loads(line)["event"] for line in path.read_text().splitlines()] == [
+            "leased",
+            "started",
+        ]

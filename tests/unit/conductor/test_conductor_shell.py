@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from conductor_bench import hello, result, submit
+from waiting import PATIENCE_S
 
 import conductor.folders
 import conductor.inbox
@@ -31,8 +32,6 @@ from twin.fabric.discovery import find_conductor
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.memory_bus import Hub
 
-WAIT_S = 20.0
-
 
 @pytest.fixture
 def hub() -> Iterator[Hub]:
@@ -48,12 +47,12 @@ def serving(folder: Path, hub: Hub, **options: object) -> Iterator[Conductor]:
     conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)  # type: ignore[arg-type]
     thread = threading.Thread(target=conductor.serve)
     thread.start()
-    assert conductor.started.wait(WAIT_S)
+    assert conductor.started.wait(PATIENCE_S)
     try:
         yield conductor
     finally:
         conductor.stop()
-        thread.join(WAIT_S)
+        thread.join(PATIENCE_S)
         assert not thread.is_alive()
 
 
@@ -152,13 +151,13 @@ def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
         client.subscribe(topics.EVENT.key, hear)
 
         def ask(message: msgspec.Struct) -> Reply:
-            return decode(client.request(door(message), encode(message), WAIT_S) or b"", Reply)
+            return decode(client.request(door(message), encode(message), PATIENCE_S) or b"", Reply)
 
         assert not ask(submit()).error
         assert not ask(hello()).error
-        assert done.wait(WAIT_S)
+        assert done.wait(PATIENCE_S)
         assert heard == ["submitted", "worker_joined"]
-        rubbish = client.request(topics.RPC_STATUS.key, b"\xc1", WAIT_S)
+        rubbish = client.request(topics.RPC_STATUS.key, b"\xc1", PATIENCE_S)
         assert "not MessagePack" in decode(rubbish or b"", Reply).error
         assert ask(StatusRequest(v=V)).status["left"] == 4
 
@@ -199,14 +198,14 @@ def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.Monke
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     thread = threading.Thread(target=served.serve)
     thread.start()
-    assert served.started.wait(WAIT_S)
+    assert served.started.wait(PATIENCE_S)
     served.request(submit())
     served.request(hello())
     (lease,) = served.request(Next(v=V, worker="w1", seq=1, k=1)).leases
     assert served.request(Stop(v=V)).drain
     assert thread.is_alive()
     served.request(Next(v=V, worker="w1", seq=2, k=1, results=[result(lease)]))
-    thread.join(WAIT_S)
+    thread.join(PATIENCE_S)
     assert not thread.is_alive()
 
 
@@ -226,7 +225,7 @@ def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: Hub) -> No
         conductor.request(hello())
         conductor.request(Next(v=V, worker="w1", seq=1, k=1))
         worker.close()
-        assert lost.wait(WAIT_S)
+        assert lost.wait(PATIENCE_S)
 
 
 @pytest.mark.parametrize("port_is_free", [True, False])

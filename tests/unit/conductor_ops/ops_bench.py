@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from waiting import PATIENCE_S
+
 from conductor.shell import Conductor
 from twin.fabric.memory_bus import Hub
-
-WAIT_S = 20.0
 
 
 @contextlib.contextmanager
@@ -32,13 +32,13 @@ def serving(folder: Path, hub: Hub, **options: Any) -> Iterator[Conductor]:
     conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)
     thread = threading.Thread(target=conductor.serve, daemon=True)
     thread.start()
-    assert conductor.started.wait(WAIT_S)
+    assert conductor.started.wait(PATIENCE_S)
     try:
         yield conductor
         assert thread.is_alive(), "the loop died"
     finally:
         conductor.stop()
-        thread.join(WAIT_S)
+        thread.join(PATIENCE_S)
 
 
 def row(cases: int = 16, left: int = 16, **fields: Any) -> dict[str, Any]:

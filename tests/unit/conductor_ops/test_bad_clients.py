@@ -9,7 +9,8 @@ from typing import Any
 import msgpack
 import pytest
 from conductor_bench import hello, result, submit
-from ops_bench import WAIT_S, running_hub, serving
+from ops_bench import running_hub, serving
+from waiting import PATIENCE_S
 
 import conductor.inbox
 from conductor.shell import Conductor
@@ -28,7 +29,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Conductor, Ask]]:
         bus = hub.open()
 
         def ask(payload: bytes, at: str = "") -> Reply:
-            return decode(bus.request(at or _door(payload), payload, WAIT_S) or b"", Reply)
+            return decode(bus.request(at or _door(payload), payload, PATIENCE_S) or b"", Reply)
 
         assert not ask(encode(submit())).error
         assert not ask(encode(hello())).error

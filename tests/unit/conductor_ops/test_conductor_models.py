@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from tiny_networks import write_dark_spot_detector
+from waiting import PATIENCE_S
 
 from conductor import models
 from conductor.models import check_models
@@ -109,5 +110,5 @@ def devkit(*arguments: str, given: str = "") -> subprocess.CompletedProcess[str]
         input=given,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
     )

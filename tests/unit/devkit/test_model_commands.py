@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from darknet_oracle import random_weights
+from waiting import PATIENCE_S
 
 from devkit.darknet.build import read_network
 from devkit.darknet.weights import write_weights
@@ -21,7 +22,7 @@ def devkit(*arguments: object) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "devkit", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
     )
 
 

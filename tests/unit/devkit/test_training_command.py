@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
+from waiting import PATIENCE_S
 
 from devkit.darknet.build import read_network
 from devkit.detector import Detector
@@ -423,7 +424,7 @@ def test_a_device_that_is_not_here(data, tmp_path):
 def devkit(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "devkit", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120,
+        capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
 
 

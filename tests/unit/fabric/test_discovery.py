@@ -6,7 +6,14 @@ import threading
 import msgspec
 import pytest
 
-from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor, find_conductor
+from twin.fabric.authority import load_authority, make_keys
+from twin.fabric.discovery import (
+    FILE_NAME,
+    ConductorFile,
+    await_conductor,
+    choose_target,
+    find_conductor,
+)
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.roles import Role
 
@@ -40,3 +47,24 @@ def test_a_conductor_that_comes_later_is_awaited(tmp_path):
         timer.start()
         assert await_conductor(tmp_path, 60, Role.worker).endpoint == f"tcp/127.0.0.1:{port}"
         timer.join()
+
+
+def test_the_namespace_of_an_invitation_counts_and_is_not_contradicted(tmp_path):
+    keys = make_keys(tmp_path / "keys")
+    invited, plain = tmp_path / "mine.key", keys / "viewer.key"
+    invited.touch(0o600)
+    invited.write_bytes(load_authority(keys).issue(Role.viewer, 1, "tls/a:1", "mine"))
+
+    def chosen(connect, namespace, key):
+        found = choose_target(connect, None, namespace, key, Role.viewer)
+        return found.endpoint, found.namespace
+
+    assert chosen("", "twin", invited) == ("tls/a:1", "mine")
+    assert chosen("tls/b:1", "twin", invited) == ("tls/b:1", "mine"), "another way to the same"
+    assert chosen("tls/b:1", "mine", invited) == ("tls/b:1", "mine")
+    assert chosen("tls/b:1", "other", plain) == ("tls/b:1", "other"), "that says nothing"
+    for connect in ("", "tls/b:1"):
+        with pytest.raises(UsageError, match="an invitation to namespace mine; leave --name"):
+            chosen(connect, "other", invited)
+    invited.write_bytes(load_authority(keys).issue(Role.viewer, 1, "tls/a:1"))
+    assert chosen("", "other", invited) == ("tls/a:1", "other"), "whoever made it did not know"

@@ -2,7 +2,15 @@
 
 import pytest
 
-from twin.fabric.endpoint import check_endpoint, check_protected, is_loopback, to_listen
+from twin.fabric import endpoint as endpoints
+from twin.fabric.endpoint import (
+    allow_plain,
+    check_endpoint,
+    check_protected,
+    is_exposed,
+    is_loopback,
+    to_listen,
+)
 from twin.fabric.errors import UsageError
 
 HERE = ["tcp/127.0.0.1:0", "tcp/127.8.9.1:7447", "tcp/[::1]:0", "tcp/localhost:7447"]
@@ -33,6 +41,25 @@ def test_beyond_loopback_is_never_plain(endpoint):
     for keyed in (True, False):
         with pytest.raises(UsageError, match=r"plain TCP is for this host's loopback only; use tl"):
             check_protected(endpoint, keyed=keyed)
+
+
+@pytest.mark.parametrize("endpoint", [*HERE, *BEYOND[:2]])
+def test_plain_beyond_loopback_is_for_who_typed_it_and_has_no_key(endpoint, monkeypatch):
+    beyond = endpoint in BEYOND
+    assert is_exposed(endpoint) is beyond
+    if beyond:
+        with pytest.raises(UsageError, match="or type --insecure: whoever reaches it may then"):
+            check_protected(endpoint, keyed=False)
+    monkeypatch.setattr(endpoints, "_plain_allowed", False)  # put back afterwards
+    allow_plain()
+    assert to_listen(endpoint, keyed=False) == endpoint
+    check_protected(endpoint, keyed=False)
+    assert to_listen(endpoint, keyed=True) == "tls" + endpoint[3:], "a key still means TLS"
+    if beyond:
+        with pytest.raises(UsageError, match=r"with --key FILE \(`conductor keygen` makes one\)$"):
+            check_protected(endpoint, keyed=True)
+    with pytest.raises(UsageError, match="needs a key"):
+        check_protected("tls/10.1.2.3:7447", keyed=False)
 
 
 @pytest.mark.parametrize("endpoint", HERE)

@@ -12,6 +12,7 @@ import pytest
 import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
+from waiting import PATIENCE_S
 
 from schemas import topics
 from twin.fabric.authority import load_authority, make_keys
@@ -19,7 +20,8 @@ from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
 from twin.fabric.key_file import Key, load_key
-from twin.fabric.roles import Role
+from twin.fabric.rig_keys import RigKeys
+from twin.fabric.roles import MEMBERS, Role
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]
@@ -33,7 +35,7 @@ RPC = topics.RPC_WORKER.key
 def keys(tmp_path_factory):
     """Role -> its key, of one fabric."""
     folder = make_keys(tmp_path_factory.mktemp("ours") / "keys")
-    return {role: load_key(folder, role) for role in Role}
+    return {role: load_key(folder, role) for role in MEMBERS}
 
 
 @pytest.fixture
@@ -55,7 +57,7 @@ def router(keys):
     bus.close()
 
 
-def stranger(endpoint, *, authority=None, certificate=None, private=None):
+def stranger(endpoint, patience_s=0.5, *, authority=None, certificate=None, private=None):
     """A Zenoh session of somebody who minds no rule of ours; None if the door stays shut."""
     config = zenoh.Config()
     tls = {"verify_name_on_connect": False}
@@ -69,7 +71,7 @@ def stranger(endpoint, *, authority=None, certificate=None, private=None):
         "mode": "client",
         "namespace": "twin",
         "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 500,
+        "connect/timeout_ms": int(1000 * patience_s),
         "scouting/multicast/enabled": False,
         "transport/link/tls": tls,
     }.items():
@@ -84,7 +86,7 @@ def test_the_right_key_opens(router, key):
     assert router.endpoints[0].startswith("tls/127.0.0.1:")
     client = open_bus("client", connect=router.endpoints, key=key)
     try:
-        assert client.request(RPC, b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", PATIENCE_S) == b"hi!"
     finally:
         client.close()
 
@@ -93,7 +95,7 @@ def test_a_host_name_does_not_matter(router, key):
     named = router.endpoints[0].replace("127.0.0.1", "localhost")
     client = open_bus("client", connect=[named], key=key)
     try:
-        assert client.request(RPC, b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", PATIENCE_S) == b"hi!"
     finally:
         client.close()
 
@@ -127,7 +129,7 @@ def test_strangers_stay_outside(router, key, other):
     member = open_bus("client", connect=[endpoint], key=key)
     try:
         member.publish(SHOWN, b"", block=True)
-        assert heard.wait(5), "and members are still served"
+        assert heard.wait(PATIENCE_S), "and members are still served"
     finally:
         member.close()
 
@@ -175,9 +177,9 @@ def test_a_trusted_authority_alone_is_not_enough(between, key, other):
         assert not heard.is_set()
     finally:
         client.close()
-    careless = stranger(endpoint, authority=other.authority)
+    careless = stranger(endpoint, PATIENCE_S, authority=other.authority)
     careless.put("x", b"secret")
-    assert heard.wait(5), "so this test can fail"
+    assert heard.wait(PATIENCE_S), "so this test can fail"
     careless.close()
 
 
@@ -230,30 +232,36 @@ def test_garbage_on_the_port_ends_nothing(router, key):
         idle.append(socket.create_connection(("127.0.0.1", port)))
     client = open_bus("client", connect=router.endpoints, key=key)
     try:
-        assert client.request(RPC, b"hi", 5) == b"hi!"
+        assert client.request(RPC, b"hi", PATIENCE_S) == b"hi!"
     finally:
         client.close()
         for connection in idle:
             connection.close()
 
 
-def test_peers_and_liveliness_over_tls(key, keys):
+def test_peers_and_liveliness_over_tls():
     """The drive plane: simulator listens, stack connects; both are peers."""
+    rig = RigKeys("rig")
+    key = load_key(rig.simulator, Role.worker)
     simulator = open_bus("peer", listen=LISTEN, key=key, namespace="twin/rig")
     came, went = threading.Event(), threading.Event()
     simulator.announce(topics.SIMULATOR_ALIVE.key.format(rig="rig"))
     try:
         stack = open_bus(
-            "peer", connect=simulator.endpoints, key=keys[Role.stack], namespace="twin/rig"
+            "peer",
+            connect=simulator.endpoints,
+            key=load_key(rig.stack, Role.stack),
+            namespace="twin/rig",
         )
         alive = topics.SIMULATOR_ALIVE.key.format(rig="*")
         stack.watch(alive, lambda _, alive: (came if alive else went).set())
-        assert came.wait(5)
+        assert came.wait(PATIENCE_S)
         simulator.close()
-        assert went.wait(10)
+        assert went.wait(PATIENCE_S)
         stack.close()
     finally:
         simulator.close()
+        rig.close()
 
 
 def test_plain_beyond_loopback_is_refused_before_it_listens():
@@ -306,7 +314,7 @@ def test_a_relay_passes_everything_on(router, key, keys):
     far = open_bus("client", connect=relay.endpoints, key=key)
     try:
         far.announce("worker/w1")
-        assert came.wait(5)
+        assert came.wait(PATIENCE_S)
         assert request_until_answered(far) == b"hi!"
         seen = threading.Event()
         assert not feed.wanted("view/c/1/thumbnail")

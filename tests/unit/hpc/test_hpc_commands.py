@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from test_hpc_slurm import REQUESTS
+from waiting import PATIENCE_S
 
 from hpc.array import render as render_array
 from hpc.doctor import Address, Facts, Partition, judge
@@ -152,7 +153,7 @@ def test_doctor_without_a_scheduler(tmp_path):
         env={"PATH": "/nowhere", "HOME": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert done.returncode == 3
@@ -212,7 +213,7 @@ def pull(*arguments, folder, path=None):
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
 

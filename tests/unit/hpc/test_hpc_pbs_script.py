@@ -1,10 +1,10 @@
 """Rendered PBS scripts run by bash, with stand-ins for PBS's commands and for ours."""
 
 import signal
-import time
 
 import pytest
 from test_hpc_script_logic import STUBS, Job
+from waiting import PATIENCE_S, wait_for
 
 from hpc.pbs import render
 from hpc.request import JobRequest
@@ -44,13 +44,6 @@ class PbsJob(Job):
 
     def seen(self):
         return sorted((self.folder / "seen").read_text().splitlines())
-
-
-def wait_for(look):
-    until = time.monotonic() + 60
-    while not look():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("verdict", ["0", "1", "3"])
@@ -95,9 +88,9 @@ def test_the_timers_signal_submits_again_and_qdel_does_not(tmp_path, number, sub
     job = PbsJob(tmp_path)
     (tmp_path / "hold").touch()
     with job.start(STAY="1") as child:
-        wait_for(lambda: job.said("worker"))
+        wait_for(lambda: job.said("worker"), "the worker")
         child.send_signal(number)
-        child.communicate(timeout=60)
+        child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 75
     assert bool(job.said("qsub")) == submitted
 
@@ -119,9 +112,9 @@ def test_stacks_run_on_the_last_tasks(tmp_path):
     job = PbsJob(tmp_path, workers=1, remote_stacks=True)
     (tmp_path / "hold").touch()
     with job.start() as child:
-        wait_for(lambda: job.said("devkit"))
+        wait_for(lambda: job.said("devkit"), "the stack")
         (tmp_path / "hold").unlink()
-        child.communicate(timeout=60)
+        child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 0
     assert job.said("devkit") == f"host --join {tmp_path}/o ut/rigs\n"
     assert job.said("worker").splitlines()[-1] == str(tmp_path / "o ut" / "rigs")

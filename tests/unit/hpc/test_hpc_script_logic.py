@@ -2,9 +2,9 @@
 
 import os
 import subprocess
-import time
 
 import pytest
+from waiting import PATIENCE_S, wait_for
 
 from hpc.request import JobRequest
 from hpc.slurm import render
@@ -76,7 +76,7 @@ class Job:
     def run(self, **environment):
         """To its end; exit code and standard error."""
         with self.start(**environment) as child:
-            _, err = child.communicate(timeout=60)
+            _, err = child.communicate(timeout=PATIENCE_S)
         return child.returncode, err
 
     def said(self, name):
@@ -130,12 +130,9 @@ def test_a_signal_is_forwarded(tmp_path, on_term):
     job = Job(tmp_path)
     (tmp_path / "hold").touch()
     with job.start(STAY="1", ON_TERM=on_term) as child:
-        until = time.monotonic() + 60
-        while not job.said("worker"):
-            assert time.monotonic() < until
-            time.sleep(0.02)
+        wait_for(lambda: job.said("worker"), "the worker")
         child.terminate()
-        _, err = child.communicate(timeout=60)
+        _, err = child.communicate(timeout=PATIENCE_S)
     assert child.returncode == int(on_term)
     assert ("unfinished, queued again" in err) == (on_term == "75")
     assert "--signal=TERM 7.0" in job.said("scancel")

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from waiting import PATIENCE_S
 
 from hpc.site import Site, load_site
 from twin.fabric.errors import UsageError
@@ -72,7 +73,7 @@ def test_everything_reaches_the_script_and_options_win(tmp_path):
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import zenoh
+from waiting import PATIENCE_S
 
 from schemas import DRIVE_MINOR, SCHEMA_VERSION
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
@@ -149,7 +150,7 @@ def test_the_configuration_opens_a_session():
         while not publisher.matching_status.matching:
             pass  # it has just connected
         publisher.put(b"hello")
-        assert arrived.get(timeout=30).payload == b"hello"
+        assert arrived.get(timeout=PATIENCE_S).payload == b"hello"
     simulator.close()
 
 

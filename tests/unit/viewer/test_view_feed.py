@@ -2,13 +2,13 @@
 
 import hashlib
 import threading
-import time
 import zlib
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
+from waiting import PATIENCE_S, wait_for
 
 from schemas import topics
 from schemas.campaign import expand, parse_campaign
@@ -151,16 +151,8 @@ class Listener:
         self.got.append(decode(data, kind))
 
     def wait(self):
-        assert self.ended.wait(20)
+        assert self.ended.wait(PATIENCE_S)
         return self.got
-
-
-def until(condition):
-    """Wait for what other threads do."""
-    end_s = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.001)
 
 
 def test_everything_in_order_with_running_numbers(hub):
@@ -221,12 +213,12 @@ def test_a_recorder_that_went_and_came_back_sees_what_it_missed(hub):
     sim = Sim()
     feed.begin(0, lease(), sim)
     sim.step(feed)
-    until(lambda: len(first.got) == 3)
+    wait_for(lambda: len(first.got) == 3, "three messages")
     first.bus.close()
-    until(lambda: feed._recorder_gone)
+    wait_for(lambda: feed._recorder_gone, "the end of the recorder")
     sim.step(feed)  # not sent, not copied, but counted
     second = Listener(hub, recorder=True)
-    until(lambda: not feed._recorder_gone)
+    wait_for(lambda: not feed._recorder_gone, "the second recorder")
     sim.step(feed)
     feed.end(sim.finished())
     feed.close(10)
@@ -257,7 +249,7 @@ def test_a_case_that_stands_still_says_so_to_those_who_look(hub, clock):
     feed.begin(0, lease(), sim)
     key = topics.VIEW_CONTROL.key.format(campaign="*", case="*")
     viewer = hub.open()
-    assert viewer.gather(key, b"pause", 20) == [b"pause"]
+    assert viewer.gather(key, b"pause", PATIENCE_S) == [b"pause"]
     assert asked == [0]
     sim.step(feed)
     listener = Listener(hub, ["view/*/*/thumbnail", "view/*/*/live/*"])  # it comes too late
@@ -271,7 +263,7 @@ def test_a_case_that_stands_still_says_so_to_those_who_look(hub, clock):
     clock.now_s += 1.0
     sim.step(feed)
     feed.end(sim.finished())
-    assert viewer.gather(key, b"pause", 20) == [], "nobody to ask any more"
+    assert viewer.gather(key, b"pause", PATIENCE_S) == [], "nobody to ask any more"
     feed.close(10)
     got = listener.wait()
     states = [m for m in got if isinstance(m, StateSample)]
@@ -327,7 +319,7 @@ def test_a_feed_that_failed_answers_nobody(hub, monkeypatch):
     harmless = Harmless(feed)
     harmless.steered_by(lambda slot, payload, respond: respond(b"here"))
     harmless.begin(0, lease(), Sim())
-    assert asker.gather("view/c/clear/control", b"", 5) == [b"here"]
+    assert asker.gather("view/c/clear/control", b"", PATIENCE_S) == [b"here"]
     monkeypatch.setattr(feed, "hand", lambda *_: 1 / 0)
     harmless.hand(0, "paused")
     assert asker.gather("view/c/clear/control", b"", 0.2) == []
@@ -365,7 +357,7 @@ def test_the_start_is_repeated_for_those_who_come_later(hub, clock):
     sim = Sim()
     feed.begin(0, lease(), sim)
     sim.step(feed)
-    until(lambda: any(isinstance(m, StateSample) for m in first.got))
+    wait_for(lambda: any(isinstance(m, StateSample) for m in first.got), "a state")
     second = Listener(hub, ["view/c/clear/live/start"])
     for _ in range(3):
         clock.now_s += 0.6

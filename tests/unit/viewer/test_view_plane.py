@@ -1,28 +1,23 @@
 """The view plane over real Zenoh sessions on loopback: who hears whom, and who is waited for."""
 
+import functools
 import socket
-import time
 
 import pytest
+from waiting import wait_for
 
 from schemas import topics
 from schemas.view import ViewMode
 from twin.fabric.errors import UsageError
 from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus
+from twin.worker import view_feed
 from twin.worker.view_feed import NoFeed, ViewOptions, open_feed
 from viewer.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
 THUMBNAIL = "view/*/*/thumbnail"
 STATE = "view/*/*/state"
-
-
-def wait_for(look):
-    until = time.monotonic() + 10
-    while not look():
-        assert time.monotonic() < until
-        time.sleep(0.01)
 
 
 def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
@@ -38,25 +33,29 @@ def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
         heard = {"recorder": [], "viewer": []}
         recorder.subscribe(STATE, lambda s: heard["recorder"].append(s.key))
         viewer.subscribe(THUMBNAIL, lambda s: heard["viewer"].append(s.key))
-        wait_for(lambda: feeds[0].wanted(STATE) and all(f.wanted(THUMBNAIL) for f in feeds))
+        wait_for(
+            lambda: feeds[0].wanted(STATE) and all(f.wanted(THUMBNAIL) for f in feeds),
+            "both subscriptions",
+        )
         assert not feeds[1].wanted(STATE), "its states would go nowhere"
         for index in (1, 0):
             for topic in (topics.VIEW_STATE, topics.VIEW_THUMBNAIL):
                 feeds[index].publish(topic.key.format(campaign="c", case=str(index)), b"x")
-        wait_for(lambda: heard["recorder"] and len(heard["viewer"]) == 2)
+        wait_for(lambda: heard["recorder"] and len(heard["viewer"]) == 2, "every message")
         assert heard["recorder"] == ["view/c/0/state"]
         assert sorted(heard["viewer"]) == ["view/c/0/thumbnail", "view/c/1/thumbnail"]
         viewer.close()
-        wait_for(lambda: not feeds[0].wanted(THUMBNAIL))
+        wait_for(lambda: not feeds[0].wanted(THUMBNAIL), "the end of the viewer")
     finally:
         for bus in (viewer, recorder, *feeds, router):
             bus.close()
 
 
-def test_a_router_out_of_reach_costs_no_time():
-    started = time.monotonic()
+def test_a_router_out_of_reach_costs_no_time(monkeypatch):
+    """Whoever waited for it would do so beyond the end of this test."""
+    patient = functools.partial(open_bus, connect_timeout_s=3600.0)
+    monkeypatch.setattr(view_feed, "open_bus", patient)
     feed = open_feed("r", 1, ViewOptions(ViewMode.record_live, "twin", "tcp/127.0.0.1:1"))
-    assert time.monotonic() - started < 2
     assert feed.endpoint.startswith("tcp/127.0.0.1:")
     assert feed.endpoint != "tcp/127.0.0.1:0"
     feed.close(0)
@@ -84,8 +83,8 @@ def test_a_single_case_is_wanted_by_name_and_by_the_wildcard():
     viewer = open_bus("client", connect=router.endpoints)
     try:
         viewer.subscribe(topics.live_keys("c", "1"), lambda _: None)
-        wait_for(lambda: feed.wanted(topics.live_keys("*", "*")))
-        wait_for(lambda: feed.wanted(topics.live_keys("c", "1")))
+        wait_for(lambda: feed.wanted(topics.live_keys("*", "*")), "the look")
+        wait_for(lambda: feed.wanted(topics.live_keys("c", "1")), "the look by name")
         assert not feed.wanted(topics.live_keys("c", "2"))
         feed.release(topics.live_keys("c", "1"))
         assert feed.wanted(topics.live_keys("c", "1")), "asked again, it is known again"

@@ -10,6 +10,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from recorded_case import write
+from waiting import PATIENCE_S
 
 from twin.fabric.errors import UsageError
 from viewer.browser.assets import Asset
@@ -26,7 +27,7 @@ def front(**site):
         port = server.server_address[1]
 
         def ask(path, method="GET", body=None, **headers):
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
             names = {name.replace("_", "-"): value for name, value in headers.items()}
             connection.request(method, path, body, names)
             answer = connection.getresponse()
@@ -142,7 +143,7 @@ class Hub(BaseHTTPRequestHandler):
         for piece in (b"first " + body, b" second"):
             self.wfile.write(b"%x\r\n%s\r\n" % (len(piece), piece))
             self.wfile.flush()
-            assert self.arrived.wait(10)
+            assert self.arrived.wait(PATIENCE_S)
         self.wfile.write(b"0\r\n\r\n")
 
     def log_message(self, *_):
@@ -154,7 +155,7 @@ def test_the_live_stream_is_passed_on_as_it_comes_and_nothing_else_is():
         threading.Thread(target=hub.serve_forever, daemon=True).start()
         with Front(0, Site({}, hub=hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
-            connection = http.client.HTTPConnection(*server.server_address, timeout=10)
+            connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello", {"Content-Type": "application/grpc-web"})
             answer = connection.getresponse()
             assert answer.headers["Content-Type"] == "application/grpc-web+proto"
@@ -163,7 +164,7 @@ def test_the_live_stream_is_passed_on_as_it_comes_and_nothing_else_is():
             assert answer.read() == b" second"
             connection.close()
             for path in (READS.replace("Read", "Write"), "/rerun.x/Y", "/"):
-                connection = http.client.HTTPConnection(*server.server_address, timeout=10)
+                connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
                 connection.request("POST", path, b"hello")
                 assert connection.getresponse().status == 404
                 connection.close()
@@ -186,7 +187,7 @@ def test_a_hub_that_is_gone_and_requests_that_are_too_large(folder):
 def test_nonsense_is_a_bad_request(request_line):
     with Front(0, Site({}, hub=("127.0.0.1", 1))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        with socket.create_connection(server.server_address, timeout=10) as line:
+        with socket.create_connection(server.server_address, timeout=PATIENCE_S) as line:
             line.sendall(f"{request_line}\r\nHost: localhost\r\n\r\n".encode("latin-1"))
             assert line.recv(100).startswith(b"HTTP/1.1 400 ")
         server.shutdown()
@@ -213,13 +214,13 @@ def test_a_browser_that_goes_away_while_nothing_comes_is_noticed():
         threading.Thread(target=hub.serve_forever, daemon=True).start()
         with Front(0, Site({}, hub=hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
-            connection = http.client.HTTPConnection(*server.server_address, timeout=10)
+            connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello")
             answer = connection.getresponse()
             assert not SilentHub.left.is_set()
             answer.close()
             connection.close()
-            assert SilentHub.left.wait(20)
+            assert SilentHub.left.wait(PATIENCE_S)
             server.shutdown()
         hub.shutdown()
 

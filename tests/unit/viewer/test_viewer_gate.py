@@ -6,6 +6,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
+from waiting import PATIENCE_S
 
 from viewer import hub as hubs
 from viewer.gate import LAG_S, LEAST_BYTES, Gate, Line, laggards
@@ -67,7 +68,7 @@ def knock(gate):
     viewers = []
 
     def one(data=b"x" * (2 * LEAST_BYTES)):
-        viewer = socket.create_connection(("127.0.0.1", gate.port), timeout=20)
+        viewer = socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE_S)
         viewers.append(viewer)
         sender = threading.Thread(target=viewer.sendall, args=(data,), daemon=True)
         sender.start()
@@ -106,7 +107,7 @@ def test_the_slowest_is_cut_off_and_the_others_go_on(gate, knock, server, said):
     fast = knock()
     line.passed_s -= 2 * LAG_S
     gate.relieve()
-    assert server.ended.acquire(timeout=20), "the hub is rid of it"
+    assert server.ended.acquire(timeout=PATIENCE_S), "the hub is rid of it"
     assert slow.recv(1) == b""
     [line] = said
     assert "cut off" in line
@@ -119,9 +120,9 @@ def test_the_slowest_is_cut_off_and_the_others_go_on(gate, knock, server, said):
 def test_either_side_may_go(gate, knock, server):
     viewer = knock()
     viewer.close()
-    assert server.ended.acquire(timeout=20)
+    assert server.ended.acquire(timeout=PATIENCE_S)
     server.close()
-    with socket.create_connection(("127.0.0.1", gate.port), timeout=20) as late:
+    with socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE_S) as late:
         assert late.recv(1) == b"", "there is no hub any more"
 
 
@@ -130,7 +131,7 @@ def test_closing_lets_everybody_out(gate, knock):
     gate.close()
     assert viewer.recv(1) == b""
     with pytest.raises(OSError):
-        socket.create_connection(("127.0.0.1", gate.port), timeout=5)
+        socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE_S)
 
 
 def test_a_hub_that_stands_still_for_long_is_relieved(monkeypatch):

@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from waiting import PATIENCE_S, wait_for
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.messages import Explain, Reply, Request
@@ -114,9 +115,9 @@ def serve(opened, port, **options):
     return conductor
 
 
-def hear(link, kind, patience_s=30.0):
+def hear(link, kind):
     """The next of its kind; everything else is passed over."""
-    until = time.monotonic() + patience_s
+    until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
         try:
             heard = link.heard.get(timeout=0.1)
@@ -170,14 +171,10 @@ def test_a_conductor_that_ends_and_comes_back(opened, port):
     assert "does not answer any more" in said or "nobody answers" in said
     second = serve(opened, port)
     hear(link, Status)
-    until = time.monotonic() + 20
-    while not second.bus.wanted(topics.VIEW_THUMBNAIL.key.format(campaign="c", case="1")):
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    key = topics.VIEW_THUMBNAIL.key.format(campaign="c", case="1")
+    wait_for(lambda: second.bus.wanted(key), "the subscription")
     second.bus.publish("view/c/1/thumbnail", b"x")
-    while not slots.counters.received:
-        assert time.monotonic() < until, "subscribed again"
-        time.sleep(0.01)
+    wait_for(lambda: slots.counters.received, "what was published: it has subscribed again")
 
 
 def test_a_line_that_is_cut_and_mended(opened, port):
@@ -223,14 +220,9 @@ def test_looking_away_ends_the_stream(opened, port):
     hear(link, Status)
     key = topics.live_keys("*", "clear")
     link.look_at("clear")
-    until = time.monotonic() + 20
-    while not conductor.bus.wanted(key):
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for(lambda: conductor.bus.wanted(key), "the look")
     link.look_away("clear")
-    while conductor.bus.wanted(key):
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for(lambda: not conductor.bus.wanted(key), "the end of it")
 
 
 def test_worlds_and_events_come_as_they_are(opened, port):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_viewer_focus import Stream
 from view_messages import camera, start, state, thumbnail
+from waiting import PATIENCE_S
 
 from schemas import SCHEMA_VERSION
 from schemas.wire import encode
@@ -126,7 +127,7 @@ def test_it_ends_though_a_viewer_is_frozen():
             [sys.executable, "-c", program, *arguments],
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=PATIENCE_S,
         )
         assert done.returncode == code
         assert words in done.stdout + done.stderr

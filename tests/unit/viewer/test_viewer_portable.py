@@ -5,6 +5,7 @@ import sys
 import textwrap
 
 from recorded_case import write
+from waiting import PATIENCE_S
 
 GUARD = """
 import importlib, pkgutil, sys
@@ -33,7 +34,7 @@ def guarded(code, *arguments):
         [sys.executable, "-c", GUARD + textwrap.dedent(code), *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

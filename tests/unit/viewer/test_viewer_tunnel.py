@@ -5,12 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 from test_viewer_link import hear, serve
+from waiting import PATIENCE_S, wait_for
 
 from twin.fabric.authority import make_keys
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
@@ -74,10 +74,7 @@ def test_through_the_login_node_to_a_compute_node(opened, calls, port):
     assert call["-L"][0].startswith("127.0.0.1:")
     assert call["-L"][0].endswith(f":127.0.0.1:{port}")
     way.close()
-    until = time.monotonic() + 10
-    while not gone(call["pid"]):
-        assert time.monotonic() < until
-        time.sleep(0.02)
+    wait_for(lambda: gone(call["pid"]), "the end of ssh")
 
 
 def test_mutual_tls_through_the_tunnel(opened, calls, port, tmp_path):
@@ -185,9 +182,6 @@ def test_it_ends_with_us_however_we_end(calls, port):
         f"Tunnel(Far('me@login', '', 'tcp/127.0.0.1:{port}'), 'twin', None).target()\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    subprocess.run([sys.executable, "-c", program], timeout=60)
+    subprocess.run([sys.executable, "-c", program], timeout=PATIENCE_S)
     [call] = calls()
-    until = time.monotonic() + 10
-    while not gone(call["pid"]):
-        assert time.monotonic() < until
-        time.sleep(0.02)
+    wait_for(lambda: gone(call["pid"]), "the end of ssh")

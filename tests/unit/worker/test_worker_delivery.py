@@ -12,7 +12,7 @@ from conductor.deliveries import Deliveries
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign, expand
 from schemas.delivery import Delivered
-from schemas.messages import Lease, Result
+from schemas.messages import Ended, Lease, Result
 from schemas.wire import encode
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.memory_bus import Hub
@@ -69,7 +69,7 @@ def test_a_shared_folder_is_written_directly(bus, there, scratch):
     assert delivery.look([lease(there)]) == []
     assert delivery.localized(lease(there)) == lease(there)
     assert not delivery.holds(1)
-    assert delivery.deliver([simulate(lease(there))], lambda: None)
+    assert delivery.deliver([simulate(lease(there))], [], lambda: None)
     assert list(scratch.iterdir()) == []
 
 
@@ -91,17 +91,46 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
     assert delivery.holds(1)
     result = simulate(found)
     sent = []
-    assert delivery.deliver([result], lambda: sent.append(1))
+    assert delivery.deliver([result], [], lambda: sent.append(1))
     attempt = there / "cases" / CASE.id / "attempt-1"
     assert (attempt / "kpi.parquet").read_bytes() == b"kpi"
     assert (attempt / "log.txt").read_bytes() == b"log"
     assert sent == [1]
-    assert delivery.deliver([result], lambda: None), "the commit is asked for again"
-    delivery.forget([result])
+    assert delivery.deliver([result], [], lambda: None), "the commit is asked for again"
+    delivery.forget([result.token])
     assert not delivery.holds(1)
     assert not list(scratch.rglob("kpi.parquet"))
     delivery.close()
     assert list(scratch.iterdir()) == []
+
+
+def test_an_attempt_that_ended_by_hand_is_delivered_with_its_journal(bus, there, tmp_path):
+    delivery = Delivery(bus)
+    folders = {}
+    for token in (1, 2, 3):
+        own = msgspec.structs.replace(lease(tmp_path / "here", token), attempt=token)
+        delivery.look([own])
+        folders[token] = Path(delivery.localized(own).out) / f"cases/{CASE.id}/attempt-{token}"
+        folders[token].mkdir(parents=True)
+        if token != 3:  # the rig died under its hands before it had written anything
+            (folders[token] / "kpi.parquet").write_bytes(b"kpi")
+            (folders[token] / "log.txt").write_bytes(b"log")
+            (folders[token] / "interventions.jsonl").write_bytes(b"{}\n")
+    ended = [
+        Ended("demo", CASE.id, 1, "intervened"),
+        Ended("demo", CASE.id, 2, "released"),
+        Ended("demo", CASE.id, 3, "intervened"),
+        Ended("demo", CASE.id, 4, "intervened"),
+    ]
+    sent = []
+    assert delivery.deliver([], ended, lambda: sent.append(1))
+    assert sent == [1]
+    attempts = there / "cases" / CASE.id
+    assert {path.name for path in attempts.iterdir()} == {"attempt-1"}
+    assert (attempts / "attempt-1/interventions.jsonl").read_bytes() == b"{}\n"
+    delivery.forget(end.token for end in ended)
+    assert not any(folder.exists() for folder in folders.values())
+    delivery.close()
 
 
 def answering(bus, *answers):
@@ -117,7 +146,7 @@ def test_no_commit_before_the_files_are_safe(bus, tmp_path):
     delivery = Delivery(bus)
     delivery.look([lease(tmp_path / "here")])
     result = simulate(delivery.localized(lease(tmp_path / "here")))
-    assert [delivery.deliver([result], lambda: None) for _ in range(3)] == [False, False, True]
+    assert [delivery.deliver([result], [], lambda: None) for _ in range(3)] == [False, False, True]
     delivery.close()
 
 
@@ -128,7 +157,7 @@ def test_what_will_never_be_taken_ends_the_worker(bus, tmp_path):
     delivery.look([lease(tmp_path / "here")])
     result = simulate(delivery.localized(lease(tmp_path / "here")))
     with pytest.raises(InfrastructureError, match="cannot be delivered: has no case 'x'"):
-        delivery.deliver([result], lambda: None)
+        delivery.deliver([result], [], lambda: None)
     delivery.close()
 
 

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec import structs
+from waiting import PATIENCE_S
 
 from conductor.source import load
 from schemas.campaign import expand
@@ -39,7 +40,7 @@ def test_they_come_in_order_and_their_files_are_there(tmp_path):
     writer = ResultWriter(lambda _, result: told.put(result))
     for token in range(5):
         writer.put(ended(tmp_path, token))
-    results = [told.get(timeout=30) for _ in range(5)]
+    results = [told.get(timeout=PATIENCE_S) for _ in range(5)]
     assert [result.token for result in results] == list(range(5))
     assert all((tmp_path / result.attempt_dir / "kpi.parquet").exists() for result in results)
     assert {result.rig_wall_s for result in results} == {0.25}
@@ -60,7 +61,7 @@ def test_the_end_of_a_rig_waits_for_cases_that_are_over(tmp_path):
     go_on, told = threading.Event(), []
 
     def tell(_, result):
-        go_on.wait(30)
+        go_on.wait(PATIENCE_S)
         told.append(result.token)
 
     writer = ResultWriter(tell)
@@ -70,7 +71,7 @@ def test_the_end_of_a_rig_waits_for_cases_that_are_over(tmp_path):
     assert writer.tokens == [0, 1]
     assert not writer.drain(0.01)
     go_on.set()
-    assert writer.drain(30)
+    assert writer.drain(PATIENCE_S)
     assert (told, writer.tokens) == ([0, 1], [])
 
 
@@ -79,7 +80,7 @@ def test_what_cannot_be_written_keeps_nobody_waiting(tmp_path):
     blocked.write_text("")
     writer = ResultWriter(lambda *_: pytest.fail("it was not written"))
     writer.put(ended(blocked, 0))
-    assert writer.drain(30)
+    assert writer.drain(PATIENCE_S)
     with pytest.raises(TwinError):
         writer.check()
 
@@ -97,7 +98,7 @@ def test_a_simulator_that_breaks_tells_first_what_was_over(tmp_path, monkeypatch
     simulator._upward = Upstream(os.fdopen(write, "wb", buffering=0))
 
     def tell(lease_ended, result):
-        go_on.wait(30)
+        go_on.wait(PATIENCE_S)
         simulator._written(lease_ended, result)
 
     simulator._results = ResultWriter(tell)
@@ -127,7 +128,7 @@ def test_the_profile_of_a_loop_has_its_last_tick(tmp_path, monkeypatch):
     log.transport = "memory"
     log.write(now=True)
     assert not list(tmp_path.iterdir()), "nothing has happened yet"
-    for active in (4, 3, 2):
+    for active in (4, 3, 3, 1):
         log.begin_tick()
         log.watch.lap("physics")
         log.end_tick(active, 2 * active, 50_000_000)
@@ -135,7 +136,12 @@ def test_the_profile_of_a_loop_has_its_last_tick(tmp_path, monkeypatch):
     log.watch.lap("idle")
     log.write(now=True)
     found = msgspec.json.decode((tmp_path / "r.json").read_bytes(), type=LoopProfile)
-    assert (found.ticks, found.frames, found.sim_s) == (3, 18, pytest.approx(0.45))
+    assert (found.ticks, found.frames, found.sim_s) == (4, 22, pytest.approx(0.55))
     assert found.first_tick_s <= found.full_s < found.last_tick_s
     assert found.seconds == counted, "what comes after the last tick is no part of the loop"
+    assert [(each.ticks, each.slot_ticks) for each in found.quarters] == [
+        *((1, 1), (0, 0), (2, 6), (1, 4))
+    ]
+    together = sum(each.seconds.get("physics", 0.0) for each in found.quarters)
+    assert together == pytest.approx(counted["physics"])
     assert decode(encode(structs.replace(found)), LoopProfile) == found

@@ -1,4 +1,4 @@
-"""Connections that a listener refused, as sentences in the conductor's log.
+"""Connections that a listener refused, as sentences for its log.
 
 Zenoh tells its program nothing of a handshake that failed; it writes a line to file descriptor 1.
 So results get a descriptor of their own, and 1 becomes a pipe that a thread reads.
@@ -6,16 +6,16 @@ So results get a descriptor of their own, and 1 becomes a pipe that a thread rea
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from schemas.words import plain
+from twin.fabric.zenoh_bus import log_refusals
 
 PERIOD_S = 60.0
 """A reason is logged once in so long, however often it occurs [s]."""
@@ -25,10 +25,10 @@ _REASONS = (
     ("sent no certificates", "it showed no key"),
     ("certificate expired", "its key has expired"),
     ("not valid yet", "its key is not valid yet; compare the clocks"),
-    ("UnknownIssuer", "its key is of another fabric"),
-    ("BadSignature", "its key is of another fabric"),
-    ("UnknownCA", "its key is of another fabric"),
-    ("CertificateUnknown", "its key is of another fabric"),
+    ("UnknownIssuer", "its key is of another fabric or rig"),
+    ("BadSignature", "its key is of another fabric or rig"),
+    ("UnknownCA", "its key is of another fabric or rig"),
+    ("CertificateUnknown", "its key is of another fabric or rig"),
     ("CertificateExpired", "it says that the key here has expired; compare the clocks"),
     ("InvalidContentType", "it does not speak TLS"),
 )
@@ -37,17 +37,19 @@ _REASONS = (
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _LINE = re.compile(r"zenoh_link_tls::\w+: (.*)")
 
-_log = logging.getLogger(__name__)
-
 
 def reason_of(line: str) -> str:
     """Why a connection was refused, by Zenoh's ``line``; empty: the line says something else."""
-    found = _LINE.search(_COLOUR.sub("", line))
+    found = _found(line)
     if found is None or "Skipping name verification" in line:
         return ""
     said = found[1].partition(" Hint:")[0].rstrip(".")
     known = (meaning for part, meaning in _REASONS if part in said)
     return next(known, f"the handshake failed: {plain(said, REASON_CHARS_MAX)}")
+
+
+def _found(line: str) -> re.Match[str] | None:
+    return _LINE.search(_COLOUR.sub("", line))
 
 
 class Refusals:
@@ -74,16 +76,15 @@ class Refusals:
 
 
 @contextmanager
-def refusals_logged() -> Iterator[None]:
-    """While it lasts, lines of Zenoh become lines of our log; standard output stays what it is."""
-    from twin.fabric.zenoh_bus import log_refusals
-
+def refusals_logged(say: Callable[[str], object]) -> Iterator[None]:
+    """While it lasts, ``say`` gets a sentence for Zenoh's lines, on a thread; standard output stays
+    what it is."""
     before = sys.stdout
     before.flush()
     own, (reader, writer) = os.dup(1), os.pipe()
     os.dup2(writer, 1)
     os.close(writer)
-    thread = threading.Thread(target=_read, args=(reader,), name="refusals", daemon=True)
+    thread = threading.Thread(target=_read, args=(reader, own, say), name="refusals", daemon=True)
     thread.start()
     log_refusals()
     try:
@@ -93,14 +94,15 @@ def refusals_logged() -> Iterator[None]:
     finally:
         sys.stdout = before
         os.dup2(own, 1)  # closes the pipe, and so ends the thread
-        os.close(own)
         thread.join(1.0)
+        os.close(own)
 
 
-def _read(descriptor: int) -> None:
+def _read(descriptor: int, own: int, say: Callable[[str], object]) -> None:
     refusals = Refusals()
     with os.fdopen(descriptor, errors="replace") as lines:
         for line in lines:
-            sentence = refusals.take(line, time.monotonic())
-            if sentence:
-                _log.warning("%s", sentence)
+            if _found(line) is None:  # a library of others printed it
+                os.write(own, line.encode())
+            elif sentence := refusals.take(line, time.monotonic()):
+                say(sentence)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from conductor.refusals import PERIOD_S, Refusals, reason_of
+from twin.fabric.refusals import PERIOD_S, Refusals, reason_of
 
 HEAD = "\x1b[2m2026-11-22T00:25:31.0Z\x1b[0m \x1b[33m WARN\x1b[0m acc-0 zenoh_link_tls::unicast: "
 HINT = ". Hint: increase the system open file limit."
@@ -12,8 +12,8 @@ HINT = ". Hint: increase the system open file limit."
     ("said", "reason"),
     [
         ("peer sent no certificates", "it showed no key"),
-        ("invalid peer certificate: UnknownIssuer", "its key is of another fabric"),
-        ("received fatal alert: UnknownCA", "its key is of another fabric"),
+        ("invalid peer certificate: UnknownIssuer", "its key is of another fabric or rig"),
+        ("received fatal alert: UnknownCA", "its key is of another fabric or rig"),
         ("invalid peer certificate: certificate expired: verification time 1", "has expired"),
         ("received corrupt message of type InvalidContentType", "it does not speak TLS"),
         ("something new", "the handshake failed: something new"),
