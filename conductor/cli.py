@@ -8,7 +8,8 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 import json
 import logging
 import sys
-from dataclasses import asdict
+from contextlib import ExitStack
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -119,9 +120,8 @@ def run_command(
     The same command again resumes where it stopped. With --workers 0 only workers that you start
     yourself (`twin worker --state OUT`) do the work.
     """
-    from conductor.models import check_models
-    from conductor.places import parse_workers
-    from conductor.run import RunOptions, run_campaign, where
+    from conductor.models import models_checked
+    from conductor.places import parse_workers, where
     from conductor.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
 
@@ -137,20 +137,26 @@ def run_command(
     if record_drive:
         loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
-    check_models(loaded, campaign, "cpu" if asked.count == 0 else device)
-    options = RunOptions(
-        out=out or Path("runs") / loaded.campaign,
-        workers=asked,
-        slots=slots,
-        device=device,
-        by_batch=by_batch,
-        listen=listen,
-        key=own_key(key, insecure=insecure),
-        view=view,
-        memory_gb=memory_gb,
-        json=output is Output.json,
-    )
-    raise typer.Exit(run_campaign(loaded, options))
+    with ExitStack() as at_end:
+        with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
+            # Here, because importing it takes nearly as long as loading a network.
+            from conductor.run import RunOptions, local_workers, run_campaign
+
+            options = RunOptions(
+                out=out or Path("runs") / loaded.campaign,
+                workers=asked,
+                slots=slots,
+                device=device,
+                by_batch=by_batch,
+                listen=listen,
+                view=view,
+                memory_gb=memory_gb,
+                json=output is Output.json,
+            )
+            local = local_workers(loaded, options)
+            at_end.callback(local.stop)
+        options = replace(options, key=own_key(key, insecure=insecure))
+        raise typer.Exit(run_campaign(loaded, options, local))
 
 
 @app.command()

@@ -1,4 +1,8 @@
-"""The local workers of ``conductor run``: started, replaced when they die, stopped together."""
+"""The local workers of ``conductor run``: started, replaced when they die, stopped together.
+
+A worker may be started before the conductor listens, so that it loads meanwhile; in any case it is
+told on its standard input whom to serve.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,16 @@ import contextlib
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+import msgspec
+
 from conductor.places import Place
+from twin.fabric.ahead import LATER, Told
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 STOP_S = 12.0
@@ -41,6 +49,8 @@ class LocalWorkers:
     """Campaign folder; what workers say goes to its ``logs``."""
     places: Sequence[Place]
     """Where each of them computes; one that died is replaced at its place."""
+    told: Told | None = None
+    """Whom they serve; None: that is not known yet. The log is each worker's own."""
     children: list[Child] = field(default_factory=list)
     started: int = 0
     died: int = 0
@@ -56,10 +66,32 @@ class LocalWorkers:
         taken = {child.place for child in self.children}
         for index in sorted(set(range(self.count)) - taken):
             self.started += 1
-            log = (self.folder / "logs" / f"worker-{self.started}.log").open("w+b")
-            options = (*self.options, *self.places[index].options())
+            # Until it is told it has no log on disk, and nothing to say.
+            log = tempfile.TemporaryFile()  # noqa: SIM115
+            options = ("--connect", LATER, *self.options, *self.places[index].options())
             process = spawn([sys.executable, "-m", "twin", "worker", *options], log=log)
             self.children.append(Child(index, self.started, process, log))
+            self._tell(self.children[-1])
+
+    def serve(self, told: Told, places: Sequence[Place]) -> None:
+        """The conductor listens: tell those that run, and end those that have no place any more."""
+        self.told, self.places = told, places
+        surplus = [child for child in self.children if child.place >= len(places)]
+        self.children = [child for child in self.children if child.place < len(places)]
+        _end(surplus)
+        for child in self.children:
+            self._tell(child)
+
+    def _tell(self, child: Child) -> None:
+        if self.told is None or child.process.poll() is not None:
+            return  # what it said last stays where it is
+        path = self.folder / "logs" / f"worker-{child.number}.log"
+        child.log.close()
+        child.log = path.open("w+b")
+        told = msgspec.structs.replace(self.told, log=str(path))
+        assert child.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
+            child.process.stdin.write(msgspec.json.encode(told) + b"\n")
 
     def look(self) -> list[str]:
         """Reap the dead and read the logs: one line per death of a worker or of its rig."""
@@ -91,14 +123,26 @@ class LocalWorkers:
             if line.startswith("rig ended")
         ]
 
+    def ask(self) -> None:
+        """Ask all to end, and wait for none."""
+        _ask(self.children)
+
     def stop(self) -> None:
         """Ask all at once, then wait for each; they give their leases back."""
-        for child in self.children:
-            with contextlib.suppress(ProcessLookupError):
-                child.process.terminate()
-        for child in self.children:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.process.wait(STOP_S)
-            end(child.process)
-            child.log.close()
-        self.children.clear()
+        _end(self.children)
+        self.children = []
+
+
+def _ask(children: Sequence[Child]) -> None:
+    for child in children:
+        with contextlib.suppress(ProcessLookupError):
+            child.process.terminate()
+
+
+def _end(children: Sequence[Child]) -> None:
+    _ask(children)
+    for child in children:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.process.wait(STOP_S)
+        end(child.process)
+        child.log.close()

@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import msgspec
@@ -24,7 +26,15 @@ TIMEOUT_S = 100.0
 
 
 def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
-    """Load the networks that cases of ``campaign`` use, on this machine.
+    """Load the networks that cases of ``campaign`` use; see :func:`models_checked`."""
+    with models_checked(campaign, shown, device):
+        pass
+
+
+@contextmanager
+def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Iterator[None]:
+    """Load the networks that cases of ``campaign`` use, on this machine, while the body
+    of the ``with`` does something else; it is known at its end.
 
     Args:
         campaign: with absolute paths, see :func:`conductor.source.load`.
@@ -35,8 +45,6 @@ def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
         UsageError: one line per network that cannot be loaded, naming its file.
         InfrastructureError: the check itself did not work.
     """
-    if not any(isinstance(v, NetworkPerception) for v in campaign.autonomy.perception.values()):
-        return
     cases = expand(campaign)
     used = {
         case.model: case.perception
@@ -44,12 +52,18 @@ def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
         if isinstance(case.perception, NetworkPerception)
     }
     if not used:
+        yield
         return
     # The same network with another threshold is loaded once.
     first: dict[tuple[str, ...], str] = {}
     for name, variant in used.items():
         first.setdefault(_what_is_loaded(variant), name)
-    answer = _ask({name: used[name] for name in first.values()}, cases[0].camera, device)
+    with _ask({name: used[name] for name in first.values()}, cases[0].camera, device) as child:
+        try:
+            yield
+            answer = _answer(child, first.values())
+        finally:
+            child.kill()
     mistakes = [
         Mistake(f"autonomy.perception.{name}", answer[name]["error"])
         for name in first.values()
@@ -63,29 +77,40 @@ def _what_is_loaded(variant: NetworkPerception) -> tuple[str, ...]:
     return (variant.model, variant.weights, variant.names, variant.description, variant.runtime)
 
 
-def _ask(variants: dict[str, NetworkPerception], camera: Any, device: str) -> dict[str, Any]:
+def _ask(
+    variants: dict[str, NetworkPerception], camera: Any, device: str
+) -> subprocess.Popen[bytes]:
     command = [
         *(sys.executable, "-m", "devkit", "check-models", "--device", device),
         *("--width", str(camera.width), "--height", str(camera.height)),
     ]
-    names = ", ".join(variants)
+    pipe = subprocess.PIPE
+    child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
+    assert child.stdin is not None
+    with suppress(BrokenPipeError):  # then it has ended, and says why
+        child.stdin.write(msgspec.json.encode(variants))
+        child.stdin.close()
+    child.stdin = None
+    return child
+
+
+def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Any]:
+    shown = ", ".join(names)
     try:
-        done = subprocess.run(
-            command, input=msgspec.json.encode(variants), capture_output=True, timeout=TIMEOUT_S
-        )
+        said, errors = child.communicate(timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
         raise InfrastructureError(
-            f"networks {names}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
+            f"networks {shown}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
         ) from None
     try:
-        if done.returncode == 0:
+        if child.returncode == 0:
             # What libraries may print stands before the answer.
-            found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+            found: dict[str, Any] = json.loads(said.splitlines()[-1])
             return found
     except (ValueError, IndexError):
         pass
-    words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]
+    words = errors.decode(errors="replace").strip().splitlines() or ["it said nothing"]
     raise InfrastructureError(
-        f"networks {names}: the process that loads them ended without an answer"
-        f" ({how_it_ended(done.returncode)}): {words[-1][:300]}"
+        f"networks {shown}: the process that loads them ended without an answer"
+        f" ({how_it_ended(child.returncode)}): {words[-1][:300]}"
     )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from twin.fabric.errors import UsageError
+from twin.fabric.nvml import visible_gpus
 
 WORKERS_MAX = 8
 """Local workers started by default on the CPU, at most."""
@@ -55,6 +57,18 @@ def parse_workers(text: str | None) -> Asked:
             f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 2xcuda (two per GPU)"
         )
     return Asked(per_gpu=int(found[1] or 1))
+
+
+def where(asked: Asked, device: str) -> tuple[Asked, str]:
+    """What ``--workers`` comes to here, and the device: without a GPU the CPU does it, and one line
+    says so."""
+    if not asked.per_gpu:
+        return asked, device
+    gpus = visible_gpus()
+    if gpus:
+        return asked, gpus[0].device
+    print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
+    return Asked(), "cpu"
 
 
 def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) -> list[Place]:

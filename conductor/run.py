@@ -38,6 +38,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.view import ViewMode
+from twin.fabric.ahead import Told
 from twin.fabric.endpoint import LOOPBACK, is_exposed
 from twin.fabric.errors import (
     EXIT_FAILED,
@@ -91,20 +92,34 @@ class Interrupted(BaseException):
         self.number = number
 
 
-def where(asked: Asked, device: str) -> tuple[Asked, str]:
-    """What ``--workers`` comes to here, and the device: without a GPU the CPU does it, and one line
-    says so."""
-    if not asked.per_gpu:
-        return asked, device
-    gpus = visible_gpus()
-    if gpus:
-        return asked, gpus[0].device
-    print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
-    return Asked(), "cpu"
+def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
+    """The workers of a run. Those of a new one are started here: they and their simulators load
+    while the rest of the campaign is checked, and leave nothing behind if it is refused."""
+    folder = options.out.absolute()
+    loads = campaign.simulator != "noop" and campaign.autonomy.placement != "inline"
+    worker_options = [
+        *(("--load-simulator",) if loads else ()),
+        *(() if options.view is None else ("--view", options.view.value)),
+        *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
+        *("--join-dir", str(folder / "rigs")),
+        *("--spool", str(folder / "spool")),
+    ]
+    places = _places(options, len(expand(campaign)))
+    workers = LocalWorkers(worker_options, folder, places)
+    if loads and _is_new(folder):
+        workers.start()
+    return workers
 
 
-def run_campaign(campaign: Campaign, options: RunOptions) -> int:
-    """Run ``campaign`` to its end on this machine; the exit code."""
+def _is_new(folder: Path) -> bool:
+    try:
+        return not folder.exists()
+    except OSError:
+        return False  # the conductor says what is wrong with it
+
+
+def run_campaign(campaign: Campaign, options: RunOptions, workers: LocalWorkers) -> int:
+    """Run ``campaign`` to its end with ``workers`` of this machine; the exit code."""
     if options.workers.count != 0:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
@@ -114,7 +129,7 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
     with _signals() as pending:
         try:
-            _execute(campaign, options, cases, console, pending)
+            _execute(campaign, options, workers, cases, console, pending)
             result = _conclude(campaign, options)
         except Interrupted as stop:
             console.print(
@@ -130,6 +145,7 @@ def run_campaign(campaign: Campaign, options: RunOptions) -> int:
 def _execute(
     campaign: Campaign,
     options: RunOptions,
+    workers: LocalWorkers,
     cases: int,
     console: Console,
     pending: list[Interrupted],
@@ -165,7 +181,8 @@ def _execute(
                 soft_wrap=True,
             )
         _check_software(row, options)
-        places, slots = _places(options, row["left"], campaign)
+        places = _places(options, row["left"])
+        slots = _slots(options, row["left"], len(places), campaign)
         if options.workers.per_gpu:
             devices = ", ".join(place.device for place in places)
             console.print(f"workers on {devices} with {slots} slots each", markup=False)
@@ -173,25 +190,23 @@ def _execute(
             (conductor.folder / "logs").mkdir(exist_ok=True)
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
-        insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
-        worker_options = [
-            *("--connect", conductor.endpoint, "--slots", str(slots)),
-            *(() if options.view is None else ("--view", options.view.value)),
-            *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
-            *("--join-dir", str(conductor.folder / "rigs")),
-            *("--spool", str(conductor.folder / "spool")),
-            *(("--key", str(shared(conductor.key))) if conductor.key else ()),
-            *insecure,
-        ]
+        key = str(shared(conductor.key)) if conductor.key else ""
+        exposed = is_exposed(conductor.endpoint)
+        insecure = ["--insecure"] if exposed else []
         if ViewMode(campaign.view).shows:
             console.print(
                 shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
                 markup=False,
                 soft_wrap=True,
             )
-        workers = LocalWorkers(worker_options, conductor.folder, places)
         try:
+            workers.serve(Told(conductor.endpoint, slots, key, exposed), places)
             _wait(conductor, campaign, workers, console, pending)
+            workers.ask()
+            if campaign.simulator != "noop":
+                from conductor.report import read_ahead
+
+                read_ahead(options.out)  # while they end
         finally:
             workers.stop()
             if not places:
@@ -222,6 +237,7 @@ def _wait(
         )
     storage = ""
     told: list[str] = []
+    prepared = campaign.simulator == "noop"
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
@@ -240,6 +256,9 @@ def _wait(
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:
                 return
+            if row["leased"] and not prepared:
+                prepared = True
+                threading.Thread(target=_prepare_report, name="report", daemon=True).start()
             for line in found["notes"]:
                 if line not in told:
                     told.append(line)
@@ -258,6 +277,14 @@ def _wait(
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
             time.sleep(POLL_S)
+
+
+def _prepare_report() -> None:
+    """Load what makes the report while cases run: nobody waits for this process then."""
+    with contextlib.suppress(Exception):  # the report itself says what is wrong
+        from conductor.report import prepare
+
+        prepare()
 
 
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:
@@ -349,17 +376,21 @@ def _check_software(row: dict[str, Any], options: RunOptions) -> None:
         )
 
 
-def _places(options: RunOptions, left: int, campaign: Campaign) -> tuple[list[Place], int]:
-    """Where workers compute, and slots per worker."""
+def _places(options: RunOptions, left: int) -> list[Place]:
+    """Where workers compute."""
     if options.workers.per_gpu:
         gpus = visible_gpus()
-        places = on_gpus([g.device for g in gpus], [g.cores for g in gpus], options.workers.per_gpu)
-        free = min(gpu.free_bytes for gpu in gpus) // options.workers.per_gpu
-        slots = options.slots or gpu_slots(left, len(places), slots_that_fit(campaign, free))
-        return places, slots
-    slots = options.slots or 1
+        return on_gpus([g.device for g in gpus], [g.cores for g in gpus], options.workers.per_gpu)
     cores = len(os.sched_getaffinity(0))
-    return on_cpu(options.device, options.workers.count, cores, left, slots), slots
+    return on_cpu(options.device, options.workers.count, cores, left, options.slots or 1)
+
+
+def _slots(options: RunOptions, left: int, workers: int, campaign: Campaign) -> int:
+    """Slots per worker."""
+    if options.slots or not options.workers.per_gpu:
+        return options.slots or 1
+    free = min(gpu.free_bytes for gpu in visible_gpus()) // options.workers.per_gpu
+    return gpu_slots(left, workers, slots_that_fit(campaign, free))
 
 
 def _progress(console: Console) -> Progress:

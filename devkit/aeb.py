@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -13,6 +14,7 @@ from devkit.lane_view import LaneView
 from devkit.stack import Observation, Stack
 from devkit.steering import Steering, Wheel, steer
 from devkit.view import View
+from schemas.expected import Expected
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
     VEHICLE_COLUMNS,
@@ -121,6 +123,10 @@ class AebStack(Stack):
         self._cars: list[_Car | None] = [None] * slots
         self._eyes = Eyes(slots)
         self._drove: list[int] = []
+
+    def expect(self, expected: Sequence[Expected]) -> None:
+        """See :meth:`devkit.stack.Stack.expect`."""
+        self._eyes.expect(expected)
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Put a fresh car into ``slot``.

@@ -15,6 +15,7 @@ from devkit.check_command import check, parsed_parameters
 from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
 from devkit.replay_command import replay
 from devkit.training_commands import evaluate, train
+from schemas.expected import Expected
 from schemas.foreign import Foreign
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
@@ -43,6 +44,9 @@ def host(
     foreign: Annotated[
         str, typer.Option(help="Command of a stack in a process of its own, as JSON.")
     ] = "",
+    expected: Annotated[
+        str, typer.Option(help="What its cases will look with, as JSON; loaded beforehand.")
+    ] = "[]",
     # No TWIN_KEY: that names keys of the conductor's fabric, none of which opens a rig.
     key: Annotated[
         Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
@@ -70,8 +74,12 @@ def host(
         command = msgspec.json.decode(foreign, type=Foreign) if foreign else None
     except msgspec.MsgspecError as error:
         raise UsageError(f"--foreign: {error}") from None
+    try:
+        first = msgspec.json.decode(expected, type=list[Expected])
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"--expected: {error}") from None
     found = load_key(key, Role.stack) if key else None
-    options = HostOptions(connect, rig, namespace, slots, stack, values, found, command)
+    options = HostOptions(connect, rig, namespace, slots, stack, values, found, command, first)
     raise typer.Exit(run_host(options))
 
 

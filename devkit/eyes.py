@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -14,7 +15,9 @@ import devkit.network_perception  # noqa: F401 - makes itself known
 from devkit.images import Images
 from devkit.perception import Perception, Setting, build_perception
 from devkit.stack import Observation
+from schemas.expected import Expected
 from schemas.messages import Detection, Episode, PerceptionCost
+from twin.fabric.errors import UsageError
 
 TOGETHER_MAX = 8
 """Most networks of a GPU that run at the same time."""
@@ -32,19 +35,28 @@ class Eyes:
         self._costs: dict[int, PerceptionCost] = {}
         self._pool = ThreadPoolExecutor(TOGETHER_MAX, "eyes")
 
+    def expect(self, expected: Sequence[Expected]) -> None:
+        """Build what cases will look with; see :meth:`devkit.stack.Stack.expect`."""
+        for each in expected:
+            with suppress(UsageError, ValueError):  # told when a case needs it
+                self._perception(each)
+
     def reset(self, slot: int, episode: Episode) -> None:
         """Give ``slot`` the eyes of a new case.
 
         Raises:
             UsageError: its network cannot be loaded; one line naming the file.
         """
-        setting = Setting(episode.device, (episode.width, episode.height), episode.files)
+        self._of_slot[slot] = self._perception(episode)
+
+    def _perception(self, of: Episode | Expected) -> Perception:
+        setting = Setting(of.device, (of.width, of.height), of.files)
         key = msgspec.msgpack.encode(
-            (episode.perception, setting.device, setting.size_px, sorted(setting.files.items()))
+            (of.perception, setting.device, setting.size_px, sorted(setting.files.items()))
         )
         if key not in self._built:
-            self._built[key] = build_perception(episode.perception, setting)
-        self._of_slot[slot] = self._built[key]
+            self._built[key] = build_perception(of.perception, setting)
+        return self._built[key]
 
     def look(self, slots: Sequence[int], observation: Observation) -> dict[int, list[Detection]]:
         """Detections of the new camera frames of ``slots``; none of a slot where no frame is

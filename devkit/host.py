@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,10 @@ from devkit.foreign import watch_lifeline as watch_script_lifeline
 from devkit.foreign_place import placed, vacate
 from devkit.stack import Observation, Stack, StackError, load_stack
 from schemas import SCHEMA_VERSION
+from schemas.expected import Expected
 from schemas.foreign import Foreign
 from schemas.messages import Commands
+from twin.fabric import cuda
 from twin.fabric.drive import Incoming, StackEnd
 from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.files import write_atomic
@@ -61,6 +63,8 @@ class HostOptions:
     """The key that the rig gave its stack, for a simulator that listens with TLS."""
     foreign: Foreign | None = None
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
+    expected: Sequence[Expected] = ()
+    """What its first cases will look with."""
 
 
 def run_host(options: HostOptions) -> int:
@@ -132,6 +136,7 @@ def _run_stack(options: HostOptions, script: Script | None) -> int:
         try:
             if isinstance(stack, ScriptBridge):
                 stack.attach(script)
+            expect(stack, options.expected)
             serve(link, stack)
         finally:
             stack.close()
@@ -152,6 +157,14 @@ def serve(link: StackEnd, stack: Stack) -> None:
             link.answer(refusal(incoming.tick.seq, error))
             raise
         link.answer(commands)
+
+
+def expect(stack: Stack, expected: Sequence[Expected]) -> None:
+    """Have the stack load what its cases need, while the simulator builds its world."""
+    if takes_device_frames(stack) and any(each.device.startswith("cuda") for each in expected):
+        cuda.prepare()
+    if isinstance(stack, Stack):  # one that is none of ours may lack the method
+        stack.expect(expected)
 
 
 def takes_device_frames(stack: Stack) -> bool:

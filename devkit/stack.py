@@ -43,12 +43,13 @@ from __future__ import annotations
 import importlib
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 
+from schemas.expected import Expected
 from schemas.messages import Command, Episode, PerceptionCost
 from schemas.validation import suggest
 
@@ -129,6 +130,11 @@ class Stack(ABC):
             slots: number of slots S, at least 1.
         """
         self.slots = slots
+
+    def expect(self, expected: Sequence[Expected]) -> None:  # noqa: B027 - optional
+        """What cases of this rig will look with, as far as it is known; called once, before all
+        else, while the simulator is not ready: the time to load networks. Optional, and no promise:
+        others may come. What cannot be loaded is told by :meth:`reset`."""
 
     @abstractmethod
     def reset(self, slot: int, episode: Episode) -> None:

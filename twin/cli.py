@@ -36,7 +36,11 @@ Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 @app.command()
 def worker(
     connect: Annotated[
-        str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")
+        str,
+        typer.Option(
+            help="The conductor's endpoint, e.g. tls/login1:7447; -: as `conductor run` will say "
+            "on standard input."
+        ),
     ] = "",
     state: Annotated[
         Path | None,
@@ -100,10 +104,13 @@ def worker(
         Path | None,
         typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
     ] = None,
+    load_simulator: Annotated[bool, typer.Option("--load-simulator", hidden=True)] = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
+    from twin.fabric.ahead import LATER
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.fabric.roles import Role
+    from twin.worker.ahead import await_told
     from twin.worker.shell import Worker, WorkerOptions
 
     if cores:
@@ -115,6 +122,11 @@ def worker(
 
         print("\n".join(explanation(device)))
         return
+    loading = None
+    if connect == LATER:
+        told, loading = await_told(simulator=load_simulator)
+        connect, slots = told.connect, told.slots
+        key = Path(told.key) if told.key else None
     if state is not None and not connect:
         spool = spool or state / "spool"
         target = await_conductor(state, wait, Role.worker, key)
@@ -136,7 +148,7 @@ def worker(
         tags=tuple(tag or ()),
         spool=spool,
     )
-    raise typer.Exit(Worker(options).serve())
+    raise typer.Exit(Worker(options, loading).serve())
 
 
 @app.command()
@@ -156,32 +168,6 @@ def reenact(
     from twin.worker.reenact import reenact
 
     raise typer.Exit(reenact(attempt, device, slots, out))
-
-
-@app.command(hidden=True)
-def sim(
-    rig: str = typer.Option(...),
-    listen: str = typer.Option(LOOPBACK),
-    namespace: str = typer.Option("twin"),
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
-    rig_key: Path | None = typer.Option(None),
-    slots: int = typer.Option(1),
-    device: str = typer.Option("cpu"),
-    view: ViewMode = typer.Option(ViewMode.none),
-    view_namespace: str = typer.Option("twin"),
-    view_connect: str = typer.Option(""),
-) -> None:
-    """The simulator process of a rig; started by `twin worker`."""
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
-    from twin.worker.simulator import run_simulator
-    from twin.worker.view_feed import ViewOptions
-
-    found = load_key(key, Role.worker) if key else None
-    own = load_key(rig_key, Role.worker) if rig_key else None
-    options = ViewOptions(view, view_namespace, view_connect, found)
-    raise typer.Exit(run_simulator(rig, listen, slots, device, namespace, own, options))
 
 
 @app.command()

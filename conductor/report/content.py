@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from dataclasses import dataclass
 from pathlib import Path
 
 from conductor.report.curves import Curve, points_for
-from conductor.report.dossier import Dossier, Row
+from conductor.report.dossier import Dossier, Row, open_dossier
 from conductor.report.effects import Effect, main_effects
 from conductor.report.evidence import Evidence, gather
 from conductor.report.findings import Finding, findings
@@ -16,7 +17,7 @@ from conductor.report.reading import read_cases
 from conductor.report.resources import read_resources
 from conductor.report.resources_use import Resources, no_resources, resources_of
 from conductor.report.speedup import SpeedUp, speed_up
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.errors import InfrastructureError, TwinError
 
 CASES_MAX = 2000
 """Most cases with a table row and curves; a larger campaign shows its worst first."""
@@ -63,8 +64,7 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
     """
     leases = read_leases(dossier.folder)
     pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
-    order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
-    shown = {dossier.rows[i].case.id for i in order[:CASES_MAX]}
+    shown = _shown(dossier)
     reading = read_cases(dossier, shown, points_for(len(shown)), anew=anew)
     return Content(
         dossier=dossier,
@@ -80,6 +80,21 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
         findings=findings(dossier),
         as_of=_as_of(dossier),
     )
+
+
+def read_ahead(folder: Path) -> None:
+    """Read the KPI files of a campaign that has just ended, for the report that is to come: it
+    finds them read. What is wrong with them the report tells."""
+    with contextlib.suppress(TwinError):
+        dossier = open_dossier(folder)
+        shown = _shown(dossier)
+        read_cases(dossier, shown, points_for(len(shown)), anew=False)
+
+
+def _shown(dossier: Dossier) -> set[str]:
+    """Cases with a table row and curves: those that did not pass come first."""
+    order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
+    return {dossier.rows[i].case.id for i in order[:CASES_MAX]}
 
 
 def _as_of(dossier: Dossier) -> str:

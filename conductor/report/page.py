@@ -7,9 +7,12 @@ import datetime
 import json
 import shlex
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
+import jinja2
 import numpy as np
+import plotly.graph_objects as go
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -48,8 +51,7 @@ def render(content: Content, failures: list[Failure]) -> str:
     """The page; ``failures`` are the cases that it shows with pictures."""
     dossier = content.dossier
     script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
-    template = environment(autoescape=True).get_template("page.html.j2")
-    return template.render(
+    return _template().render(
         dossier=dossier,
         outcomes=dossier.outcomes,
         content=content,
@@ -81,6 +83,20 @@ def render(content: Content, failures: list[Failure]) -> str:
         style=Markup((ASSETS / "page.css").read_text(encoding="utf-8")),
         script=Markup(f'"use strict";\n(() => {{\n{script}\n}})();'),
     )
+
+
+def prepare() -> None:
+    """Do before the first page what it would do: the template is compiled, and Plotly loads its
+    parts when they are first used."""
+    _template()
+    curve_frame(("dtc_m", "aeb"))
+    for trace in (go.Scatter(x=[0], y=[0], marker={"size": 1}), go.Bar(x=[0], y=[0])):
+        go.Figure(trace).to_json()
+
+
+@cache
+def _template() -> jinja2.Template:
+    return environment(autoescape=True).get_template("page.html.j2")
 
 
 def _page_data(content: Content) -> dict[str, Any]:

@@ -159,6 +159,11 @@ def _unpin(driver: Any, address: ctypes.c_void_p, _host: NDArray[Any]) -> None:
     driver.cuMemHostUnregister(address)
 
 
+def prepare() -> None:
+    """Load what device handles need, before the first of them comes."""
+    _warp().init()
+
+
 def _warp() -> Any:
     # By name: viewers, conductors and stacks on a CPU must start without it.
     warp = importlib.import_module("warp")

@@ -27,7 +27,7 @@ def software_digest() -> str:
     files and the exact versions of the libraries that reach a KPI."""
     parts: list[bytes] = []
     for package in _PACKAGES:
-        root = _folder(package)
+        root = package_folder(package)
         for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
             name = f"{package}/{path.relative_to(root).as_posix()}"
             parts.append(f"{name}={hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
@@ -54,7 +54,7 @@ def check_packages() -> None:
     """
     home = Path(__file__).resolve().parents[2]
     for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc"):
-        found = _folder(package)
+        found = package_folder(package)
         if found != home / package:
             raise UsageError(
                 f"package '{package}' is loaded from {found}, expected {home / package}; "
@@ -62,7 +62,12 @@ def check_packages() -> None:
             )
 
 
-def _folder(package: str) -> Path:
+def package_folder(package: str) -> Path:
+    """Where a package of ours is installed, found without importing it.
+
+    Raises:
+        UsageError: it is not.
+    """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise UsageError(f"package '{package}' is not installed; install drivetwin again")

@@ -1,10 +1,20 @@
-"""Import this first: Ctrl-C while modules are still loading ends the process, without a traceback.
+"""Import this first: Ctrl-C while modules are still loading ends the process, without a traceback,
+and they load without being searched for garbage again and again.
 
 :func:`twin.fabric.cli.run` takes the signal over when everything is there.
 """
 
+import atexit
+import gc
 import os
 import signal
+
+YOUNG_MAX = 10_000
+"""Objects made before the young ones are looked at; Python's 700 are made for smaller programs."""
+
+gc.set_threshold(YOUNG_MAX, 20, 20)
+# The system takes all memory back at once: looking for cycles in it first takes 0.25 s of a report.
+atexit.register(gc.freeze)
 
 # CUDA and NVML must count the GPUs of a node alike: the device class names the GPU by NVML.
 os.environ.setdefault("CUDA_DEVICE_ORDER", "PCI_BUS_ID")

@@ -10,15 +10,34 @@ from msgspec import Struct
 
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Result, Touch
+from schemas.view_mode import ViewMode
 from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
 
 _LENGTH = struct.Struct("<I")
 
 
 class Build(Struct, frozen=True, tag_field="kind", tag="build"):
-    """Build the engine for the rig of this lease's case."""
+    """The first message: build the engine for the rig of this lease's case."""
 
     lease: Lease
+    rig: str
+    listen: str
+    """Where the drive session listens."""
+    namespace: str
+    """Of the drive session."""
+    slots: int
+    device: str
+    """``cpu`` or ``cuda:N``."""
+    view: ViewMode
+    view_namespace: str
+    view_connect: str
+    """The conductor's router."""
+    key: str = ""
+    """Path of the worker's key file, for viewers; empty: none."""
+    rig_key: str = ""
+    """Path of the simulator's own key file, for the drive session; empty: none."""
+    insecure: bool = False
+    """The router is plain TCP beyond loopback: somebody typed ``--insecure``."""
 
 
 class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):

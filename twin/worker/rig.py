@@ -21,6 +21,8 @@ from typing import IO, TYPE_CHECKING, Any
 import msgspec
 import psutil
 
+from schemas.campaign import Case
+from schemas.expected import expected_of
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
@@ -40,6 +42,7 @@ from twin.worker.pipe import (
     Upward,
     pack,
 )
+from twin.worker.sim_process import SimulatorProcess, start_simulator
 
 FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
@@ -95,7 +98,14 @@ class RigProcess:
     Messages go to ``inbox`` as ``(self, message)``.
     """
 
-    def __init__(self, options: WorkerOptions, lease: Lease, inbox: queue.SimpleQueue[Any]) -> None:
+    def __init__(
+        self,
+        options: WorkerOptions,
+        lease: Lease,
+        inbox: queue.SimpleQueue[Any],
+        loaded: SimulatorProcess | None = None,
+    ) -> None:
+        """``loaded``: a simulator that waits to be told what to build."""
         self._options = options
         self._lease = lease
         self._inbox = inbox
@@ -108,9 +118,6 @@ class RigProcess:
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: tuple[Path, ...] = ()
         self._fetches, self._fetch_seen_ns = False, 0
-        # Unnamed files: gone with their last user, however this process ends. What matters of
-        # them, the last lines of a process that died, goes to the conductor.
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115
         self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
@@ -121,21 +128,27 @@ class RigProcess:
         view = options.view or ViewMode(lease.case.view)
         if lease.case.keep == "none":
             view = view.unrecorded
-        self._simulator = spawn(
-            [
-                *(sys.executable, "-m", "twin", "sim"),
-                *("--rig", self._id, "--listen", listen, "--namespace", self._namespace),
-                *("--slots", str(self._slots), "--device", options.device),
-                *("--view", view.value, "--view-namespace", options.namespace),
-                *("--view-connect", options.connect, *self._key),
-                *(("--insecure",) if is_exposed(options.connect) else ()),
-                *(("--rig-key", str(self._keys.simulator)) if self._keys else ()),
-            ],
-            environment=_threads() if lease.case.placement == "inline" else None,
-            log=self._log,
-            pipe_output=True,
+        inline = lease.case.placement == "inline"
+        if loaded is None or inline or loaded.process.poll() is not None:
+            if loaded is not None:
+                loaded.discard()
+            loaded = start_simulator(_threads() if inline else None)
+        self._simulator, self._log = loaded.process, loaded.log
+        build = Build(
+            lease=lease,
+            rig=self._id,
+            listen=listen,
+            namespace=self._namespace,
+            slots=self._slots,
+            device=options.device,
+            view=view,
+            view_namespace=options.namespace,
+            view_connect=options.connect,
+            key=str(options.key.path) if options.key else "",
+            rig_key=str(self._keys.simulator) if self._keys else "",
+            insecure=is_exposed(options.connect),
         )
-        self._write(pack(Build(lease)))
+        self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()
 
     @property
@@ -183,12 +196,12 @@ class RigProcess:
         with self._lock:
             self._stopped = True
         self._finish_recordings()
-        for child in (self._simulator, self._stack, self._recorder):
-            if child is None:
-                continue
+        children = [c for c in (self._simulator, self._stack, self._recorder) if c is not None]
+        for child in children:
+            # What keeps watch over a foreign stack has to end all that the stack started.
             if child is not self._stack or self._lease.case.foreign is None:
                 child.kill()  # nothing of value is in there: results are on disk
-            # What keeps watch over a foreign stack has to end all that the stack started.
+        for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
         for path in self._announced:
             path.unlink(missing_ok=True)
@@ -229,12 +242,17 @@ class RigProcess:
         self._drained.set()
         self._tell_end(self._simulator, "simulator", self._log)
 
-    def start_stack(self, endpoint: str) -> None:
-        """The simulator listens: start the stack, or announce the rig to a remote one."""
+    def start_stack(self, endpoint: str, cases: Sequence[Case] = ()) -> None:
+        """The simulator listens: start the stack, or announce the rig to a remote one.
+
+        ``cases``: those that will be the first, as far as they are known.
+        """
+        expected = expected_of(cases or [self._lease.case], self._options.device)
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
             *("--slots", str(self._slots), "--stack", self._lease.case.stack),
             *("--parameters", json.dumps(self._lease.case.parameters)),
+            *("--expected", msgspec.json.encode(expected).decode()),
         ]
         if self._lease.case.foreign is not None:
             foreign = msgspec.json.encode(self._lease.case.foreign).decode()

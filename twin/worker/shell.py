@@ -33,6 +33,7 @@ from twin.worker.delivery import Delivery
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
+from twin.worker.sim_process import SimulatorProcess
 from twin.worker.spool_folder import SpoolFolder
 
 REQUEST_TIMEOUT_S = 3.0
@@ -100,8 +101,10 @@ class _Signalled:
 class Worker:
     """serve = startup, main loop, shutdown."""
 
-    def __init__(self, options: WorkerOptions) -> None:
+    def __init__(self, options: WorkerOptions, loading: SimulatorProcess | None = None) -> None:
+        """``loading``: a simulator that waits for the first rig."""
         self._options = options
+        self._loading = loading
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._rig: RigProcess | None = None
@@ -172,6 +175,8 @@ class Worker:
         self._resources.close()
         if self._rig is not None:
             self._rig.stop()
+        if self._loading is not None:
+            self._loading.discard()
         self._requests.put(None)
         if self._bus is not None:
             self._bus.close()
@@ -295,7 +300,8 @@ class Worker:
 
     def _start_rig(self, lease: Lease) -> None:
         try:
-            self._rig = RigProcess(self._options, lease, self._inbox)
+            loading, self._loading = self._loading, None
+            self._rig = RigProcess(self._options, lease, self._inbox, loading)
         except OSError as error:
             # It dies in the next turn: effects must not call for more of them.
             self._inbox.put((None, RigDied("released", f"no rig: {error.strerror}")))
@@ -304,7 +310,8 @@ class Worker:
         """The simulator listens: start the stack, and a recorder that reads at ``view``."""
         assert self._rig is not None
         try:
-            self._rig.start_stack(endpoint)
+            held = self._core.held.values()
+            self._rig.start_stack(endpoint, [each.lease.case for each in held])
             if view:
                 self._rig.start_recorder(view)
         except OSError as error:

@@ -1,18 +1,9 @@
-"""The simulator process of a rig: steps S slots in lockstep with the stack.
-
-It reads orders from the worker on standard input, which is also its lifeline, and answers on
-standard output.
-"""
+"""The simulator of a rig: steps S slots in lockstep with the stack."""
 
 from __future__ import annotations
 
 import os
-import queue
-import sys
-import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +11,6 @@ import numpy as np
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
-from schemas.campaign import Case
 from schemas.identity import stream_key
 from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
@@ -34,40 +24,30 @@ from schemas.messages import (
     Tick,
 )
 from twin.fabric.bus import Bus
-from twin.fabric.drive import STACK_BYTES_MAX, Outgoing, SimulatorEnd
-from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
-from twin.fabric.key_file import Key
 from twin.fabric.pauses import settle
-from twin.fabric.process import bind_to_parent, leave_signals_to_the_parent
-from twin.fabric.refusals import refusals_logged
-from twin.fabric.zenoh_bus import open_bus
 from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
+from twin.worker.orders import Orders
 from twin.worker.pipe import (
     Abandon,
     Assign,
-    Broken,
     Build,
     Built,
     Close,
     Done,
-    Downward,
-    Drain,
     Drained,
-    Listening,
     Progress,
-    Refused,
     Steered,
     Touched,
-    Unpacker,
     Upstream,
 )
 from twin.worker.profile import LoopLog
 from twin.worker.realtime import RealtimeLink
 from twin.worker.results import Ended, ResultWriter
 from twin.worker.steering import Steering
-from twin.worker.view_feed import ViewOptions, open_feed
 from twin.worker.view_port import Feed
 
 if TYPE_CHECKING:
@@ -101,49 +81,20 @@ class _Slot:
     """This slot's share of the rig's wall time so far [s]."""
 
 
-class Orders:
-    """Orders of the worker, read on a thread; end-of-file means the worker is gone."""
-
-    def __init__(self, stream: int, drain: Callable[[], None]) -> None:
-        """``drain``: what :class:`Drain` asks for; at once, since the loop may wait for a stack."""
-        self._drain = drain
-        self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
-        self._stream = stream
-        threading.Thread(target=self._read, name="orders", daemon=True).start()
-
-    def _read(self) -> None:
-        unpacker = Unpacker(Downward)
-        while data := os.read(self._stream, 65536):
-            for message in unpacker.feed(data):
-                if isinstance(message, Drain):
-                    self._drain()
-                else:
-                    self._inbox.put(message)
-        os._exit(0)
-
-    def next(self, timeout_s: float | None) -> object | None:
-        """The next order; None after ``timeout_s`` (None: wait for ever)."""
-        try:
-            if timeout_s == 0:
-                return self._inbox.get_nowait()
-            return self._inbox.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-
-
 class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
-    def __init__(
-        self, bus: Bus, rig: str, slots: int, device: str, out: Upstream, feed: Feed
-    ) -> None:
+    def __init__(self, bus: Bus, build: Build, orders: Orders, out: Upstream, feed: Feed) -> None:
+        rig, slots, device = build.rig, build.slots, build.device
         self._bus = bus
         self._feed = feed
+        self._case = build.lease.case
         self._rig = rig
         self._device = device
         self._upward = out
         self._results = ResultWriter(self._written)
-        self._orders = Orders(0, self._drain)
+        self._orders = orders
+        orders.on_drain(self._drain)
         self._slots: list[_Slot | None] = [None] * slots
         self._steering = Steering(rig, self._slots, device, self._touched)
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
@@ -159,7 +110,7 @@ class Simulator:
         self._handles: dict[str, bytes] = {}
 
     def run(self) -> None:
-        """Build when told, then exchange and step for ever.
+        """Build, then exchange and step for ever.
 
         Whatever ends that is raised only when the results of cases that are over are told: they
         must not be taken for victims of the rig.
@@ -175,9 +126,7 @@ class Simulator:
                 self._inline.close()
 
     def _loop(self) -> None:
-        order = self._orders.next(None)
-        assert isinstance(order, Build)
-        self._build(order.lease.case)
+        self._build()
         settle()
         while True:
             parked = self._steering.parked
@@ -195,11 +144,11 @@ class Simulator:
     def _busy(self) -> bool:
         return any(slot is not None for slot in self._slots)
 
-    def _build(self, case: Case) -> None:
+    def _build(self) -> None:
         # Warp takes its time to load: the drive session is announced before.
         from twin.engine import Engine, frame_channels
 
-        slots = len(self._slots)
+        case, slots = self._case, len(self._slots)
         channels = frame_channels(case, slots)
         self._offsets, size = lay_out(channels)
         # In real time the stack looks at pictures while the next are drawn: it gets copies.
@@ -510,54 +459,3 @@ def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> Percept
     return structs.replace(
         total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
     )
-
-
-def run_simulator(
-    rig: str,
-    listen: str,
-    slots: int,
-    device: str,
-    namespace: str,
-    key: Key | None,
-    view: ViewOptions,
-) -> int:
-    """Entry of ``twin sim``; the exit code."""
-    bind_to_parent()
-    leave_signals_to_the_parent()
-    # Whatever prints by mistake must not end up between the messages.
-    out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
-    os.dup2(2, 1)
-    bus = None
-    said = ExitStack()
-    try:
-        if key is not None:
-            said.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {rig} {why}"))))
-        bus = open_bus(
-            "peer",
-            listen=[listen],
-            namespace=namespace,
-            key=key,
-            message_bytes_max=STACK_BYTES_MAX,
-        )
-        feed = open_feed(rig, slots, view)
-        out.send(Listening(bus.endpoints[0], feed.endpoint))
-        Simulator(bus, rig, slots, device, out, feed).run()
-    except TwinError as error:
-        out.send(Broken("crash", str(error)))
-        return error.exit_code
-    except MemoryError as error:
-        out.send(Broken("out_of_memory", f"out of memory {error}".strip()))
-        return 3
-    except ValueError as error:
-        # What the engine refuses: one line, for people.
-        out.send(Broken("crash", str(error)))
-        return 3
-    except Exception as error:
-        sys.excepthook(*sys.exc_info())
-        out.send(Broken("crash", f"{type(error).__name__}: {error}"))
-        return 3
-    finally:
-        if bus is not None:
-            bus.close()
-        said.close()
-    return 0

@@ -84,9 +84,9 @@ def test_a_worker_with_a_gpu_needs_its_runtime(asked, tmp_path):
 )
 def test_a_check_that_breaks_down_is_no_mistake_of_the_campaign(monkeypatch, tmp_path, code, words):
     """A network may take down the process that loads it."""
-    real = subprocess.run
+    real = subprocess.Popen
     monkeypatch.setattr(
-        models.subprocess, "run", lambda _, **how: real([sys.executable, "-c", code], **how)
+        models.subprocess, "Popen", lambda _, **how: real([sys.executable, "-c", code], **how)
     )
     given = campaign({"a": network(tmp_path / "a.onnx")}, ["a"])
     with pytest.raises(InfrastructureError) as caught:

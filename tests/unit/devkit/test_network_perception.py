@@ -28,13 +28,14 @@ from devkit.darknet.weights import write_weights
 from devkit.detector import Detector
 from devkit.detector_decode import Selection
 from devkit.eyes import Eyes
-from devkit.host import serve
+from devkit.host import expect, serve
 from devkit.images import Images
 from devkit.model_files import open_detector, runtime_of, shipped_models
 from devkit.network_perception import REPORTED_MAX, _most_confident
 from devkit.perception import Setting, build_perception
 from devkit.stack import Observation
 from schemas.assets import file_digest
+from schemas.expected import Expected
 from schemas.messages import BOXES_MAX, Command, Commands, Detection, Episode, Tick
 from schemas.perception import GroundTruthPerception, NetworkPerception
 from twin.fabric.drive import Incoming
@@ -188,6 +189,32 @@ def test_variants_that_share_a_network_do_not_disturb_each_other(models, monkeyp
     for _ in range(10):
         assert eyes.look(slots, together) == one_by_one
     devkit.network_perception._network.cache_clear()
+
+
+def test_what_is_expected_is_loaded_once_and_what_cannot_be_is_told_by_the_case(
+    models, tmp_path, monkeypatch
+):
+    opened = []
+    real = devkit.model_files.open_detector
+
+    def open_detector(given, *rest):
+        opened.append(given.model)
+        return real(given, *rest)
+
+    monkeypatch.setattr(devkit.model_files, "open_detector", open_detector)
+    devkit.network_perception._network.cache_clear()
+    near, gone = variant(models[0]), variant(tmp_path / "gone.onnx")
+    first, second = episode(0, 1, near), episode(1, 2, gone)
+    text = msgspec.json.encode(
+        [Expected(e.perception, e.width, e.height, e.device, e.files) for e in (first, second)]
+    )
+    stack = AebStack(2)
+    expect(stack, msgspec.json.decode(text, type=list[Expected]))
+    assert opened == [near.model, gone.model]
+    stack.reset(0, first)
+    assert opened == [near.model, gone.model]
+    with pytest.raises(UsageError, match=r"gone\.onnx: No such file"):
+        stack.reset(1, second)
 
 
 def test_selection_and_order_are_those_of_the_variant(models):

@@ -4,7 +4,7 @@ from twin.fabric import software
 
 
 def test_files_that_decide_a_result_are_part_of_it(monkeypatch, tmp_path):
-    monkeypatch.setattr(software, "_folder", lambda package: tmp_path / package)
+    monkeypatch.setattr(software, "package_folder", lambda package: tmp_path / package)
     (tmp_path / "devkit" / "models").mkdir(parents=True)
     found = {software.software_digest()}
     for name in ("stack.py", "downtown.yaml", "yolov3.cfg", "coco.names", "models/a.onnx"):
@@ -18,7 +18,7 @@ def test_files_that_decide_a_result_are_part_of_it(monkeypatch, tmp_path):
 
 
 def test_libraries_of_a_gpu_count_where_something_computes_with_them(monkeypatch, tmp_path):
-    monkeypatch.setattr(software, "_folder", lambda package: tmp_path)
+    monkeypatch.setattr(software, "package_folder", lambda package: tmp_path)
     versions = {"numpy": "2.4.0", "nvidia-cudnn-cu13": "9.1"}
     monkeypatch.setattr(software, "_version", lambda name: versions.get(name, ""))
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import shutil
 
+import msgspec
 import pytest
 
 from conductor.case_table import pack, unpack
 from conductor.source import check, load
-from schemas.campaign import expand
+from schemas.campaign import expand, parse_cases
+from schemas.expected import EXPECTED_MAX, expected_of
 from schemas.identity import campaign_digest, case_digest, rig_key
 from schemas.messages import Lease
 from schemas.perception import NetworkPerception, file_fields
@@ -126,3 +128,29 @@ def test_which_keys_name_files():
     assert file_fields(NetworkPerception(model="yolov3-w25")) == {}
     assert file_fields(NetworkPerception(model="yolov3", weights="w")) == {"weights": "w"}
     assert file_fields(NetworkPerception(model="x/y")) == {"model": "x/y"}
+
+
+def test_a_stack_is_told_of_each_variant_once():
+    data = {
+        "campaign": "c",
+        "autonomy": {
+            "perception": {
+                "sharp": {"type": "ground_truth", "contrast_min": 0.1},
+                "plain": {"type": "ground_truth"},
+            }
+        },
+        "matrix": {"model": ["sharp", "plain"], "weather": ["clear", "heavy_rain"]},
+    }
+    campaign, cases, mistakes = parse_cases(data)
+    assert campaign is not None, mistakes
+    expected = expected_of(cases, "cpu")
+    assert [each.perception.contrast_min for each in expected] == [0.1, 0.05]
+    assert {each.width for each in expected} == {campaign.camera.width}
+    many = [
+        msgspec.structs.replace(
+            cases[0],
+            perception=msgspec.structs.replace(cases[0].perception, pixels_min=count),
+        )
+        for count in range(1, 2 * EXPECTED_MAX)
+    ]
+    assert len(expected_of(many, "cpu")) == EXPECTED_MAX

@@ -1,0 +1,24 @@
+"""Workers that `conductor run` starts before its conductor listens: they load, and are told on
+their standard input whom to serve."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+LATER = "-"
+"""As ``--connect`` of a worker: it will be told."""
+
+
+class Told(Struct, frozen=True):
+    """What such a worker is told, on one line of JSON."""
+
+    connect: str
+    """Endpoint of the conductor."""
+    slots: int
+    """Cases simulated together."""
+    key: str = ""
+    """Path of its key file; empty: none."""
+    insecure: bool = False
+    """The endpoint is plain TCP beyond loopback: somebody typed ``--insecure``."""
+    log: str = ""
+    """File to which it writes from then on; empty: where it did before."""

@@ -1,0 +1,123 @@
+"""The simulator process of a rig, ``python -m twin sim``, and how a worker starts it.
+
+It reads what it is to do from the worker on standard input, which is also its lifeline, and answers
+on standard output. So it may be started, and load, before there is a lease.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from twin.fabric.drive import STACK_BYTES_MAX
+from twin.fabric.errors import TwinError
+from twin.fabric.process import end, leave_signals_to_the_parent, spawn
+from twin.worker.orders import Orders
+from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
+
+LOADED = (
+    "twin.fabric.zenoh_bus",
+    "twin.worker.simulator",
+    "twin.worker.view_feed",
+    "twin.engine",
+)
+"""Modules that a simulator loads while it has not been told what to build."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorProcess:
+    """A simulator as its worker holds it."""
+
+    process: subprocess.Popen[bytes]
+    log: IO[bytes]
+    """An unnamed file: gone with its last user, however this process ends. What matters of it, the
+    last lines of a process that died, goes to the conductor."""
+
+    def discard(self) -> None:
+        """End it; it has not been told anything."""
+        self.process.kill()
+        end(self.process)
+        self.log.close()
+
+
+def start_simulator(environment: Mapping[str, str] | None = None) -> SimulatorProcess:
+    """Start one; the first message tells it what to build. Only from the main thread."""
+    log = tempfile.TemporaryFile()  # noqa: SIM115
+    command = [sys.executable, "-m", "twin", "sim"]
+    return SimulatorProcess(spawn(command, environment=environment, log=log, pipe_output=True), log)
+
+
+def main() -> int:
+    """Entry of ``twin sim``, of a process that is bound to its worker; the exit code."""
+    leave_signals_to_the_parent()
+    # Whatever prints by mistake must not end up between the messages.
+    out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
+    os.dup2(2, 1)
+    orders = Orders(0)
+    with contextlib.ExitStack() as at_end:  # its session ends when the worker knows why
+        try:
+            _run(_first(orders), orders, out, at_end)
+        except TwinError as error:
+            out.send(Broken("crash", str(error)))
+            return error.exit_code
+        except MemoryError as error:
+            out.send(Broken("out_of_memory", f"out of memory {error}".strip()))
+            return 3
+        except ValueError as error:
+            # What the engine refuses: one line, for people.
+            out.send(Broken("crash", str(error)))
+            return 3
+        except Exception as error:
+            sys.excepthook(*sys.exc_info())
+            out.send(Broken("crash", f"{type(error).__name__}: {error}"))
+            return 3
+    return 0
+
+
+def _first(orders: Orders) -> Build:
+    """What is to be built; the time until it is known is for what takes long to load."""
+    build = orders.next(0)
+    if build is None:
+        for name in LOADED:
+            importlib.import_module(name)
+        build = orders.next(None)
+    assert isinstance(build, Build)
+    return build
+
+
+def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
+    from twin.fabric.endpoint import allow_plain
+    from twin.fabric.key_file import load_key
+    from twin.fabric.refusals import refusals_logged
+    from twin.fabric.roles import Role
+    from twin.fabric.zenoh_bus import open_bus
+    from twin.worker.simulator import Simulator
+    from twin.worker.view_feed import ViewOptions, open_feed
+
+    if build.insecure:
+        allow_plain()
+    key = load_key(Path(build.key), Role.worker) if build.key else None
+    rig_key = load_key(Path(build.rig_key), Role.worker) if build.rig_key else None
+    if rig_key is not None:
+        name = build.rig
+        at_end.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {name} {why}"))))
+    bus = open_bus(
+        "peer",
+        listen=[build.listen],
+        namespace=build.namespace,
+        key=rig_key,
+        message_bytes_max=STACK_BYTES_MAX,
+    )
+    at_end.callback(bus.close)
+    view = ViewOptions(build.view, build.view_namespace, build.view_connect, key)
+    feed = open_feed(build.rig, build.slots, view)
+    out.send(Listening(bus.endpoints[0], feed.endpoint))
+    Simulator(bus, build, orders, out, feed).run()
