@@ -62,8 +62,10 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     secrets = [secret_of(path) for path in (out / "keys").iterdir()]
     assert len(secrets) == 5
     simulator = marked.one("sim")
-    words = simulator.cmdline()
-    secrets.append(secret_of(Path(words[words.index("--rig-key") + 1])))
+    opened = Path(f"/proc/{marked.one('worker').pid}/fd").iterdir()
+    own = [path for path in opened if path.is_file() and b"PRIVATE KEY" in path.read_bytes()]
+    assert len(own) == 2, "the rig's: of its simulator and of its stack"
+    secrets += [secret_of(path) for path in own]
     for kind, tls in certificates_on(out / "keys", tmp_path).items():
         for port in found:
             protocol = "tcp" if kind == "plain" else "tls"
