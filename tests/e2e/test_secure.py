@@ -62,19 +62,21 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     secrets = [secret_of(path) for path in (out / "keys").iterdir()]
     assert len(secrets) == 5
     simulator = marked.one("sim")
-    words = simulator.cmdline()
-    secrets.append(secret_of(Path(words[words.index("--rig-key") + 1])))
-    for kind, tls in certificates_on(out / "keys", tmp_path).items():
-        for port in found:
-            protocol = "tcp" if kind == "plain" else "tls"
-            stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
-            assert not stranger.inside, f"{kind} at {found[port]}"
+    opened = Path(f"/proc/{marked.one('worker').pid}/fd").iterdir()
+    own = [path for path in opened if path.is_file() and b"PRIVATE KEY" in path.read_bytes()]
+    assert len(own) == 2, "the rig's: of its simulator and of its stack"
+    secrets += [secret_of(path) for path in own]
     member = options_of(load_key(out / "keys", Role.worker))
     at = [each.laddr.port for each in simulator.net_connections("tcp") if each.status == "LISTEN"]
     inside = [Stranger(f"tls/127.0.0.1:{port}", member) for port in at]
     assert sorted(each.inside for each in inside) == [False, True], "the feed, not the rig"
     for each in inside:
         each.close()
+    for kind, tls in certificates_on(out / "keys", tmp_path).items():
+        for port in found:
+            protocol = "tcp" if kind == "plain" else "tls"
+            stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
+            assert not stranger.inside, f"{kind} at {found[port]}"
     for process in marked.processes():
         shown = "".join([*process.cmdline(), *process.environ().values()])
         assert not [secret for secret in secrets if secret in shown]
