@@ -1,18 +1,16 @@
-"""``python -m twin``."""
+"""``python -m twin``, as which our own processes start each other."""
 
 import sys
 
+import twin.fabric.start  # noqa: F401
+from twin.fabric.process import bind_to_parent
+
+bind_to_parent()  # before all that takes long to load
+
 if sys.argv[1:] == ["sim"]:
-    # Started by a worker, which tells it everything: no command line is to be read.
-    import twin.fabric.start  # noqa: F401
-    from twin.fabric.process import bind_to_parent
+    # Its worker tells it everything: no command line is to be read.
+    from twin.worker.sim_process import main
+else:
+    from twin.cli import main
 
-    bind_to_parent()  # before all that takes long to load
-
-    from twin.worker.sim_process import main as simulate
-
-    sys.exit(simulate())
-
-from twin.cli import main
-
-main()
+sys.exit(main())

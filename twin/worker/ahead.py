@@ -9,7 +9,6 @@ from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
 from twin.fabric.endpoint import allow_plain
 from twin.fabric.errors import UsageError
-from twin.fabric.process import bind_to_parent
 from twin.worker.sim_process import SimulatorProcess, start_simulator
 
 
@@ -23,7 +22,6 @@ def await_told(*, simulator: bool) -> tuple[Told, SimulatorProcess | None]:
         SystemExit: there is nobody to serve.
         UsageError: standard input says something else.
     """
-    bind_to_parent()
     loading = start_simulator() if simulator else None
     line = sys.stdin.buffer.readline()
     if not line:

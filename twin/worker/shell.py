@@ -25,7 +25,6 @@ from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
 from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.key_file import Key
-from twin.fabric.process import bind_to_parent
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
@@ -153,7 +152,6 @@ class Worker:
         return 0
 
     def _startup(self) -> None:
-        bind_to_parent()
         # Rigs make their own keys, so that no stack's frames leave this host as plain TCP.
         check_protected(to_listen(self._options.drive_listen, keyed=True), keyed=True)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
