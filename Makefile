@@ -11,7 +11,7 @@ help:
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
 	@echo "make fuzz     half an hour of coverage-guided fuzzing; findings become seeds of the tests"
-	@echo "make soak     20,000 short cases; what grows is printed (about 35 minutes)"
+	@echo "make soak     20,000 short cases; what grows is printed (a quarter of an hour, or more)"
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
