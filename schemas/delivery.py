@@ -6,7 +6,7 @@ A worker asks whether it sees the conductor's campaign folder, by the digest of 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from msgspec import Meta, Struct, field
 
@@ -23,7 +23,7 @@ MESSAGE_BYTES_MAX = FILES_BYTES_MAX + (1 << 20)
 Extra = Literal["interventions.jsonl", "realtime.csv"]
 """Files that an attempt may have besides KPIs and log: what was done to it by hand, and how it went
 by the wall clock."""
-EXTRAS: tuple[Extra, ...] = ("interventions.jsonl", "realtime.csv")
+EXTRAS: tuple[Extra, ...] = get_args(Extra)
 
 
 class SeenFolder(Struct, frozen=True, tag_field="verb", tag="seen"):
