@@ -191,8 +191,7 @@ def _execute(
         except OSError as error:
             raise UsageError(f"{conductor.folder}: {error.strerror}") from None
         key = str(shared(conductor.key)) if conductor.key else ""
-        exposed = is_exposed(conductor.endpoint)
-        insecure = ["--insecure"] if exposed else []
+        insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
         if ViewMode(campaign.view).shows:
             console.print(
                 shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
@@ -200,7 +199,7 @@ def _execute(
                 soft_wrap=True,
             )
         try:
-            workers.serve(Told(conductor.endpoint, slots, key, exposed), places)
+            workers.serve(Told(conductor.endpoint, slots, key), places)
             _wait(conductor, campaign, workers, console, pending)
             workers.ask()
             if campaign.simulator != "noop":

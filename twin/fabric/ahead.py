@@ -13,12 +13,10 @@ class Told(Struct, frozen=True):
     """What such a worker is told, on one line of JSON."""
 
     connect: str
-    """Endpoint of the conductor."""
+    """The conductor's endpoint; plain TCP beyond loopback only if somebody typed ``--insecure``."""
     slots: int
     """Cases simulated together."""
     key: str = ""
     """Path of its key file; empty: none."""
-    insecure: bool = False
-    """The endpoint is plain TCP beyond loopback: somebody typed ``--insecure``."""
     log: str = ""
     """File to which it writes from then on; empty: where it did before."""

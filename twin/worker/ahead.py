@@ -7,7 +7,7 @@ import sys
 
 from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
-from twin.fabric.endpoint import allow_plain
+from twin.fabric.endpoint import allow_plain, is_exposed
 from twin.fabric.errors import UsageError
 from twin.worker.sim_process import SimulatorProcess, start_simulator
 
@@ -32,7 +32,7 @@ def await_told(*, simulator: bool) -> tuple[Told, SimulatorProcess | None]:
         told: Told = decode_json(line, Told)
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
-    if told.insecure:
+    if is_exposed(told.connect):
         allow_plain()
     if told.log:
         log = os.open(told.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)

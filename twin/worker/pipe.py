@@ -31,13 +31,11 @@ class Build(Struct, frozen=True, tag_field="kind", tag="build"):
     view: ViewMode
     view_namespace: str
     view_connect: str
-    """The conductor's router."""
+    """The conductor's router; plain TCP beyond loopback only if somebody typed ``--insecure``."""
     key: str = ""
     """Path of the worker's key file, for viewers; empty: none."""
     rig_key: str = ""
     """Path of the simulator's own key file, for the drive session; empty: none."""
-    insecure: bool = False
-    """The router is plain TCP beyond loopback: somebody typed ``--insecure``."""
 
 
 class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):

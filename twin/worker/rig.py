@@ -26,7 +26,7 @@ from schemas.expected import expected_of
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import LOOPBACK, is_exposed, is_loopback, is_tls, to_listen
+from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.files import write_atomic
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
@@ -146,7 +146,6 @@ class RigProcess:
             view_connect=options.connect,
             key=str(options.key.path) if options.key else "",
             rig_key=str(self._keys.simulator) if self._keys else "",
-            insecure=is_exposed(options.connect),
         )
         self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()

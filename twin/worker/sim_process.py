@@ -94,7 +94,7 @@ def _first(orders: Orders) -> Build:
 
 
 def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
-    from twin.fabric.endpoint import allow_plain
+    from twin.fabric.endpoint import allow_plain, is_exposed
     from twin.fabric.key_file import load_key
     from twin.fabric.refusals import refusals_logged
     from twin.fabric.roles import Role
@@ -102,7 +102,7 @@ def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitSta
     from twin.worker.simulator import Simulator
     from twin.worker.view_feed import ViewOptions, open_feed
 
-    if build.insecure:
+    if is_exposed(build.view_connect):
         allow_plain()
     key = load_key(Path(build.key), Role.worker) if build.key else None
     rig_key = load_key(Path(build.rig_key), Role.worker) if build.rig_key else None
