@@ -21,7 +21,6 @@ from devkit.detector_description import (
     GridHead,
     decode_description,
 )
-from devkit.detector_frames import FrameNetwork
 from devkit.detector_network import HostNetwork, Network, Pictures
 from devkit.detector_runtime import ModelError, RuntimeName, first_line, open_runtime
 from devkit.images import Images
@@ -76,6 +75,9 @@ class Detector:
         if device:
             if runtime != "onnxruntime":
                 raise ModelError(f"{path}: runtime '{runtime}' on {device}, allowed: onnxruntime")
+            # Needs Warp, which the others do without.
+            from devkit.detector_frames import FrameNetwork
+
             self._network = FrameNetwork(path, model, name, batch, self.description, device)
         else:
             loaded = open_runtime(runtime, path, model, name)

@@ -2,8 +2,9 @@
 
 On CUDA a convolution gives an image other last bits at another batch size, and the same bits at one
 batch size whatever its place and its neighbours (measured). So every batch is filled up to
-:data:`MICRO_BATCH`, however many slots there are. Choosing pictures, resizing and the network are
-one graph (:mod:`devkit.detector_resize`): of pictures in the GPU's memory only the indices travel.
+:data:`MICRO_BATCH`, however many slots there are. Choosing pictures and resizing them is one kernel
+(:mod:`devkit.detector_resize`); what it writes the network reads, and its heads come to the host
+through pinned memory, all in one stream.
 """
 
 from __future__ import annotations
@@ -17,24 +18,22 @@ import numpy as np
 
 from devkit.detector_description import DetectorDescription
 from devkit.detector_network import Pictures
-from devkit.detector_resize import FRAMES, ROWS, with_frames
-from devkit.detector_runtime import open_session, refusals
-from devkit.images import Images, as_images, device_pointer
+from devkit.detector_resize import NetworkInput, Staged
+from devkit.detector_runtime import open_session, provider_of, refusals
+from devkit.images import Images, as_images
 
 MICRO_BATCH = 32
 """Images that go through a network together, always: part of what a result depends on."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Session:
-    """The graph for pictures of one size."""
+    """The network for pictures of one size."""
 
     session: Any
     binding: Any
-    rows: np.ndarray
-    """int64 [batch]: read by the binding at every run."""
-    pictures: np.ndarray | None = None
-    """Likewise, while they are on the host: the binding does not keep them."""
+    entry: NetworkInput
+    heads: dict[str, Staged]
 
 
 class FrameNetwork:
@@ -50,7 +49,12 @@ class FrameNetwork:
         device: str,
     ) -> None:
         """Around ``model``, an ``onnx.ModelProto`` that was read from ``path``; ``batch`` is its
-        own, 0 if that is free."""
+        own, 0 if that is free.
+
+        Raises:
+            ModelError: ONNX Runtime does not know such devices; one line.
+        """
+        provider_of(path, device)
         self._path = path
         self._model = model
         self._input = input_name
@@ -79,29 +83,18 @@ class FrameNetwork:
         parts = []
         for first in range(0, len(given), self._batch):
             rows = given.rows[first : first + self._batch]
-            self._place(session, given, rows)
-            with refusals(self._path, "ONNX Runtime", self._model):
-                session.session.run_with_iobinding(session.binding)
-                arrays = session.binding.copy_outputs_to_cpu()
-            parts.append([array[: len(rows)] for array in arrays])
-        joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        return dict(zip(self._heads, joined, strict=True))
+            parts.append(self._run(session, given, rows))
+        return {name: np.concatenate([part[name] for part in parts]) for name in self._heads}
 
-    def _place(self, session: _Session, images: Images, rows: Sequence[int]) -> None:
-        """Say where the pictures lie. What fills the batch up matters to nobody: the first."""
-        session.rows[:] = 0 if isinstance(images.array, np.ndarray) else rows[0]
-        if isinstance(images.array, np.ndarray):
-            # Only these travel to the device; ONNX Runtime brings them there.
-            session.rows[: len(rows)] = range(len(rows))
-            session.pictures = _taken(images.array, rows)
-            session.binding.bind_cpu_input(FRAMES, session.pictures)
-        else:
-            pointer, shape = device_pointer(images.array)
-            session.rows[: len(rows)] = rows
-            session.binding.bind_input(
-                FRAMES, self._kind, self._index, np.uint8, list(shape), pointer
-            )
-        session.binding.bind_cpu_input(ROWS, session.rows)
+    def _run(self, session: _Session, images: Images, rows: Sequence[int]) -> dict[str, np.ndarray]:
+        """Heads of at most a batch of pictures."""
+        session.entry.fill(images, rows)
+        with refusals(self._path, "ONNX Runtime", self._model):
+            session.session.run_with_iobinding(session.binding)
+        for head in session.heads.values():
+            head.pull()
+        session.entry.wait()
+        return {name: head.host[: len(rows)].copy() for name, head in session.heads.items()}
 
     def _session(self, size_px: tuple[int, int]) -> _Session:
         found = self._sessions.get(size_px)
@@ -110,17 +103,24 @@ class FrameNetwork:
         return found
 
     def _opened(self, size_px: tuple[int, int]) -> _Session:
-        model = with_frames(self._model, self._input, self._description, size_px)
-        session = open_session(self._path, model, self._device)
+        with refusals(self._path, "Warp", self._model):
+            entry = NetworkInput(self._description, size_px, self._batch, self._device)
+        session = open_session(self._path, self._model, self._device, entry.queue)
         binding = session.io_binding()
+        there = (self._kind, self._index, np.float32)
+        binding.bind_input(self._input, *there, list(entry.planes.shape), entry.planes.ptr)
+        heads = {}
+        for name, shape in self._shapes(session, binding).items():
+            heads[name] = entry.head(shape)
+            binding.bind_output(name, *there, shape, heads[name].device.ptr)
+        return _Session(session, binding, entry, heads)
+
+    def _shapes(self, session: Any, binding: Any) -> dict[str, list[int]]:
+        """What the network makes of a batch that is black: files need not say it."""
         for name in self._heads:
             binding.bind_output(name, "cpu")
-        return _Session(session, binding, np.zeros(self._batch, np.int64))
-
-
-def _taken(array: np.ndarray, rows: Sequence[int]) -> np.ndarray:
-    """Some pictures of an array, contiguous; not copied where they lie side by side."""
-    first = rows[0]
-    if list(rows) == list(range(first, first + len(rows))):
-        return np.ascontiguousarray(array[first : first + len(rows)])
-    return array[list(rows)]
+        with refusals(self._path, "ONNX Runtime", self._model):
+            session.run_with_iobinding(binding)
+            arrays = binding.copy_outputs_to_cpu()
+        binding.clear_binding_outputs()
+        return {name: list(array.shape) for name, array in zip(self._heads, arrays, strict=True)}

@@ -1,29 +1,28 @@
-"""The step from camera pictures to a network's input as an ONNX graph, before the network's own.
+"""The step from camera pictures to a network's input where the network runs, on a GPU or the CPU.
 
-So it runs wherever the network runs, on a GPU too, from pictures that lie there. The resize is that
-of OpenCV's ``INTER_LINEAR_EXACT``, to the last bit: with weights in 1/256, all sums are whole
-numbers below 2^24, which float32 holds exactly, whatever the order or the device
-(``tests/unit/devkit/test_detector_frames.py`` compares the two).
+The resize is that of OpenCV's ``INTER_LINEAR_EXACT``, to the last bit: weights in 1/256 and whole
+numbers throughout, whatever the device (``tests/unit/devkit/test_detector_frames.py`` compares the
+two). One Warp kernel: of pictures in the GPU's memory only the indices travel. The only module of
+the devkit that needs Warp, imported by those who look at pictures there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+import warp as wp
 
 from devkit.detector_description import DetectorDescription
+from devkit.images import Images, device_pointer
+from twin.world.kernel_cache import prepare_kernels
 
-FRAMES, ROWS = "drivetwin_frames", "drivetwin_rows"
-"""Inputs: uint8 [S, H, W, 3], RGB; int64 [batch], which of them."""
+wp.set_module_options({"enable_backward": False})
 
 ONE = 256
 """Weight of a whole pixel."""
-
-IR_VERSION_MIN = 4
-"""From here on constants need not be inputs as well."""
+_ONE = wp.constant(ONE)
 
 
 def taps(given: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -46,78 +45,135 @@ def taps(given: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first, np.minimum(first + 1, given - 1), weight
 
 
-def with_frames(
-    model: onnx.ModelProto,
-    input_name: str,
-    description: DetectorDescription,
-    size_px: tuple[int, int],
-) -> onnx.ModelProto:
-    """A model that takes pictures of ``size_px`` (width, height) instead of ``input_name``."""
-    changed = onnx.ModelProto()
-    changed.CopyFrom(model)
-    changed.ir_version = max(changed.ir_version, IR_VERSION_MIN)
-    graph = changed.graph
-    width, height = size_px
-    steps = _Steps()
-    x = steps.add("Gather", [FRAMES, ROWS], axis=0)
-    if description.channel_order == "bgr":
-        x = steps.add("Gather", [x, steps.constant(np.array([2, 1, 0]))], axis=3)
-    if (width, height) == (description.width, description.height):
-        x = steps.add("Cast", [x], to=TensorProto.FLOAT)
-    else:
-        x = _mixed(steps, x, 2, width, description.width, cast=True)
-        x = _mixed(steps, x, 1, height, description.height, cast=False)
-        half, all_ = np.float32(ONE * ONE / 2), np.float32(1 / (ONE * ONE))
-        x = steps.add("Add", [x, steps.constant(half)])
-        x = steps.add("Floor", [steps.add("Mul", [x, steps.constant(all_)])])
-    x = steps.add("Mul", [x, steps.constant(np.float32(description.scale))])
-    steps.add("Transpose", [x], output=input_name, perm=[0, 3, 1, 2])
+@wp.kernel
+def resize_kernel(
+    # model
+    across: wp.array2d(dtype=wp.int32),
+    down: wp.array2d(dtype=wp.int32),
+    scale: wp.float32,
+    bgr: wp.int32,
+    # state in
+    pictures: wp.array4d(dtype=wp.uint8),
+    rows: wp.array(dtype=wp.int32),
+    # out
+    planes: wp.array4d(dtype=wp.float32),
+):
+    """Pictures [S, H, W, 3], those of ``rows`` [N] -> planes [N, 3, height, width].
 
-    nodes = [*steps.nodes, *graph.node]
-    inputs = [value for value in graph.input if value.name != input_name]
-    inputs += [
-        helper.make_tensor_value_info(
-            FRAMES, TensorProto.UINT8, ["drivetwin_frames", height, width, 3]
-        ),
-        helper.make_tensor_value_info(ROWS, TensorProto.INT64, ["drivetwin_rows"]),
-    ]
-    del graph.node[:], graph.input[:]
-    graph.node.extend(nodes)
-    graph.input.extend(inputs)
-    graph.initializer.extend(steps.constants)
-    return changed
+    ``across`` [3, width] and ``down`` [3, height] are :func:`taps`.
+    """
+    n, y, x = wp.tid()
+    row = rows[n]
+    left, right, rightness = across[0, x], across[1, x], across[2, x]
+    upper, lower, lowness = down[0, y], down[1, y], down[2, y]
+    for channel in range(3):
+        k = wp.where(bgr != 0, 2 - channel, channel)
+        a = wp.int32(pictures[row, upper, left, k]) * (_ONE - rightness)
+        a += wp.int32(pictures[row, upper, right, k]) * rightness
+        b = wp.int32(pictures[row, lower, left, k]) * (_ONE - rightness)
+        b += wp.int32(pictures[row, lower, right, k]) * rightness
+        mixed = a * (_ONE - lowness) + b * lowness
+        whole = (mixed + _ONE * _ONE / 2) / (_ONE * _ONE)
+        planes[n, channel, y, x] = wp.float32(whole) * scale
 
 
-def _mixed(steps: _Steps, x: str, axis: int, given: int, wanted: int, *, cast: bool) -> str:
-    """Both neighbours along ``axis`` with their weights; whole numbers."""
-    first, second, weight = taps(given, wanted)
-    shape = [1] * 4
-    shape[axis] = wanted
-    parts = []
-    for index, share in ((first, ONE - weight), (second, weight)):
-        part = steps.add("Gather", [x, steps.constant(index)], axis=axis)
-        if cast:
-            part = steps.add("Cast", [part], to=TensorProto.FLOAT)
-        share = share.astype(np.float32).reshape(shape)
-        parts.append(steps.add("Mul", [part, steps.constant(share)]))
-    return steps.add("Add", parts)
+class NetworkInput:
+    """A network's input for ``batch`` pictures of one size, in the memory of its device."""
+
+    def __init__(
+        self, description: DetectorDescription, size_px: tuple[int, int], batch: int, device: str
+    ) -> None:
+        """Allocate. ``size_px``: width and height of the pictures; ``device``: ``cpu`` or
+        ``cuda:N``."""
+        prepare_kernels()
+        self.device = wp.get_device(device)
+        self.stream = None if self.device.is_cpu else wp.Stream(self.device)
+        """In which its work is queued; networks of a GPU run side by side."""
+        width, height = description.width, description.height
+        self._across, self._down = (
+            wp.array(np.stack(taps(given, wanted)), dtype=wp.int32, device=self.device)
+            for given, wanted in zip(size_px, (width, height), strict=True)
+        )
+        self._scale = float(description.scale)
+        self._bgr = int(description.channel_order == "bgr")
+        self._size = (size_px[1], size_px[0], 3)
+        self.planes = wp.zeros((batch, 3, height, width), dtype=wp.float32, device=self.device)
+        self._rows = Staged((batch,), wp.int32, self)
+        self._pictures: Staged | None = None
+        wp.load_module(resize_kernel.module.name, device=self.device)
+        wp.synchronize_device(self.device)
+
+    @property
+    def queue(self) -> int:
+        """The stream as CUDA knows it; 0: none."""
+        return 0 if self.stream is None else int(self.stream.cuda_stream)
+
+    def wait(self) -> None:
+        """Until what was queued is done."""
+        if self.stream is not None:
+            wp.synchronize_stream(self.stream)
+
+    def head(self, shape: Sequence[int]) -> Staged:
+        """Memory for an output of the network, float32."""
+        return Staged(shape, wp.float32, self)
+
+    def fill(self, images: Images, rows: Sequence[int]) -> None:
+        """Queue the pictures ``rows`` of ``images``, at most a batch. What fills the batch up
+        matters to nobody: the first of them.
+
+        Raises:
+            ValueError: memory that holds no pictures.
+        """
+        if isinstance(images.array, np.ndarray):
+            pictures, rows = self._brought(images.array, rows), range(len(rows))
+        else:
+            pointer, shape = device_pointer(images.array)
+            pictures = wp.array(
+                ptr=pointer, shape=shape, dtype=wp.uint8, device=self.device, copy=False
+            )
+        self._rows.host[:] = rows[0]
+        self._rows.host[: len(rows)] = rows
+        self._rows.push()
+        wp.launch(
+            resize_kernel,
+            (len(self._rows.host), *self.planes.shape[2:]),
+            inputs=[self._across, self._down, self._scale, self._bgr, pictures, self._rows.device],
+            outputs=[self.planes],
+            device=self.device,
+            stream=self.stream,
+        )
+
+    def _brought(self, array: np.ndarray, rows: Sequence[int]) -> wp.array:
+        """Some pictures of the host's memory."""
+        if self._pictures is None:
+            shape = (len(self._rows.host), *self._size)
+            self._pictures = Staged(shape, wp.uint8, self)
+        # With "clip", the only mode that writes into ``out`` at once.
+        np.take(array, rows, axis=0, out=self._pictures.host[: len(rows)], mode="clip")
+        self._pictures.push()
+        return self._pictures.device
 
 
-class _Steps:
-    """Nodes and constants with names that no model has."""
+class Staged:
+    """An array on a device and its pinned twin in the host's memory; one and the same on a CPU."""
 
-    def __init__(self) -> None:
-        self.nodes: list[onnx.NodeProto] = []
-        self.constants: list[onnx.TensorProto] = []
+    def __init__(self, shape: Sequence[int], dtype: Any, beside: NetworkInput) -> None:
+        """Copied in the stream of ``beside``."""
+        self._stream = beside.stream
+        gpu = self._stream is not None
+        self._twin = wp.zeros(tuple(shape), dtype=dtype, device="cpu", pinned=gpu)
+        self.host: np.ndarray = self._twin.numpy()
+        self.device = self._twin
+        if gpu:
+            self.device = wp.zeros(tuple(shape), dtype=dtype, device=beside.device)
+            wp.synchronize_device(beside.device)  # it was made in another stream
 
-    def add(self, kind: str, inputs: list[str], output: str = "", **attributes: Any) -> str:
-        """A node; returns the name of its output."""
-        name = f"drivetwin_step_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(kind, inputs, [output or name], name=name, **attributes))
-        return output or name
+    def push(self) -> None:
+        """Queue the way to the device."""
+        if self._stream is not None:
+            wp.copy(self.device, self._twin, stream=self._stream)
 
-    def constant(self, value: Any) -> str:
-        """A constant; returns its name."""
-        name = f"drivetwin_constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.asarray(value), name))
-        return name
+    def pull(self) -> None:
+        """Queue the way to the host."""
+        if self._stream is not None:
+            wp.copy(self._twin, self.device, stream=self._stream)

@@ -110,19 +110,18 @@ class OnnxRuntime:
         return dict(zip(self.outputs, arrays, strict=True))
 
 
-CUDA = "CUDAExecutionProvider"
+CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 
 CUDA_OPTIONS = {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"}
 """cuDNN's rules choose the algorithms, by shapes and the kind of GPU; a search for the fastest
 would end differently on another day. Whole float32. Both are what a result depends on."""
 
 
-def open_session(path: Path, model: Any, device: str) -> Any:
-    """An ONNX Runtime session on ``cpu`` or ``cuda:N``, with as many threads on the CPU as OpenCV
-    has now.
+def provider_of(path: Path, device: str) -> str:
+    """What of ONNX Runtime computes on ``device``.
 
     Raises:
-        ModelError: not installed, no such device for it, or it cannot run the model; one line.
+        ModelError: not installed, or it has no such thing; one line.
     """
     try:
         import onnxruntime
@@ -130,21 +129,39 @@ def open_session(path: Path, model: Any, device: str) -> Any:
         raise ModelError(
             f"{path}: onnxruntime is not installed; install it, or choose opencv"
         ) from None
+    provider = CUDA if device.startswith("cuda") else CPU
+    if provider not in onnxruntime.get_available_providers():
+        raise ModelError(
+            f"{path}: this onnxruntime has no {provider}; install onnxruntime-gpu in its place,"
+            " or choose opencv"
+        )
+    return provider
+
+
+def open_session(path: Path, model: Any, device: str, queue: int = 0) -> Any:
+    """An ONNX Runtime session on ``cpu`` or ``cuda:N``, with as many threads on the CPU as OpenCV
+    has now.
+
+    ``queue``: CUDA stream that it works in; 0: one of its own.
+
+    Raises:
+        ModelError: not installed, no such device for it, or it cannot run the model; one line.
+    """
+    provider = provider_of(path, device)
+    import onnxruntime
+
     onnxruntime.set_default_logger_severity(4)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = cv2.getNumThreads()
     options.log_severity_level = 4
-    providers: list[Any] = ["CPUExecutionProvider"]
-    cuda = device.startswith("cuda")
-    if cuda:
-        if CUDA not in onnxruntime.get_available_providers():
-            raise ModelError(
-                f"{path}: this onnxruntime has no {CUDA}; install onnxruntime-gpu in its place,"
-                " or choose opencv"
-            )
+    providers: list[Any] = [CPU]
+    if provider == CUDA:
         with contextlib.redirect_stdout(sys.stderr):  # it prints what it does not find
             onnxruntime.preload_dlls()
-        providers.insert(0, (CUDA, {"device_id": device.partition(":")[2], **CUDA_OPTIONS}))
+        chosen = {"device_id": device.partition(":")[2], **CUDA_OPTIONS}
+        if queue:
+            chosen["user_compute_stream"] = str(queue)
+        providers.insert(0, (CUDA, chosen))
     with refusals(path, "ONNX Runtime", model):
         session = onnxruntime.InferenceSession(
             model.SerializeToString(),
@@ -153,7 +170,7 @@ def open_session(path: Path, model: Any, device: str) -> Any:
             # Never on by itself with another device, whose last bits are others.
             enable_fallback=0,
         )
-    if cuda and session.get_providers()[0] != CUDA:
+    if session.get_providers()[0] != provider:
         raise ModelError(
             f"{path}: ONNX Runtime cannot use {device}: CUDA or cuDNN of the version that it needs"
             " is not here; install onnxruntime-gpu[cuda,cudnn], or choose opencv"

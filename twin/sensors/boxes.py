@@ -11,6 +11,8 @@ from twin.world.mirror import Mirror
 wp.set_module_options({"enable_backward": False})
 
 _BOXES_MAX = wp.constant(BOXES_MAX)
+_BLOCK = 8
+"""Threads of a block: a slot is a thread of its own length, see :mod:`twin.vehicle.fleet`."""
 
 
 @wp.kernel
@@ -28,10 +30,11 @@ def boxes_kernel(
     count = wp.int32(0)
     last_pixels = wp.int32(2147483647)
     last_instance = wp.int32(-1)
+    instances = gathered.shape[1]
     for b in range(_BOXES_MAX):
         best = wp.int32(-1)
         best_pixels = wp.int32(0)
-        for i in range(gathered.shape[1]):
+        for i in range(instances):
             pixels = gathered[slot, i, 4]
             # Everything already taken has more pixels, or as many and a lower id.
             left = pixels < last_pixels or (pixels == last_pixels and i > last_instance)
@@ -54,7 +57,7 @@ def boxes_kernel(
             last_pixels = best_pixels
             last_instance = best
         else:
-            last_pixels = 0
+            instances = 0  # none is left
     count_out[slot] = count
 
 
@@ -70,7 +73,7 @@ class BoxSensor:
         self._classes = classes
         self._boxes = Mirror((slots, BOXES_MAX, len(BOX_COLUMNS)), wp.float32, device)
         self._count = Mirror((slots,), wp.int32, device)
-        wp.load_module(boxes_kernel.module.name, device=device)
+        wp.load_module(boxes_kernel.module.name, device=device, block_dim=_BLOCK)
 
     def read(self, gathered: wp.array) -> tuple[np.ndarray, np.ndarray]:
         """Boxes float32 [S, B, 7] and count int32 [S] from the camera's gathered pixels."""
@@ -80,5 +83,6 @@ class BoxSensor:
             inputs=[self._classes, gathered],
             outputs=[self._boxes.device, self._count.device],
             device=self._device,
+            block_dim=_BLOCK,
         )
         return self._boxes.pull(), self._count.pull()

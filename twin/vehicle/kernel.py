@@ -215,8 +215,9 @@ def vehicle_contacts(
 ):
     """Contacts of vehicle ``v`` with vehicles after it, props and walls."""
     m = models[v]
+    # Made anew only after a touch: a GPU waits for what it reads from memory in every round.
+    a = _vehicle_box(m, states[slot, v])
     for u in range(v + 1, states.shape[1]):
-        a = _vehicle_box(m, states[slot, v])
         b = _vehicle_box(models[u], states[slot, u])
         if near(a, b):
             t = meet(a, b)
@@ -224,8 +225,8 @@ def vehicle_contacts(
                 new = _note(events, counts, slot, now, v, _CAR, u, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
                 _touch(models[u], scene, states, slot, u, t.b, new, now)
+                a = _vehicle_box(m, states[slot, v])
     for p in range(props.shape[1]):
-        a = _vehicle_box(m, states[slot, v])
         b = prop_box(scene.props[p], props, slot, p)
         if near(a, b):
             t = _meet_prop(scene, a, b)
@@ -233,14 +234,15 @@ def vehicle_contacts(
                 new = _note(events, counts, slot, now, v, _PROP, p, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
                 write_prop(props, slot, p, t.b)
+                a = _vehicle_box(m, states[slot, v])
     for k in range(scene.colliders.shape[0]):
-        a = _vehicle_box(m, states[slot, v])
         b = _wall_box(scene.colliders, k)
         if near(a, b):
             t = meet(a, b)
             if t.touched:
                 new = _note(events, counts, slot, now, v, _WALL, k, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
+                a = _vehicle_box(m, states[slot, v])
 
 
 @wp.func
@@ -257,15 +259,16 @@ def mover_contacts(
     since: wp.float64,
 ):
     """Contacts of vehicle ``v`` with scripted objects."""
+    a = _vehicle_box(m, states[slot, v])
     for k in range(movers.shape[1]):
         if movers[slot, k, 3] > _ZERO:
-            a = _vehicle_box(m, states[slot, v])
             b = _mover_box(movers, slot, k, since)
             if near(a, b):
                 t = meet(a, b)
                 if t.touched:
                     new = _note(events, counts, slot, now, v, _MOVER, k, t.speed, t.x, t.y)
                     _touch(m, scene, states, slot, v, t.a, new, now)
+                    a = _vehicle_box(m, states[slot, v])
 
 
 @wp.func
