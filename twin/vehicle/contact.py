@@ -165,11 +165,23 @@ def _push(a: Box, px: wp.float64, py: wp.float64, jx: wp.float64, jy: wp.float64
 
 
 @wp.func
+def extent_of(b: Box) -> wp.float64:
+    """No corner of the hull is farther from the box's place than this [m]."""
+    return b.half_length + b.half_width + wp.abs(b.offset)
+
+
+@wp.func
+def in_reach(
+    ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, reach: wp.float64
+) -> wp.bool:
+    """Whether two hulls whose extents add up to ``reach`` can touch at all; cheap."""
+    return wp.abs(ax - bx) < reach and wp.abs(ay - by) < reach
+
+
+@wp.func
 def near(a: Box, b: Box) -> wp.bool:
-    """Whether two hulls can touch at all; cheap."""
-    reach = a.half_length + a.half_width + wp.abs(a.offset)
-    reach += b.half_length + b.half_width + wp.abs(b.offset)
-    return wp.abs(a.x - b.x) < reach and wp.abs(a.y - b.y) < reach
+    """:func:`in_reach` of two boxes."""
+    return in_reach(a.x, a.y, b.x, b.y, extent_of(a) + extent_of(b))
 
 
 @wp.func

@@ -10,7 +10,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.vehicle.chassis import Command, advance, observe
-from twin.vehicle.contact import Box, Meeting, hull_of, meet, near
+from twin.vehicle.contact import Box, Meeting, extent_of, hull_of, in_reach, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
 from twin.vehicle.hull import hull_at, overlap, separation
@@ -235,10 +235,12 @@ def vehicle_contacts(
                 _touch(m, scene, states, slot, v, t.a, new, now)
                 write_prop(props, slot, p, t.b)
                 a = _vehicle_box(m, states[slot, v])
-    for k in range(scene.colliders.shape[0]):
-        b = _wall_box(scene.colliders, k)
-        if near(a, b):
-            t = meet(a, b)
+    # Hundreds of walls in every step: most are dismissed by four numbers, without a box.
+    extent = extent_of(a)
+    walls = scene.colliders
+    for k in range(walls.shape[0]):
+        if in_reach(a.x, a.y, walls[k, 0], walls[k, 1], extent + walls[k, 3] + walls[k, 4]):
+            t = meet(a, _wall_box(walls, k))
             if t.touched:
                 new = _note(events, counts, slot, now, v, _WALL, k, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
@@ -260,11 +262,13 @@ def mover_contacts(
 ):
     """Contacts of vehicle ``v`` with scripted objects."""
     a = _vehicle_box(m, states[slot, v])
+    extent = extent_of(a)
     for k in range(movers.shape[1]):
         if movers[slot, k, 3] > _ZERO:
-            b = _mover_box(movers, slot, k, since)
-            if near(a, b):
-                t = meet(a, b)
+            x = movers[slot, k, 0] + movers[slot, k, 5] * since
+            y = movers[slot, k, 1] + movers[slot, k, 6] * since
+            if in_reach(a.x, a.y, x, y, extent + movers[slot, k, 3] + movers[slot, k, 4]):
+                t = meet(a, _mover_box(movers, slot, k, since))
                 if t.touched:
                     new = _note(events, counts, slot, now, v, _MOVER, k, t.speed, t.x, t.y)
                     _touch(m, scene, states, slot, v, t.a, new, now)
