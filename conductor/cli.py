@@ -120,6 +120,7 @@ def run_command(
     The same command again resumes where it stopped. With --workers 0 only workers that you start
     yourself (`twin worker --state OUT`) do the work.
     """
+    from conductor.gpu_sharing import side_by_side
     from conductor.models import models_checked
     from conductor.places import parse_workers, where
     from conductor.source import load, only_case, with_drive, with_render
@@ -138,6 +139,8 @@ def run_command(
         loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
+        if asked.per_gpu:
+            at_end.enter_context(side_by_side())
         with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
             # Here, because importing it takes nearly as long as loading a network.
             from conductor.run import RunOptions, local_workers, run_campaign

@@ -32,6 +32,11 @@ LOADED = (
 """Modules that a simulator loads while it has not been told what to build."""
 
 
+_YIELDING = {"CUDA_MPS_CLIENT_PRIORITY": "1"}
+"""Where processes share a GPU side by side, below the stack's: its networks are chains of hundreds
+of small kernels, and each would wait behind the millions of pixels of somebody's pictures."""
+
+
 @dataclass(frozen=True, slots=True)
 class SimulatorProcess:
     """A simulator as its worker holds it."""
@@ -52,7 +57,8 @@ def start_simulator(environment: Mapping[str, str] | None = None) -> SimulatorPr
     """Start one; the first message tells it what to build. Only from the main thread."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
     command = [sys.executable, "-m", "twin", "sim"]
-    return SimulatorProcess(spawn(command, environment=environment, log=log, pipe_output=True), log)
+    variables = {**_YIELDING, **(environment or {})}
+    return SimulatorProcess(spawn(command, environment=variables, log=log, pipe_output=True), log)
 
 
 def main() -> int:

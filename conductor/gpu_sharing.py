@@ -1,0 +1,81 @@
+"""Processes that compute on one GPU side by side instead of in turns.
+
+Simulators and stacks are processes of their own. Without help a GPU gives each of them slices of
+time, and while one draws pictures the others stand still, however little they need. NVIDIA's
+Multi-Process Service (MPS) lets their kernels run at the same time. It comes with the driver and
+needs no rights: a run starts one of its own and ends it, and touches nobody else's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from twin.fabric.process import end, spawn
+
+PROGRAM = "nvidia-cuda-mps-control"
+
+PIPES_VARIABLE, LOGS_VARIABLE = "CUDA_MPS_PIPE_DIRECTORY", "CUDA_MPS_LOG_DIRECTORY"
+"""Environment variables of CUDA: where its service is, and what it writes."""
+
+SWITCH_VARIABLE = "TWIN_MPS"
+"""Environment variable: ``off`` for processes that take turns, to compare."""
+
+QUIT_S = 10
+"""How long the service may take to start, and processes to leave it at its end [s]."""
+
+# The service outlives whoever started it. This shell ends it when its standard input, the lifeline,
+# is cut: at the end of a run, and when `conductor run` is killed.
+_SCRIPT = f"""
+unset CUDA_VISIBLE_DEVICES
+timeout {QUIT_S} {PROGRAM} -d > "$0/start" 2>&1 || exit 1
+echo started
+cat > "$0/lifeline"
+echo "quit -t {QUIT_S}" | {PROGRAM} > "$0/quit" 2>&1
+rm -rf "$0"
+"""
+# With CUDA_VISIBLE_DEVICES the service would count devices anew, and its clients once more.
+
+
+@contextlib.contextmanager
+def side_by_side() -> Iterator[None]:
+    """Processes started meanwhile share their GPU, where MPS is; else they take turns, and if it is
+    there but does not start, a line says so. A service that the user started is used as it is."""
+    wanted = os.environ.get(SWITCH_VARIABLE, "") != "off"
+    if not wanted or PIPES_VARIABLE in os.environ or shutil.which(PROGRAM) is None:
+        yield
+        return
+    folder = tempfile.mkdtemp(prefix="drivetwin-mps-")  # short: sockets are in it
+    variables = {PIPES_VARIABLE: folder, LOGS_VARIABLE: folder}
+    shell = spawn(["/bin/sh", "-c", _SCRIPT, folder], environment=variables, pipe_output=True)
+    try:
+        assert shell.stdout is not None
+        if shell.stdout.readline().strip() == b"started":
+            os.environ.update(variables)
+        else:
+            print(f"processes on a GPU take turns: {_reason(folder)}", file=sys.stderr)
+        yield
+    finally:
+        for name in variables:
+            os.environ.pop(name, None)
+        if shell.stdin is not None:
+            shell.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            shell.wait(2 * QUIT_S)
+        end(shell)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _reason(folder: str) -> str:
+    """What the service said last."""
+    with contextlib.suppress(OSError):
+        said = (Path(folder) / "start").read_text(errors="replace").split("\n")
+        if lines := [line.strip() for line in said if line.strip()]:
+            return f"{PROGRAM}: {lines[-1][:200]}"
+    return f"{PROGRAM} does not start"
