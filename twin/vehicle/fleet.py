@@ -17,6 +17,7 @@ from twin.vehicle.powertrain import COMMANDS
 from twin.vehicle.props import PROP_STATE, PropKind, PropModel, prop_model
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
 from twin.vehicle.vehicle_file import Vehicle
+from twin.vehicle.wall_grid import wall_grid
 from twin.world.mirror import Mirror
 
 _BLOCK = 8
@@ -65,6 +66,7 @@ class Fleet:
         step_s = PHYSICS_STEP_NS / 1e9
         scene = kernel.Scene()
         scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
+        scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
         kinds = [prop_model(kind, step_s) for kind in props]
         scene.props = wp.array(kinds or [PropModel()], dtype=PropModel, device=device)
         scene.ground = self._ground.kernel
@@ -302,6 +304,11 @@ class Fleet:
             if code != 0.0:
                 return FAULTS.get(int(code), FAULTS[1]) if math.isfinite(code) else FAULTS[1]
         return "" if np.isfinite(rows).all() else FAULTS[1]
+
+
+def _extent_m(model: VehicleModel) -> float:
+    """No corner of the hull is farther from the centre of mass than this."""
+    return float(model.half_length + model.half_width + abs(model.hull_x))
 
 
 def initial_state(

@@ -17,6 +17,7 @@ from twin.vehicle.hull import hull_at, overlap, separation
 from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.props import PropModel, prop_box, slide_prop, write_prop
 from twin.vehicle.state import VehicleState
+from twin.vehicle.wall_grid import WallGrid, walls_near
 
 wp.set_module_options({"enable_backward": False})
 
@@ -51,6 +52,8 @@ class Scene:
 
     colliders: wp.array2d(dtype=wp.float64)
     """[K, 5]: centre x, y [m], yaw [rad], half length and width [m]."""
+    grid: WallGrid
+    """Which of them a vehicle can touch."""
     props: wp.array(dtype=PropModel)
     ground: Ground
     stop_at_impact: wp.int32
@@ -235,10 +238,11 @@ def vehicle_contacts(
                 _touch(m, scene, states, slot, v, t.a, new, now)
                 write_prop(props, slot, p, t.b)
                 a = _vehicle_box(m, states[slot, v])
-    # Hundreds of walls in every step: most are dismissed by four numbers, without a box.
     extent = extent_of(a)
     walls = scene.colliders
-    for k in range(walls.shape[0]):
+    close = walls_near(scene.grid, a.x, a.y)
+    for i in range(close[0], close[1]):
+        k = scene.grid.walls[i]
         if in_reach(a.x, a.y, walls[k, 0], walls[k, 1], extent + walls[k, 3] + walls[k, 4]):
             t = meet(a, _wall_box(walls, k))
             if t.touched:
