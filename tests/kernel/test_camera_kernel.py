@@ -51,8 +51,11 @@ def camera_before(boxes, size=(160, 90), noise=False, hfov_deg=90.0, image_out=N
     )
 
 
-def box_sensor(camera):
-    return BoxSensor(camera._geometry.classes, 1, CPU)
+def boxes_of(camera):
+    """Boxes and count in its last picture."""
+    sensor = BoxSensor(camera._geometry.classes, 1, CPU)
+    sensor.launch(camera.boxes)
+    return sensor.read()
 
 
 def shoot(camera, weather="clear", minute=720, key=7, tick=0, noise=False, lights=None):
@@ -72,7 +75,7 @@ def test_boxes_are_the_projection_of_the_hull():
     # Near face at 20 m, 1 to 3 m right of the axis, its top 0.4 m below the camera.
     camera = camera_before([((20.0, -3.0, 0.0), (24.0, -1.0, 1.1))])
     shoot(camera)
-    boxes, count = box_sensor(camera).read(camera.boxes)
+    boxes, count = boxes_of(camera)
     assert count.tolist() == [1]
     x, y, width, height, pixels, distance = boxes[0, 0, 1:]
     focal = 80.0 / math.tan(math.radians(45.0))
@@ -92,13 +95,13 @@ def test_hidden_objects_are_not_seen_and_ties_go_by_instance():
     behind = ((20.0, -1.0, 0.0), (22.0, 1.0, 1.0))
     camera = camera_before([behind, wall])
     shoot(camera)
-    boxes, count = box_sensor(camera).read(camera.boxes)
+    boxes, count = boxes_of(camera)
     assert count.tolist() == [1]
     assert not boxes[0, 1:].any()
     twins = [((10.0, 2.0, 0.0), (11.0, 4.0, 1.0)), ((10.0, -4.0, 0.0), (11.0, -2.0, 1.0))]
     camera = camera_before(twins)
     shoot(camera)
-    boxes, count = box_sensor(camera).read(camera.boxes)
+    boxes, count = boxes_of(camera)
     assert count.tolist() == [2]
     assert boxes[0, 0, 5] == boxes[0, 1, 5]
     assert boxes[0, 0, 1] < boxes[0, 1, 1]  # instance 0 stands left
@@ -165,7 +168,7 @@ def contrast(image, x0, x1, y0, y1):
 def test_contrast_falls_with_fog_rain_and_night():
     camera = camera_before([((25.0, -1.0, 0.0), (29.0, 1.0, 1.5))], size=(320, 180))
     shoot(camera)
-    box = box_sensor(camera).read(camera.boxes)[0][0, 0].astype(int)
+    box = boxes_of(camera)[0][0, 0].astype(int)
     region = (box[1], box[1] + box[3], box[2], box[2] + box[4])
     values = {w: contrast(shoot(camera, w), *region) for w in WEATHER}
     assert values["clear"] > values["light_fog"] > 1.3 * values["heavy_fog"]

@@ -75,8 +75,8 @@ class BoxSensor:
         self._count = Mirror((slots,), wp.int32, device)
         wp.load_module(boxes_kernel.module.name, device=device, block_dim=_BLOCK)
 
-    def read(self, gathered: wp.array) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes float32 [S, B, 7] and count int32 [S] from the camera's gathered pixels."""
+    def launch(self, gathered: wp.array) -> None:
+        """Make boxes of the camera's gathered pixels."""
         wp.launch(
             boxes_kernel,
             gathered.shape[0],
@@ -85,4 +85,7 @@ class BoxSensor:
             device=self._device,
             block_dim=_BLOCK,
         )
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """The last boxes float32 [S, B, 7] and their count int32 [S]."""
         return self._boxes.pull(), self._count.pull()
