@@ -59,7 +59,7 @@ def mixed(check: Check) -> None:
     plans: dict[str, dict[str, Any]] = {
         "downtown": {},
         "crossing": {"scenario": {**SHORT, "scene": "crossing"}},
-        "other-stack": {"autonomy": {"stack": STACK}},
+        "other-stack": {"autonomy": {"stack": STACK, "parameters": {}}},
     }
     paths = {
         name: full_campaign(check, name, **{"scenario": SHORT, **plan, **axes(1)})
@@ -82,6 +82,8 @@ def mixed(check: Check) -> None:
         server.send_signal(signal.SIGTERM)
         server.wait()
     together = {name: fingerprint(state / name).sha256 for name in paths}
+    ended = [case.outcome for name in paths for case in read_outcomes(state / name).cases.values()]
+    check.expect(f"all cases have verdicts: {ended}", holds=set(ended) == {"verdict"})
     check.found["mixed"] = {name: [alone[name][:16], together[name][:16]] for name in paths}
     check.expect(f"mixed queue: {check.found['mixed']}", holds=alone == together)
     check.expect("the three differ", holds=len(set(alone.values())) == len(paths))
@@ -91,7 +93,7 @@ def mixed(check: Check) -> None:
 def trouble(check: Check) -> None:
     """Cases that end their rig, beside others."""
     plan: dict[str, Any] = {"scenario": SHORT, **axes(2)}
-    peaceful = full_campaign(check, "peace", **plan)
+    peaceful = full_campaign(check, "peace", **plan, autonomy={"parameters": {}})
     names = [case.id for case in expand(load(peaceful))]
     kinds = ("nan", "crash", "hang", "memory", "fault")
     troubled = dict(zip(kinds, names[1::3], strict=True))
