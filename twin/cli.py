@@ -5,6 +5,7 @@ from __future__ import annotations
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -50,7 +51,15 @@ def worker(
     namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
     key: KeyOption = None,
     _insecure: InsecureOption = False,
-    slots: Annotated[int, typer.Option(min=1, max=4096, help="Cases simulated together.")] = 1,
+    slots: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=4096,
+            help="Cases simulated together; default: 1 on the CPU, on a GPU 128, or as many as its "
+            "free memory holds.",
+        ),
+    ] = None,
     device: Device = "cpu",
     cores: Annotated[
         str, typer.Option(help="Processor cores for it and its rigs, as in 0-7,12; default: all.")
@@ -111,6 +120,7 @@ def worker(
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.fabric.roles import Role
     from twin.worker.ahead import await_told
+    from twin.worker.fitting import GPU_SLOTS
     from twin.worker.shell import Worker, WorkerOptions
 
     if cores:
@@ -132,11 +142,13 @@ def worker(
         target = await_conductor(state, wait, Role.worker, key)
     else:
         target = choose_target(connect, None, namespace, key, Role.worker)
+    fit = slots is None and device.startswith("cuda")
     options = WorkerOptions(
         connect=target.endpoint,
         namespace=target.namespace,
         key=target.key,
-        slots=slots,
+        slots=slots or (GPU_SLOTS if fit else 1),
+        fit=fit,
         device=device,
         drive_listen=drive_listen,
         join_dir=join_dir,
@@ -337,6 +349,9 @@ def memory(
             help="Of the rigs and networks of this campaign file instead; -: standard input."
         ),
     ] = "",
+    case: Annotated[
+        str, typer.Option(hidden=True, help="Of the rig of this case, JSON on standard input: -.")
+    ] = "",
     free_gb: Annotated[
         float | None,
         typer.Option(
@@ -349,8 +364,11 @@ def memory(
 
     `twin memory --camera front_left --camera front_right --lidar roof --device cuda:0`
     """
-    from twin.memory import show_memory, show_memory_of
+    from twin.memory import show_memory, show_memory_of, show_memory_of_case
 
+    if case == "-":
+        show_memory_of_case(sys.stdin.buffer.read(), slots, device, as_json=output is Output.json)
+        return
     if campaign:
         show_memory_of(campaign, slots, device, free_gb, as_json=output is Output.json)
         return

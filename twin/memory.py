@@ -89,6 +89,20 @@ def show_memory_of(
     _show(_cases(data, campaign), slots, free, as_json=as_json)
 
 
+def show_memory_of_case(case: bytes, slots: int, device: str, *, as_json: bool) -> None:
+    """The same for the rig of one case, JSON as in a lease.
+
+    Raises:
+        UsageError: it is none; one line.
+    """
+    prepare_kernels()
+    try:
+        found = msgspec.json.decode(case, type=Case)
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"case: {error}") from None
+    _show([found], slots, _free_bytes(device), as_json=as_json)
+
+
 def _cases(data: Any, shown: str) -> list[Case]:
     campaign, cases, mistakes = parse_cases(data)
     if campaign is None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
+from schemas.campaign import Case
 from schemas.identity import rig_key
 from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
@@ -54,6 +55,8 @@ class StartRig:
     """Start simulator and stack for this lease's rig key."""
 
     lease: Lease
+    slots: int
+    """Cases that the rig drives at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +154,8 @@ class Core:
     """When the worker must be gone, on the clock of the events; None: no end is known [ns]."""
     memory_max_bytes: int | None = None
     """Most memory that the processes of the rig may use together; None: no limit [bytes]."""
+    fitting: Callable[[Case], int] | None = None
+    """Most slots of a rig for such a case, of those offered; None: all."""
     phase: Literal["joining", "working", "finishing", "draining", "left"] = "joining"
     """``finishing``: no new cases, running ones go on; ``draining``: only goodbyes are left."""
     held: dict[int, Held] = field(default_factory=dict)
@@ -523,20 +528,23 @@ class Core:
                 assert not self.held, "a lease of another rig came while cases were running"
                 effects.append(StopRig())
                 self.rig = None
-            slots = lease.case.rig_slots(self.hello.slots)
-            if len(self.held) >= slots:
-                # Asked for before its rig was known: a stack may drive fewer cars than we have.
-                why = f"the stack drives {slots} at once"
+            if self.rig is None:
+                self.rig = Rig(key, self._slots_of(lease.case))
+                effects.append(StartRig(lease, self.rig.slots))
+            elif len(self.held) >= self.rig.slots:
+                # Asked for before its rig was known: it may hold fewer cars than were offered.
+                why = f"the rig drives {self.rig.slots} at once"
                 self.ended.append(self._end_of(lease.token, Held(lease), "released", why))
                 self.ask_at_ns = now_ns
                 continue
-            self.held[lease.token] = Held(lease, moved_ns=now_ns)
-            if self.rig is None:
-                self.rig = Rig(key, slots)
-                effects.append(StartRig(lease))
             elif self.rig.ready:
                 effects.append(AssignLease(lease))
+            self.held[lease.token] = Held(lease, moved_ns=now_ns)
         return effects
+
+    def _slots_of(self, case: Case) -> int:
+        slots = case.rig_slots(self.hello.slots)
+        return slots if self.fitting is None else max(1, min(slots, self.fitting(case)))
 
     def _forget(self, lost: list[int], now_ns: int) -> list[Effect]:
         effects: list[Effect] = []

@@ -102,6 +102,7 @@ class RigProcess:
         self,
         options: WorkerOptions,
         lease: Lease,
+        slots: int,
         inbox: queue.SimpleQueue[Any],
         loaded: SimulatorProcess | None = None,
     ) -> None:
@@ -109,7 +110,7 @@ class RigProcess:
         self._options = options
         self._lease = lease
         self._inbox = inbox
-        self._slots = lease.case.rig_slots(options.slots)
+        self._slots = slots
         self._id = secrets.token_hex(8)
         self._stopped = False
         self._drained = threading.Event()

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.delivery import Delivery
+from twin.worker.fitting import fitting
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
@@ -61,6 +63,8 @@ class WorkerOptions:
     key: Key | None = None
     """The worker's key; with it the rig's own sessions are TLS too."""
     slots: int = 1
+    fit: bool = False
+    """Take fewer if a GPU's free memory holds no more."""
     device: str = "cpu"
     drive_listen: str = LOOPBACK
     """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
@@ -137,6 +141,7 @@ class Worker:
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
             walltime_end_ns=_walltime_end_ns(options.walltime_s),
             memory_max_bytes=memory_bytes,
+            fitting=partial(fitting, options.device, options.slots) if options.fit else None,
         )
 
     def serve(self) -> int:
@@ -296,10 +301,10 @@ class Worker:
             case _:
                 return []
 
-    def _start_rig(self, lease: Lease) -> None:
+    def _start_rig(self, lease: Lease, slots: int) -> None:
         try:
             loading, self._loading = self._loading, None
-            self._rig = RigProcess(self._options, lease, self._inbox, loading)
+            self._rig = RigProcess(self._options, lease, slots, self._inbox, loading)
         except OSError as error:
             # It dies in the next turn: effects must not call for more of them.
             self._inbox.put((None, RigDied("released", f"no rig: {error.strerror}")))
@@ -327,9 +332,9 @@ class Worker:
             match effect:
                 case decisions.Ask(request):
                     self._requests.put(request)
-                case decisions.StartRig(lease):
+                case decisions.StartRig(lease, slots):
                     lease = self._delivery.localized(lease)
-                    self._start_rig(lease)
+                    self._start_rig(lease, slots)
                 case decisions.StopRig():
                     if self._rig is not None:
                         self._rig.stop()

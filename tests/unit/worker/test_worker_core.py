@@ -89,7 +89,7 @@ def working(slots=2, tokens=(1, 2)):
     core, request = joined(slots)
     leases = [lease(t, CASES[i]) for i, t in enumerate(tokens)]
     effects = core.on_reply(request, reply(seq=1, leases=leases), 0)
-    assert effects == [StartRig(leases[0])]
+    assert effects == [StartRig(leases[0], slots)]
     assert core.on_rig_ready() == [AssignLease(each) for each in leases]
     return core
 
@@ -163,7 +163,7 @@ def test_another_rig_key_restarts_the_rig():
     other = lease(2, msgspec.structs.replace(CASES[0], camera=camera))
     assert core.on_reply(ask.request, reply(seq=2, leases=[other]), 6) == [
         StopRig(),
-        StartRig(other),
+        StartRig(other, 1),
     ]
 
 
@@ -173,7 +173,7 @@ def test_alone_means_a_fresh_rig_and_no_neighbours():
     (ask,) = core.on_time(5)
     alone = lease(2, alone=True)
     effects = core.on_reply(ask.request, reply(seq=2, leases=[alone]), 6)
-    assert effects == [StopRig(), StartRig(alone)]
+    assert effects == [StopRig(), StartRig(alone, 2)]
     assert not any(isinstance(getattr(e, "request", None), Next) for e in core.on_time(7))
 
 
@@ -573,7 +573,7 @@ def test_a_stack_that_drives_one_car_gets_one_case_at_a_time():
     core, request = joined(slots=2)
     single = [msgspec.structs.replace(case, slots=1) for case in CASES]
     leases = [lease(token, single[token - 1]) for token in (1, 2)]
-    assert core.on_reply(request, reply(seq=1, leases=leases), 0) == [StartRig(leases[0])]
+    assert core.on_reply(request, reply(seq=1, leases=leases), 0) == [StartRig(leases[0], 1)]
     assert core.on_rig_ready() == [AssignLease(leases[0])]
     (ask,) = core.on_time(0)
     assert [(e.token, e.reason) for e in ask.request.ended] == [(2, "released")]
@@ -583,6 +583,20 @@ def test_a_stack_that_drives_one_car_gets_one_case_at_a_time():
     core.on_done(result(1), SECOND_NS)
     (ask,) = core.on_time(SECOND_NS)
     assert ask.request.k == 1  # the rig waits for one, not for two
+
+
+def test_a_rig_has_no_more_slots_than_fit():
+    """What was leased before that was known is given back, and no more is asked for."""
+    core, request = joined(slots=2)
+    asked = []
+    core.fitting = lambda case: asked.append(case.id) or 1
+    leases = [lease(1), lease(2)]
+    effects = core.on_reply(request, reply(seq=1, leases=leases), 0)
+    assert effects == [StartRig(leases[0], 1)]
+    assert [(each.token, each.detail) for each in core.ended] == [(2, "the rig drives 1 at once")]
+    assert list(core.held) == [1]
+    assert asked == [leases[0].case.id]
+    assert core._free() == 0
 
 
 def test_the_last_words_of_a_stack_are_asked_for_when_it_hangs():

@@ -1,0 +1,40 @@
+"""twin.worker.fitting: slots by the simulator's own count. What fits on a GPU only one can say."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import msgspec
+
+from conductor.source import find
+from schemas.campaign import parse_cases
+from schemas.yaml_file import load_yaml
+from twin.worker.fitting import fitting
+
+CASE = parse_cases(load_yaml(find("aeb-demo")))[1][0]
+
+
+def count(text: bytes, *options: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "twin", "memory", "--case", "-", *options]
+    return subprocess.run(command, input=text, capture_output=True)
+
+
+def test_the_count_of_a_case_is_a_part_of_that_of_its_campaign():
+    case = count(msgspec.json.encode(CASE), "--slots", "7", "--output", "json")
+    command = [sys.executable, "-m", "twin", "memory", "--campaign", str(find("aeb-demo"))]
+    whole = subprocess.run([*command, "--slots", "7", "--output", "json"], capture_output=True)
+    of_case, of_campaign = (json.loads(done.stdout) for done in (case, whole))
+    assert of_case["rows"].items() <= of_campaign["rows"].items()
+    names = [name for name in of_case["rows"] if name.startswith("network ")]
+    assert names == [f"network {CASE.perception.model}"]
+    assert of_case["slots_max"] is None  # the CPU's memory is not counted
+
+
+def test_without_an_answer_all_are_taken():
+    assert fitting("cpu", 7, CASE) == 7
+    assert fitting("cuda:99", 7, CASE) == 7
+    refused = count(b'{"id": 3}')
+    assert refused.returncode == 2
+    assert refused.stderr.decode().splitlines()[-1].startswith("twin: case: Expected `str`")
