@@ -9,19 +9,17 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
-from twin.fabric.process import end, leave_signals_to_the_parent, spawn
+from twin.fabric.process import leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
 from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
+from twin.worker.rig_child import RigChild
 
 LOADED = (
     "twin.fabric.zenoh_bus",
@@ -32,27 +30,11 @@ LOADED = (
 """Modules that a simulator loads while it has not been told what to build."""
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatorProcess:
-    """A simulator as its worker holds it."""
-
-    process: subprocess.Popen[bytes]
-    log: IO[bytes]
-    """An unnamed file: gone with its last user, however this process ends. What matters of it, the
-    last lines of a process that died, goes to the conductor."""
-
-    def discard(self) -> None:
-        """End it; it has not been told anything."""
-        self.process.kill()
-        end(self.process)
-        self.log.close()
-
-
-def start_simulator(environment: Mapping[str, str] | None = None) -> SimulatorProcess:
+def start_simulator(environment: Mapping[str, str] | None = None) -> RigChild:
     """Start one; the first message tells it what to build. Only from the main thread."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
     command = [sys.executable, "-m", "twin", "sim"]
-    return SimulatorProcess(spawn(command, environment=environment, log=log, pipe_output=True), log)
+    return RigChild(spawn(command, environment=environment, log=log, pipe_output=True), log)
 
 
 def main() -> int:
