@@ -1,7 +1,8 @@
 """Whether the networks of a campaign can be loaded, before any of its cases is leased.
 
 Loading them is the business of ``devkit``, which is asked as any user would ask it: by a process of
-its own, once for all networks. A network that takes its process down is one that cannot be loaded.
+its own, once for all networks. A network that takes its process down is one that cannot be loaded;
+one that was loaded before by the same software on such a device is not loaded again.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from conductor.good_networks import identities, remember, remembered, unchanged
 from schemas.campaign import Campaign, expand
 from schemas.perception import NetworkPerception
 from schemas.validation import Mistake
@@ -34,7 +36,8 @@ def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
 @contextmanager
 def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Iterator[None]:
     """Load the networks that cases of ``campaign`` use, on this machine, while the body
-    of the ``with`` does something else; it is known at its end.
+    of the ``with`` does something else; it is known at its end. Those that are known to be good
+    (:mod:`conductor.good_networks`) are not loaded.
 
     Args:
         campaign: with absolute paths, see :func:`conductor.source.load`.
@@ -58,16 +61,27 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
     first: dict[tuple[str, ...], str] = {}
     for name, variant in used.items():
         first.setdefault(_what_is_loaded(variant), name)
-    with _ask({name: used[name] for name in first.values()}, cases[0].camera, device) as child:
+    camera, files = cases[0].camera, campaign.files
+    size_px = (camera.width, camera.height)
+    known = identities({name: used[name] for name in first.values()}, files, device, size_px)
+    good = set(remembered())
+    asked = {name: used[name] for name in first.values() if known.get(name) not in good}
+    if not asked:
+        yield
+        return
+    with _ask(asked, size_px, device) as child:
         try:
             yield
-            answer = _answer(child, first.values())
+            answer = _answer(child, asked)
         finally:
             child.kill()
+    loaded = [name for name in asked if not answer[name]["error"]]
+    # What was loaded may be other files than those that were read before.
+    remember([known[n] for n in loaded if n in known and unchanged(asked[n], files)])
     mistakes = [
         Mistake(f"autonomy.perception.{name}", answer[name]["error"])
-        for name in first.values()
-        if answer[name]["error"]
+        for name in asked
+        if name not in loaded
     ]
     if mistakes:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
@@ -78,11 +92,11 @@ def _what_is_loaded(variant: NetworkPerception) -> tuple[str, ...]:
 
 
 def _ask(
-    variants: dict[str, NetworkPerception], camera: Any, device: str
+    variants: dict[str, NetworkPerception], size_px: tuple[int, int], device: str
 ) -> subprocess.Popen[bytes]:
     command = [
         *(sys.executable, "-m", "devkit", "check-models", "--device", device),
-        *("--width", str(camera.width), "--height", str(camera.height)),
+        *("--width", str(size_px[0]), "--height", str(size_px[1])),
     ]
     pipe = subprocess.PIPE
     child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)

@@ -17,6 +17,7 @@ from devkit.replay_command import replay
 from devkit.training_commands import evaluate, train
 from schemas.expected import Expected
 from schemas.foreign import Foreign
+from twin.fabric.ahead import LATER
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
 
@@ -35,6 +36,7 @@ app.command("replay")(replay)
 
 @app.command()
 def host(
+    context: typer.Context,
     connect: Annotated[str, typer.Option(help="Endpoint of the simulator.")] = "",
     rig: Annotated[str, typer.Option(help="Rig to join.")] = "",
     namespace: Annotated[str, typer.Option(help="Namespace of the rig.")] = "twin",
@@ -57,8 +59,16 @@ def host(
             help="Serve every rig announced in this shared folder, which holds their keys, too."
         ),
     ] = None,
+    load_for: Annotated[str, typer.Option("--load-for", hidden=True)] = "cpu",
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
+    if connect == LATER:
+        from devkit.ahead import await_arguments
+
+        arguments = await_arguments(load_for)
+        with context.command.make_context("host", arguments, context.parent) as told:
+            context.command.invoke(told)
+        return
     from devkit.host import HostOptions, run_host, run_join
     from twin.fabric.key_file import load_key
     from twin.fabric.roles import Role

@@ -134,7 +134,7 @@ def worker(
         return
     loading = None
     if connect == LATER:
-        told, loading = await_told(simulator=load_simulator)
+        told, loading = await_told(device, load=load_simulator)
         connect, slots = told.connect, told.slots
         key = Path(told.key) if told.key else None
     if state is not None and not connect:

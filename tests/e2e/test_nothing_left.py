@@ -28,6 +28,9 @@ def test_listens_on_loopback_only(marked, tmp_path):
         except psutil.NoSuchProcess:
             continue
     assert addresses == {"127.0.0.1"}
+    # While everything is there: each worker's stack is the one that it had load ahead.
+    assert len(marked.processes("devkit", "host", "--connect", "-")) == 2
+    assert len(marked.processes("devkit", "host")) == 2
     child.communicate()
 
 

@@ -1,12 +1,12 @@
-"""Workers that `conductor run` starts before its conductor listens: they load, and are told on
-their standard input whom to serve."""
+"""Workers that `conductor run` starts before its conductor listens, and their stacks: they load,
+and are told on their standard input whom to serve."""
 
 from __future__ import annotations
 
 from msgspec import Struct
 
 LATER = "-"
-"""As ``--connect`` of a worker: it will be told."""
+"""As ``--connect`` of a worker or of a stack's host: it will be told."""
 
 
 class Told(Struct, frozen=True):

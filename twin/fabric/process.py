@@ -59,8 +59,12 @@ def spawn(
 def bind_to_parent() -> None:
     """In a child: die with the parent. Does nothing when not started by :func:`spawn`."""
     parent = os.environ.pop(PARENT_VARIABLE, "")
-    if not parent:
-        return
+    if parent:
+        die_with_parent(parent)
+
+
+def die_with_parent(parent: str) -> None:
+    """In a child of the process ``parent``, a number: be killed when that one ends."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     # In another pid namespace the parent's number reads 0: the lifeline has to do.
     if os.getppid() not in (int(parent), 0):

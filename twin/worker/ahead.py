@@ -4,25 +4,42 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 
 from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
 from twin.fabric.endpoint import allow_plain, is_exposed
 from twin.fabric.errors import UsageError
-from twin.worker.sim_process import SimulatorProcess, start_simulator
+from twin.worker.rig_child import RigChild
+from twin.worker.sim_process import start_simulator
+from twin.worker.stack_process import load_stack
 
 
-def await_told(*, simulator: bool) -> tuple[Told, SimulatorProcess | None]:
+@dataclass(frozen=True, slots=True)
+class Loading:
+    """Processes that load for the first rig."""
+
+    simulator: RigChild
+    stack: RigChild
+
+    def discard(self) -> None:
+        """End them; they have not been told anything."""
+        self.simulator.discard()
+        self.stack.discard()
+
+
+def await_told(device: str, *, load: bool) -> tuple[Told, Loading | None]:
     """Wait to be told whom to serve; from then on standard output and error go to the log.
 
     Args:
-        simulator: have one load meanwhile.
+        device: where the worker computes.
+        load: have the processes of a rig load meanwhile.
 
     Raises:
         SystemExit: there is nobody to serve.
         UsageError: standard input says something else.
     """
-    loading = start_simulator() if simulator else None
+    loading = Loading(start_simulator(), load_stack(device)) if load else None
     line = sys.stdin.buffer.readline()
     if not line:
         if loading is not None:

@@ -42,7 +42,9 @@ from twin.worker.pipe import (
     Upward,
     pack,
 )
-from twin.worker.sim_process import SimulatorProcess, start_simulator
+from twin.worker.rig_child import RigChild
+from twin.worker.sim_process import start_simulator
+from twin.worker.stack_process import may_run, start_stack, tell_stack, threads
 
 FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
@@ -69,11 +71,8 @@ DRAIN_GRACE_S = 12.0
 """Longest wait for the results of cases that were over when the stack ended; a simulator that can
 answer does so earlier [s]."""
 
-THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
-"""Variables that say how many threads libraries of a stack start: one unless the user says
-otherwise, because there is a worker per core, and its simulator waits while the stack computes."""
-
 if TYPE_CHECKING:
+    from twin.worker.ahead import Loading
     from twin.worker.shell import WorkerOptions
 
 
@@ -104,9 +103,9 @@ class RigProcess:
         lease: Lease,
         slots: int,
         inbox: queue.SimpleQueue[Any],
-        loaded: SimulatorProcess | None = None,
+        loaded: Loading | None = None,
     ) -> None:
-        """``loaded``: a simulator that waits to be told what to build."""
+        """``loaded``: processes that wait to be told what to do."""
         self._options = options
         self._lease = lease
         self._inbox = inbox
@@ -115,11 +114,12 @@ class RigProcess:
         self._stopped = False
         self._drained = threading.Event()
         self._lock = threading.Lock()
-        self._stack: subprocess.Popen[bytes] | None = None
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: tuple[Path, ...] = ()
         self._fetches, self._fetch_seen_ns = False, 0
-        self._stack_log = tempfile.TemporaryFile()  # noqa: SIM115
+        stack = loaded and _usable(loaded.stack, may_run(lease.case))
+        self._stack = stack.process if stack else None
+        self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         remote = lease.case.placement == "node"
         listen = options.drive_listen if remote else LOOPBACK
@@ -130,11 +130,9 @@ class RigProcess:
         if lease.case.keep == "none":
             view = view.unrecorded
         inline = lease.case.placement == "inline"
-        if loaded is None or inline or loaded.process.poll() is not None:
-            if loaded is not None:
-                loaded.discard()
-            loaded = start_simulator(_threads() if inline else None)
-        self._simulator, self._log = loaded.process, loaded.log
+        simulator = loaded and _usable(loaded.simulator, not inline)
+        simulator = simulator or start_simulator(threads() if inline else None)
+        self._simulator, self._log = simulator.process, simulator.log
         build = Build(
             lease=lease,
             rig=self._id,
@@ -264,11 +262,11 @@ class RigProcess:
             return
         if self._keys is not None:
             arguments += ["--key", str(self._keys.stack)]
-        self._stack = spawn(
-            [sys.executable, "-m", "devkit", "host", *arguments],
-            environment=_threads(),
-            log=self._stack_log,
-        )
+        if self._stack is not None and not tell_stack(self._stack, arguments):
+            self._stack.kill()
+            end(self._stack)
+            self._stack = None
+        self._stack = self._stack or start_stack(arguments, self._stack_log)
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
     def start_recorder(self, endpoint: str) -> None:
@@ -372,8 +370,12 @@ def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> No
         os.close(descriptor)
 
 
-def _threads() -> dict[str, str]:
-    return {name: os.environ.get(name, "1") for name in THREADS}
+def _usable(child: RigChild, wanted: bool) -> RigChild | None:
+    """``child``; None: it is not wanted, or it ended while it waited, and nothing is left of it."""
+    if wanted and child.process.poll() is None:
+        return child
+    child.discard()
+    return None
 
 
 def _resident_bytes(pid: int) -> int:

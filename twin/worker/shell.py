@@ -29,12 +29,12 @@ from twin.fabric.key_file import Key
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
+from twin.worker.ahead import Loading
 from twin.worker.delivery import Delivery
 from twin.worker.fitting import fitting
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess
-from twin.worker.sim_process import SimulatorProcess
 from twin.worker.spool_folder import SpoolFolder
 
 REQUEST_TIMEOUT_S = 3.0
@@ -104,8 +104,8 @@ class _Signalled:
 class Worker:
     """serve = startup, main loop, shutdown."""
 
-    def __init__(self, options: WorkerOptions, loading: SimulatorProcess | None = None) -> None:
-        """``loading``: a simulator that waits for the first rig."""
+    def __init__(self, options: WorkerOptions, loading: Loading | None = None) -> None:
+        """``loading``: processes that wait for the first rig."""
         self._options = options
         self._loading = loading
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()

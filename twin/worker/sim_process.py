@@ -9,19 +9,17 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
-from twin.fabric.process import end, leave_signals_to_the_parent, spawn
+from twin.fabric.process import leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
 from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
+from twin.worker.rig_child import RigChild
 
 LOADED = (
     "twin.fabric.zenoh_bus",
@@ -37,28 +35,12 @@ _YIELDING = {"CUDA_MPS_CLIENT_PRIORITY": "1"}
 of small kernels, and each would wait behind the millions of pixels of somebody's pictures."""
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatorProcess:
-    """A simulator as its worker holds it."""
-
-    process: subprocess.Popen[bytes]
-    log: IO[bytes]
-    """An unnamed file: gone with its last user, however this process ends. What matters of it, the
-    last lines of a process that died, goes to the conductor."""
-
-    def discard(self) -> None:
-        """End it; it has not been told anything."""
-        self.process.kill()
-        end(self.process)
-        self.log.close()
-
-
-def start_simulator(environment: Mapping[str, str] | None = None) -> SimulatorProcess:
+def start_simulator(environment: Mapping[str, str] | None = None) -> RigChild:
     """Start one; the first message tells it what to build. Only from the main thread."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
     command = [sys.executable, "-m", "twin", "sim"]
     variables = {**_YIELDING, **(environment or {})}
-    return SimulatorProcess(spawn(command, environment=variables, log=log, pipe_output=True), log)
+    return RigChild(spawn(command, environment=variables, log=log, pipe_output=True), log)
 
 
 def main() -> int:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
+from msgspec import structs
 from tiny_networks import write_dark_spot_detector
 from waiting import PATIENCE_S
 
-from conductor import models
-from conductor.models import check_models
+from conductor import good_networks, models
+from conductor.good_networks import BYTES_MAX, KEPT_MAX, remember, remembered, unchanged
+from conductor.models import check_models, models_checked
+from conductor.source import load
+from schemas.assets import file_digest
 from schemas.campaign import Campaign, parse_campaign
+from schemas.perception import NetworkPerception
 from twin.fabric.errors import InfrastructureError, UsageError
 
 
@@ -25,6 +31,15 @@ def campaign(perception: dict[str, dict[str, object]], used: list[str]) -> Campa
 
 def network(path: object, **more: object) -> dict[str, object]:
     return {"type": "network", "model": str(path), **more}
+
+
+@pytest.fixture(autouse=True)
+def cache(monkeypatch, tmp_path):
+    """A cache folder that nothing is in."""
+    folder = tmp_path / "cache"
+    monkeypatch.delenv("WARP_CACHE_PATH", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
 
 
 @pytest.fixture
@@ -61,6 +76,75 @@ def test_only_what_cases_use_is_loaded_each_network_once(asked, tmp_path):
     assert str(caught.value) == (
         f"c.yaml: autonomy.perception.gone: {tmp_path}/gone.onnx: No such file or directory"
     )
+
+
+def test_what_was_good_once_is_not_loaded_again(asked, cache, monkeypatch, tmp_path):
+    path = write_dark_spot_detector(tmp_path / "a.onnx")
+    variants = {
+        "a": {"type": "network", "model": "a.onnx"},
+        "b": {"type": "network", "model": "b.onnx"},
+    }
+    given = {"campaign": "c", "autonomy": {"perception": variants}}
+    file = tmp_path / "c.yaml"
+
+    def check(*names, width=640, device="cpu"):
+        camera = {"camera": {"width": width}, "matrix": {"model": list(names)}}
+        file.write_text(json.dumps(given | camera))
+        asked.clear()
+        check_models(load(str(file)), "c.yaml", device)
+        return asked
+
+    (tmp_path / "b.onnx").write_bytes(path.read_bytes()[:-40])
+    for _ in range(2):
+        with pytest.raises(UsageError, match=r"perception\.b: .*b\.onnx: not an ONNX file"):
+            check("a", "b")
+    assert asked == [["b"]], "only what was good is remembered"
+    assert check("a") == []
+    # Where it lies does not matter; what is in it, the pictures' size and the device do.
+    (tmp_path / "b.onnx").write_bytes(path.read_bytes())
+    assert check("a", "b") == []
+    assert check("a", width=320) == [["a"]]
+    assert check("a", width=320) == []
+    write_dark_spot_detector(path, label="truck")
+    assert check("a", "b") == [["a"]]
+    assert check("a") == []
+    monkeypatch.setattr(good_networks, "device_class", lambda device: "cpu:another")
+    assert check("a") == [["a"]]
+
+
+def test_a_memory_that_is_damaged_or_cannot_be_written_is_as_none(cache):
+    first, second = "1" * 64, "2" * 64
+    remember([first])
+    remember([second, first])
+    assert remembered() == [second, first]
+    (file,) = (cache / "drivetwin").iterdir()
+    for damaged in (b"", b"[", b"{}", b"[1]", b'["short"]', b"\xff", b"[" * 100_000):
+        file.write_bytes(damaged)
+        assert remembered() == []
+    remember([first])
+    assert remembered() == [first]
+    remember([f"{number:064x}" for number in range(KEPT_MAX + 5)])
+    assert len(remembered()) == KEPT_MAX
+    assert file.stat().st_size < BYTES_MAX
+    file.unlink()
+    os.mkfifo(file)  # nobody writes to it
+    assert remembered() == []
+    file.unlink()
+    file.parent.rmdir()
+    file.parent.write_text("no folder")
+    remember([first])
+    assert remembered() == []
+
+
+def test_what_changed_while_it_was_loaded_is_not_remembered(tmp_path):
+    path = write_dark_spot_detector(tmp_path / "a.onnx")
+    files = {str(path): file_digest(path)}
+    given = structs.replace(campaign({"a": network(path)}, ["a"]), files=files)
+    with models_checked(given, "c.yaml"):
+        write_dark_spot_detector(path, label="truck")
+    assert remembered() == []
+    path.unlink()
+    assert not unchanged(NetworkPerception(model=str(path)), files)
 
 
 def test_a_worker_with_a_gpu_needs_its_runtime(asked, tmp_path):

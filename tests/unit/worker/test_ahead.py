@@ -1,14 +1,54 @@
-"""A worker that is started before the conductor listens, and what it does until it is told."""
+"""A worker that is started before the conductor listens, and what it does until it is told; and the
+stack that it has load meanwhile."""
 
 import os
+import queue
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import psutil
+import pytest
+from msgspec import structs
+from waiting import PATIENCE_S, wait_for
+
+from conductor.source import load
+from schemas.campaign import expand
+from schemas.foreign import Foreign
+from schemas.messages import Lease
+from schemas.view_mode import ViewMode
+from twin.worker.ahead import Loading
+from twin.worker.pipe import Built, Listening
+from twin.worker.rig import RigProcess
+from twin.worker.shell import WorkerOptions
+from twin.worker.sim_process import start_simulator
+from twin.worker.stack_process import load_stack, may_run, tell_stack
+
+OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
+
+
+def children_of(worker, count):
+    """Its processes, as soon as there are so many."""
+
+    def found():
+        assert worker.poll() is None
+        children = psutil.Process(worker.pid).children()
+        return children if len(children) == count else None
+
+    return wait_for(found, f"{count} children")
+
+
+def ignores_sigterm(pid):
+    """The last of what binds a waiting stack to its worker has been done."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    ignored = int(status.split("SigIgn:")[1].split()[0], 16)
+    return bool(ignored >> (signal.SIGTERM - 1) & 1)
 
 
 def test_nobody_to_serve_and_words_that_are_none(tmp_path):
-    """It ends with the simulator that was loading; a line that is no order is one for people."""
+    """It ends with the simulator and the stack that were loading; a line that is no order is one
+    for people."""
     options = ("worker", "--connect", "-", "--load-simulator")
     workers = [
         subprocess.Popen(
@@ -20,11 +60,7 @@ def test_nobody_to_serve_and_words_that_are_none(tmp_path):
         )
         for _ in range(2)
     ]
-    loading: dict[int, psutil.Process] = {}
-    while len(loading) < len(workers):
-        for worker in workers:
-            loading.update((p.pid, p) for p in psutil.Process(worker.pid).children())
-        assert all(worker.poll() is None for worker in workers)
+    loading = [child for worker in workers for child in children_of(worker, 2)]
     unserved, misled = workers
     assert unserved.communicate("") == ("", "")
     assert unserved.returncode == 0
@@ -32,8 +68,8 @@ def test_nobody_to_serve_and_words_that_are_none(tmp_path):
     assert (misled.returncode, out) == (2, "")
     assert err.startswith("twin: --connect -: standard input: ")
     assert err.count("\n") == 1
-    psutil.wait_procs(loading.values(), 30)
-    assert not any(process.is_running() for process in loading.values())
+    psutil.wait_procs(loading, PATIENCE_S)
+    assert not any(process.is_running() for process in loading)
 
 
 def test_from_then_on_its_words_are_in_the_log(tmp_path):
@@ -48,3 +84,104 @@ def test_from_then_on_its_words_are_in_the_log(tmp_path):
     )
     assert (worker.returncode, worker.stdout, worker.stderr) == (2, "", "")
     assert "device 'cuda:99': not here" in log.read_text()
+
+
+def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
+        stdin=subprocess.PIPE,
+    )
+    loading = children_of(worker, 2)
+    stack = wait_for(
+        lambda: next((p for p in loading if "devkit" in p.cmdline()), None), "the stack's process"
+    )
+    wait_for(lambda: ignores_sigterm(stack.pid), "its end with the worker's")
+    stack.terminate()  # as a scheduler that ends a job: it leaves that to the worker
+    stack.suspend()
+    worker.kill()
+    worker.communicate()
+    gone, alive = psutil.wait_procs(loading, PATIENCE_S)
+    assert (len(gone), alive) == (2, [])
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "words"),
+    [
+        ("", 0, ""),
+        ("--rig r\n", 2, "devkit: --connect -: standard input: JSON is malformed"),
+        ('{"rig": 1}\n', 2, "devkit: --connect -: standard input: Expected `array`"),
+        ('["--rig", "r"]\n', 2, "devkit: give --connect, --rig and --stack"),
+        ('["--wrong"]\n', 2, "No such option: --wrong"),
+    ],
+)
+def test_what_a_waiting_stack_is_told_counts_as_if_typed(line, code, words):
+    told = subprocess.run(
+        [sys.executable, "-m", "devkit", "host", "--connect", "-"],
+        input=line,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert (told.returncode, told.stdout) == (code, "")
+    assert words in told.stderr if words else told.stderr == ""
+    assert "Traceback" not in told.stderr
+
+
+def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
+    case = expand(load("chaos-16"))[0]
+    assert may_run(case)
+    foreign = Foreign(command=["true"])
+    others = [
+        structs.replace(case, **{key: value})
+        for key, value in (
+            ("placement", "node"),
+            ("placement", "inline"),
+            ("stack", "mine:Stack"),
+            ("foreign", foreign),
+        )
+    ]
+    assert not any(may_run(other) for other in others)
+    loading = Loading(start_simulator(), load_stack("cpu"))
+    lease = Lease(token=1, attempt=1, out=str(tmp_path), case=others[-1])
+    rig = RigProcess(OPTIONS, lease, queue.SimpleQueue(), loading)
+    try:
+        assert loading.stack.process.returncode == -signal.SIGKILL
+        assert loading.stack.log.closed
+        assert loading.simulator.process.poll() is None
+    finally:
+        rig.stop()
+
+
+def test_a_frozen_stack_is_not_told_what_no_pipe_takes():
+    frozen = load_stack("cpu")
+    frozen.process.send_signal(signal.SIGSTOP)
+    assert not tell_stack(frozen.process, ["x" * (1 << 21)])
+    frozen.discard()
+    dead = load_stack("cpu")
+    dead.process.kill()
+    dead.process.wait()
+    assert not tell_stack(dead.process, ["--rig"])
+    dead.discard()
+
+
+def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path):
+    case = expand(load("chaos-16"))[0]
+    inbox = queue.SimpleQueue()
+    loading = Loading(start_simulator(), load_stack("cpu"))
+    rig = RigProcess(
+        OPTIONS, Lease(token=1, attempt=1, out=str(tmp_path), case=case), inbox, loading
+    )
+    try:
+        seen = []
+        while not seen or not isinstance(seen[-1], Built):
+            _, message = inbox.get(timeout=PATIENCE_S)
+            seen.append(message)
+            if isinstance(message, Listening):
+                loading.stack.process.kill()
+                loading.stack.process.wait()
+                rig.start_stack(message.endpoint)
+            assert isinstance(message, Listening | Built), message
+        assert rig.memory_bytes()["simulator"] > 0
+        assert rig.memory_bytes()["stack"] > 0
+    finally:
+        rig.stop()

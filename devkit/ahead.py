@@ -1,0 +1,56 @@
+"""The wait of a stack's host that was started before there is a rig for it: it loads meanwhile what
+shipped stacks need, and reads the rest of its command line on standard input."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import queue
+import threading
+
+from schemas.json_text import JsonError, decode_json
+from twin.fabric.errors import UsageError
+from twin.fabric.process import PARENT_VARIABLE, die_with_parent, leave_signals_to_the_parent
+
+LOADED = ("devkit.host", "devkit.aeb", "devkit.detector", "onnx")
+"""Modules that are loaded meanwhile, what every stack needs first."""
+
+LOADED_ON_CUDA = ("onnxruntime", "warp")
+"""And where the rig computes on a GPU. On a CPU few networks are run by ONNX Runtime, whose import
+leaves a file in the temporary folder."""
+
+
+def await_arguments(device: str) -> list[str]:
+    """Load what a rig that computes on ``device`` needs until there is word of it; its options.
+
+    Raises:
+        UsageError: standard input says something else.
+    """
+    parent = os.environ.get(PARENT_VARIABLE, "")
+    if parent:
+        die_with_parent(parent)
+        leave_signals_to_the_parent()
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(lines,), name="arguments", daemon=True).start()
+    for name in (*LOADED, *(LOADED_ON_CUDA if device.startswith("cuda") else ())):
+        if not lines.empty():
+            break
+        with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
+            importlib.import_module(name)
+    try:
+        arguments: list[str] = decode_json(lines.get(), list[str])
+    except JsonError as error:
+        raise UsageError(f"--connect -: standard input: {error}") from None
+    return arguments
+
+
+def _read(lines: queue.SimpleQueue[bytes]) -> None:
+    """One line, and no byte behind it: what comes then is the lifeline's end."""
+    line = b""
+    while not line.endswith(b"\n"):
+        data = os.read(0, 65536)
+        if not data:
+            os._exit(0)  # nobody needs us
+        line += data
+    lines.put(line)

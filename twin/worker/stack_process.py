@@ -1,0 +1,62 @@
+"""The process of a stack, ``python -m devkit host``, and how a worker starts it.
+
+It is told its rig on its command line or, if it was started to load before there is one, on its
+standard input, which is its lifeline in either case.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from typing import IO
+
+from msgspec import json
+
+from schemas.campaign import Case
+from twin.fabric.ahead import LATER
+from twin.fabric.process import spawn
+from twin.worker.rig_child import RigChild
+
+SHIPPED = "devkit."
+"""How modules of stacks begin that need what is loaded ahead, and are not disturbed by it."""
+
+THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
+"""Variables that say how many threads libraries of a stack start: one unless the user says
+otherwise, because there is a worker per core, and its simulator waits while the stack computes."""
+
+
+def threads() -> dict[str, str]:
+    """Those variables, for a process in which a stack runs."""
+    return {name: os.environ.get(name, "1") for name in THREADS}
+
+
+def start_stack(arguments: Sequence[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start one with the options ``arguments``. Only from the main thread."""
+    command = [sys.executable, "-m", "devkit", "host", *arguments]
+    return spawn(command, environment=threads(), log=log)
+
+
+def load_stack(device: str) -> RigChild:
+    """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`."""
+    log = tempfile.TemporaryFile()  # noqa: SIM115
+    return RigChild(start_stack(["--connect", LATER, "--load-for", device], log), log)
+
+
+def may_run(case: Case) -> bool:
+    """Whether a process of :func:`load_stack` may run the stack of ``case``."""
+    return case.placement == "worker" and case.foreign is None and case.stack.startswith(SHIPPED)
+
+
+def tell_stack(process: subprocess.Popen[bytes], arguments: Sequence[str]) -> bool:
+    """Give a process of :func:`load_stack` its options; False: it is dead or frozen, or they are
+    more than a pipe takes at once, and another one has to be started."""
+    assert process.stdin is not None
+    line = json.encode(list(arguments)) + b"\n"
+    os.set_blocking(process.stdin.fileno(), False)
+    try:
+        return os.write(process.stdin.fileno(), line) == len(line)
+    except OSError:
+        return False
