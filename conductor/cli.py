@@ -139,7 +139,7 @@ def run_command(
         loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
-        if asked.per_gpu:
+        if device.startswith("cuda"):
             at_end.enter_context(side_by_side())
         with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
             # Here, because importing it takes nearly as long as loading a network.

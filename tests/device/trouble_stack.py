@@ -73,7 +73,7 @@ def _take_all(device: str) -> None:
 
     taken = []
     while True:
-        taken.append(wp.zeros(1 << 32, dtype=wp.uint8, device=device))
+        taken.append(wp.zeros(1 << 30, dtype=wp.float32, device=device))
 
 
 def _write_nowhere(device: str) -> None:
@@ -85,3 +85,4 @@ def _write_nowhere(device: str) -> None:
     there = wp.array(ptr=1 << 20, shape=(64,), dtype=wp.uint8, device=device, copy=False)
     there.fill_(1)
     wp.synchronize_device(device)
+    raise RuntimeError("wrote where it must not")
