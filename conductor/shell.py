@@ -341,7 +341,7 @@ class Conductor:
             found = self._engine.state.campaigns.get(campaign)
             if found is None:
                 return None
-            if case and (case not in found.cases or attempt > len(found.cases[case].issued)):
+            if case and (case not in found.cases or attempt > found.cases[case].attempts):
                 return None
             return Path(found.out)
 
