@@ -1,4 +1,4 @@
-"""Cases that are leased again and again: what is kept of each has a limit, what is said has none."""
+"""Cases that are leased again and again: what is kept has a limit, what is said has none."""
 
 from __future__ import annotations
 
