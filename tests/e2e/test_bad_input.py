@@ -48,10 +48,18 @@ def test_port_in_use(marked, tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        done = marked.run(
-            "conductor", "run", "chaos-16", "--listen", endpoint, "--out", str(tmp_path / "c")
-        )
-    one_line(done, 2, endpoint, "already in use")
+        out = tmp_path / "c"
+        done = marked.run("conductor", "run", "chaos-16", "--listen", endpoint, "--out", str(out))
+        one_line(done, 2, endpoint, "already in use")
+        assert not out.exists()
+        # Nor by a conductor that would make keys first.
+        tls = f"tls{endpoint[3:]}"
+        done = marked.run("conductor", "serve", "--listen", tls, "--state", str(out))
+        one_line(done, 2, tls, "already in use")
+        assert not out.exists()
+    done = marked.run("conductor", "serve", "--listen", "tls/192.0.2.1:7447", "--state", str(out))
+    one_line(done, 2, "tls/192.0.2.1:7447: cannot listen: Cannot assign requested address")
+    assert not out.exists()
 
 
 def test_unreachable_conductor(marked):
