@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
 import hashlib
 import importlib.util
 import io
@@ -138,7 +139,12 @@ def _child(name: str, arguments: list[str], log: Path) -> None:
         attempt(target, data)
 
     atheris.Setup([sys.argv[0], *arguments], one)
-    atheris.Fuzz()
+    try:
+        atheris.Fuzz()
+    except SystemExit as stop:
+        # An exception was found. libFuzzer writes it to a file when C says that the process ends,
+        # which `multiprocessing` would not.
+        ctypes.CDLL(None).exit(int(stop.code or 0))
 
 
 if __name__ == "__main__":
