@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -67,7 +68,9 @@ def decoded(array: RecordArray) -> NDArray[Any]:
         ValueError: its bytes are damaged.
     """
     dtype = np.dtype(array.dtype)
-    size = int(np.prod(array.shape, dtype=np.int64)) * dtype.itemsize
+    size = math.prod(array.shape) * dtype.itemsize
+    if not 0 <= size <= BLOCK_BYTES_MAX:  # a few bytes may claim gigabytes of zeros
+        raise ValueError(f"an array of {size} bytes, at most {BLOCK_BYTES_MAX}")
     if array.coding == "png":
         return _from_png(array)
     if array.coding == "zlib":
