@@ -42,7 +42,7 @@ def test_a_chunk_is_not_taken_at_its_word(tmp_path):
     with pytest.raises(ValueError, match="cannot be decoded"):
         decoded(array)
     path.write_bytes(array.data)
-    with pytest.raises(UsageError, match="hill.png: no picture that can be read"):
+    with pytest.raises(UsageError, match=r"hill\.png: no picture that can be read"):
         read_picture(path)
     assert peak_kb() - before_kb < BELIEVED_KB
 
