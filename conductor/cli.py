@@ -8,7 +8,7 @@ import twin.fabric.start  # noqa: F401 - before anything that takes long to load
 import json
 import logging
 import sys
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
@@ -39,6 +39,13 @@ Listen = Annotated[
         "TLS, with the keys that --key names or keys/ in the state folder, made if missing."
     ),
 ]
+
+
+def strangers_named() -> AbstractContextManager[None]:
+    """While it lasts, whoever does not get in at our listener is said on standard error."""
+    from twin.fabric.refusals import refusals_logged
+
+    return refusals_logged(logging.getLogger("conductor").warning)
 
 
 class OnOff(StrEnum):
@@ -159,6 +166,7 @@ def run_command(
             local = local_workers(loaded, options)
             at_end.callback(local.stop)
         options = replace(options, key=own_key(key, insecure=insecure))
+        at_end.enter_context(strangers_named())
         raise typer.Exit(run_campaign(loaded, options, local))
 
 
@@ -181,10 +189,9 @@ def serve(
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was."""
     from conductor.serve import serve_folder
-    from twin.fabric.refusals import refusals_logged
 
     found = own_key(key, insecure=insecure)
-    with refusals_logged(logging.getLogger("conductor").warning):
+    with strangers_named():
         code = serve_folder(
             state,
             listen,
@@ -295,7 +302,8 @@ def relay_command(
     from twin.fabric.roles import Role
 
     target = choose_target(connect, state, namespace, key, Role.conductor)
-    raise typer.Exit(relay(target, listen, None if connect else state))
+    with strangers_named():
+        raise typer.Exit(relay(target, listen, None if connect else state))
 
 
 @app.command()

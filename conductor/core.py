@@ -326,7 +326,7 @@ def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) ->
         campaign=case.case.campaign,
         case=case.case.id,
         token=token_of(state.epoch, state.granted + 1),
-        attempt=len(case.issued) + 1,
+        attempt=case.attempts + 1,
         worker=worker,
         alone=case.alone,
         speculative=bool(case.live),

@@ -120,8 +120,8 @@ def _workers(
 
 
 def _past(case: CaseState) -> Iterator[str]:
-    if len(case.issued) > len(case.live) + isinstance(case.end, Committed):
-        yield f"{_count(len(case.issued), 'attempt')} so far"
+    if case.attempts > len(case.live) + isinstance(case.end, Committed):
+        yield f"{_count(case.attempts, 'attempt')} so far"
     for number, charge in enumerate(case.charges, 1):
         yield f"charge {number}: {charge}"
     for loss in case.losses:

@@ -55,6 +55,13 @@ from schemas.messages import Result, Touch
 DEPARTED_MAX = 10_000
 """So many ids of workers that left are known; of an older one a word that was under way for so long
 would count as a new worker's, which is forgotten when it is silent."""
+ISSUED_MAX = 64
+"""So many tokens of a case are known; a late result of an older one is fenced as any other, but no
+evidence."""
+LATE_MAX = 16
+"""Most late results of a case that are kept; all are compared with what is committed."""
+LOST_WORKERS_MAX = 64
+"""Most names of workers that fell silent with a case."""
 TOUCH_CHARS_MAX = 300
 """Longest words of a hand that are kept [characters]."""
 
@@ -166,13 +173,14 @@ def _leased(state: State, fact: Leased) -> None:
     campaign, case = _find(state, fact.campaign, fact.case)
     _expect(not case.ended and len(case.live) == fact.speculative, fact)
     _expect(fact.token == token_of(state.epoch, state.granted + 1), fact)
-    _expect(fact.attempt == len(case.issued) + 1 and fact.alone == case.alone, fact)
+    _expect(fact.attempt == case.attempts + 1 and fact.alone == case.alone, fact)
     if not fact.speculative:
         campaign.backlog.remove(case.rig, case.order, case.group)
         campaign.leased += 1
     state.granted += 1
-    case.issued += (fact.token,)
+    case.attempts += 1
     case.live += (fact.token,)
+    case.issued = _latest(case.issued, fact.token, case.live)
     campaign.attempts += 1
     state.workers[fact.worker].tokens[fact.token] = None
     state.leases[fact.token] = LiveLease(
@@ -183,6 +191,23 @@ def _leased(state: State, fact: Leased) -> None:
         group=case.group,
         speculative=fact.speculative,
     )
+
+
+def _latest(issued: tuple[int, ...], token: int, live: tuple[int, ...]) -> tuple[int, ...]:
+    """With ``token``; beyond the limit the oldest that is not live is forgotten."""
+    if len(issued) >= ISSUED_MAX:
+        oldest = next(each for each in issued if each not in live)
+        issued = tuple(each for each in issued if each != oldest)
+    return (*issued, token)
+
+
+def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAttempt, ...]:
+    """With ``fact``; beyond the limit only if it says something new, in the place of the latest."""
+    if len(late) < LATE_MAX:
+        return (*late, fact)
+    if any(agrees(each.result, fact.result) is not False for each in late):
+        return late
+    return (*late[:-1], fact)
 
 
 def _host(state: State, token: int) -> str:
@@ -261,7 +286,9 @@ def _attempt_ended(state: State, fact: AttemptEnded) -> None:
     if fact.evidence:
         case.losses += (charge,)
     if fact.reason == "lost":
-        case.lost += (charge.worker,)
+        case.lost_times += 1
+        others = tuple(name for name in case.lost if name != charge.worker)
+        case.lost = (*others, charge.worker)[-LOST_WORKERS_MAX:]
     case.group = ALONE if fact.alone else fact.group
     state.groups = max(state.groups, fact.group)
     _wait(campaign, case)
@@ -313,15 +340,16 @@ def _retried(state: State, fact: Retried) -> None:
     campaign.left += 1
     state.left += 1
     campaign.reopen(case.case.batch)
-    case.end, case.charges, case.losses, case.lost = None, (), (), ()
+    case.end, case.charges, case.losses, case.lost, case.lost_times = None, (), (), (), 0
     case.group, case.paused = SHARED, False
     _wait(campaign, case)
 
 
 def _late(state: State, fact: LateAttempt) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
-    _expect(fact.result.token in case.issued and fact.result.token not in case.live, fact)
-    case.late += (fact,)
+    _expect(fact.result.token not in case.live, fact)
+    case.issued = tuple(token for token in case.issued if token != fact.result.token)
+    case.late = _evidence(case.late, fact)
     if isinstance(case.end, Committed):
         campaign.disagreements += agrees(case.end.result, fact.result) is False
 

@@ -129,7 +129,7 @@ class Folders:
         Cases without a committed result keep everything, for whoever looks into them.
         """
         for name, case in campaign.cases.items():
-            if len(case.issued) < 2 or not isinstance(end := case.end, Committed):
+            if case.attempts < 2 or not isinstance(end := case.end, Committed):
                 continue
             named = {end.result.attempt_dir, *(late.result.attempt_dir for late in case.late)}
             named |= {f"cases/{name}/attempt-{steered.attempt}" for steered in case.steered}

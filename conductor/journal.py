@@ -89,7 +89,9 @@ class Journal:
                 self.path, timeout=0.0, isolation_level=None, check_same_thread=False
             )
         except sqlite3.Error as error:
-            raise UsageError(f"{self.path}: cannot be opened ({error}); check the folder") from None
+            raise UsageError(
+                f"{self.path}: cannot be opened ({plain(str(error))}); check the folder"
+            ) from None
         try:
             self._open()
         except sqlite3.Error as error:
@@ -129,7 +131,7 @@ class Journal:
         except sqlite3.Error as error:
             self._rollback()
             raise JournalError(
-                f"storage: {self.path}: {error}; free some space, then retry"
+                f"storage: {self.path}: {plain(str(error))}; free some space, then retry"
             ) from None
 
     def probe(self) -> None:
@@ -145,7 +147,7 @@ class Journal:
         except sqlite3.Error as error:
             self._rollback()
             raise JournalError(
-                f"storage: {self.path}: {error}; free some space, then retry"
+                f"storage: {self.path}: {plain(str(error))}; free some space, then retry"
             ) from None
 
     def fold(self) -> Iterator[Fact]:
@@ -269,10 +271,11 @@ class Journal:
                 self._connection.execute("ROLLBACK")
 
     def _explain(self, error: sqlite3.Error) -> Exception:
-        if "locked" in str(error) or "busy" in str(error):
+        words = plain(str(error))  # of a damaged file SQLite quotes what stands in it
+        if "locked" in words or "busy" in words:
             return FolderLockedError(f"{self.path}: in use by another conductor")
-        if "readonly" in str(error):
-            return UsageError(f"{self.path}: {error}; choose a folder that can be written")
-        if "not a database" in str(error):
-            return UsageError(f"{self.path}: {error}; choose another folder")
-        return JournalError(f"storage: {self.path}: {error}")
+        if "readonly" in words:
+            return UsageError(f"{self.path}: {words}; choose a folder that can be written")
+        if "not a database" in words:
+            return UsageError(f"{self.path}: {words}; choose another folder")
+        return JournalError(f"storage: {self.path}: {words}")

@@ -167,7 +167,7 @@ def _case(case: CaseState) -> CaseOutcome:
     end = case.end
     common = CaseOutcome(
         outcome="",
-        attempts=len(case.issued),
+        attempts=case.attempts,
         charges=[str(charge) for charge in case.charges],
         steered=[str(each) for each in case.steered],
     )

@@ -55,11 +55,7 @@ def commit(turn: Turn, result: Result, worker: str) -> bool:
         and end.result.kpi_sha256 == result.kpi_sha256
     ):
         return True
-    known = any(
-        late.result.token == result.token and late.result.kpi_sha256 == result.kpi_sha256
-        for late in case.late
-    )
-    if result.token in case.issued and not known:
+    if result.token in case.issued:  # and not one whose late result is known
         turn.emit(LateAttempt(result=result, worker=worker))
     return False
 
@@ -150,8 +146,8 @@ def _judge_loss(turn: Turn, lease: LiveLease) -> None:
     least = max(campaign.campaign.attempts_max, turn.state.config.losses_min)
     if len({loss.worker for loss in case.losses}) >= least:
         _quarantine(turn, lease, case, _told("loss", case.losses, "losses"))
-    elif len(case.lost) >= LOSSES_ANYWAY * least:
-        _quarantine(turn, lease, case, f"lost with its worker {len(case.lost)} times")
+    elif case.lost_times >= LOSSES_ANYWAY * least:
+        _quarantine(turn, lease, case, f"lost with its worker {case.lost_times} times")
 
 
 def _quarantine(turn: Turn, lease: LiveLease, case: CaseState, text: str) -> None:

@@ -32,6 +32,7 @@ from conductor.facts import (
 )
 from conductor.folders import Folders
 from conductor.inbox import Inbox, Item
+from conductor.journal import FILE_NAME as JOURNAL_NAME
 from conductor.journal import FolderLockedError, Journal, TakenOverError
 from conductor.state import Config
 from conductor.status import status
@@ -40,6 +41,7 @@ from conductor.timeline import append_events, mark_start
 from schemas import topics
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
+from twin.fabric.address import check_free
 from twin.fabric.authority import load_or_make
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
@@ -138,6 +140,8 @@ class Conductor:
                 f"{self.key.path}: a key of role {self.key.role} may not serve, allowed: "
                 f"{Role.conductor}; give --key of the folder of keys, or leave it away"
             )
+        if not (self.folder / JOURNAL_NAME).exists():
+            check_free(self._listen)  # or a folder, a journal and keys would stay behind
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -341,7 +345,7 @@ class Conductor:
             found = self._engine.state.campaigns.get(campaign)
             if found is None:
                 return None
-            if case and (case not in found.cases or attempt > len(found.cases[case].issued)):
+            if case and (case not in found.cases or attempt > found.cases[case].attempts):
                 return None
             return Path(found.out)
 

@@ -78,6 +78,8 @@ class _CaseRow(Struct, frozen=True, array_like=True):
     sealed: bytes
     late: tuple[LateAttempt, ...]
     steered: tuple[SteeredAttempt, ...] = ()
+    attempts: int = 0
+    lost_times: int = 0
 
 
 class _Cases(Struct, frozen=True):
@@ -158,7 +160,7 @@ def _campaign_head(campaign: CampaignState) -> _CampaignHead:
 
 
 def _changed(case: CaseState) -> bool:
-    return bool(case.issued or case.sealed or case.paused)
+    return bool(case.attempts or case.sealed or case.paused)
 
 
 def _row(case: CaseState) -> _CaseRow:
@@ -174,6 +176,8 @@ def _row(case: CaseState) -> _CaseRow:
         case.sealed,
         case.late,
         case.steered,
+        case.attempts,
+        case.lost_times,
     )
 
 
@@ -185,6 +189,9 @@ def _restore_cases(state: State, image: _Cases) -> None:
         case.issued, case.live = row.issued, row.live
         case.charges, case.losses, case.lost = row.charges, row.losses, row.lost
         case.sealed, case.late, case.steered = row.sealed, row.late, row.steered
+        # Rows from before these numbers were kept name every one.
+        case.attempts = row.attempts or len(row.issued)
+        case.lost_times = row.lost_times or len(row.lost)
 
 
 def _restore_head(state: State, head: _Head) -> None:

@@ -125,16 +125,20 @@ class CaseState:
     group: int = SHARED
     """With whom its next lease may share a rig; see :mod:`conductor.facts`."""
     paused: bool = False
+    attempts: int = 0
+    """Tokens ever granted."""
     issued: tuple[int, ...] = ()
-    """Every token ever granted; its length is the number of attempts."""
+    """The latest of them, for each of which one late result is evidence."""
     live: tuple[int, ...] = ()
     """Live tokens; the second one is speculative."""
     charges: tuple[Charge, ...] = ()
     """Attempts charged to the case."""
     losses: tuple[Charge, ...] = ()
     """Workers that died with it while all others lived."""
+    lost_times: int = 0
+    """So often a worker fell silent with it, whatever the reason."""
     lost: tuple[str, ...] = ()
-    """Workers that fell silent with it, whatever the reason."""
+    """The latest workers that did."""
     sealed: bytes = b""
     """The fact that ended it, packed: unpacked they are most of the conductor's memory."""
     late: tuple[LateAttempt, ...] = ()

@@ -42,6 +42,7 @@ from schemas.settings import Value, actions_of
 from schemas.validation import convert_all
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
+from twin.fabric.endpoint import allow_plain
 from twin.fabric.errors import UsageError
 from twin.fabric.roles import Role
 from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
@@ -69,6 +70,7 @@ class Client:
         campaign: str = "",
         namespace: str = "twin",
         key: str | Path | None = None,
+        insecure: bool = False,
         rig: str = "",
         slot: int = -1,
     ) -> None:
@@ -81,6 +83,8 @@ class Client:
             campaign: if several campaigns have a case of that name.
             namespace: of the conductor; or, with ``rig``, of the rig.
             key: key file or folder of keys; by default ``keys/`` beside ``conductor.json``.
+            insecure: plain TCP beyond loopback, as ``--insecure``; from then on for the whole
+                process.
             rig: ask this rig's simulator directly, as a stack beside it may.
             slot: with ``rig`` and an empty ``case``: whatever runs in this slot.
 
@@ -89,7 +93,7 @@ class Client:
             InfrastructureError: nobody answers.
         """
         mode: Mode = "peer" if rig else "client"
-        self._bus = _session(connect, run, namespace, key, mode)
+        self._bus = _session(connect, run, namespace, key, mode, insecure=insecure)
         try:
             self._steered: Steered = (
                 find_in_rig(self._bus, rig, case, slot) if rig else find(self._bus, case, campaign)
@@ -291,13 +295,14 @@ def running_cases(
     run: str | Path | None = None,
     namespace: str = "twin",
     key: str | Path | None = None,
+    insecure: bool = False,
 ) -> list[HandState]:
     """The attempts that can be steered now; arguments as of :class:`Client`.
 
     Raises:
         UsageError: no conductor there, or another version.
     """
-    bus = _session(connect, run, namespace, key, "client")
+    bus = _session(connect, run, namespace, key, "client", insecure=insecure)
     try:
         return running(bus)
     finally:
@@ -305,8 +310,16 @@ def running_cases(
 
 
 def _session(
-    connect: str, run: str | Path | None, namespace: str, key: str | Path | None, mode: Mode
+    connect: str,
+    run: str | Path | None,
+    namespace: str,
+    key: str | Path | None,
+    mode: Mode,
+    *,
+    insecure: bool,
 ) -> Bus:
+    if insecure:
+        allow_plain()
     folder = Path(run) if run is not None else None
     path = Path(key) if key is not None else None
     target = choose_target(connect, folder, namespace, path, Role.admin)

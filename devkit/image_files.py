@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from twin.fabric.errors import UsageError
+from twin.fabric.picture_file import read_picture
 
 TOGETHER = 64
 """Images that are read before the first of them is used."""
@@ -24,16 +23,9 @@ def read_images(paths: Sequence[Path]) -> Iterator[list[np.ndarray]]:
     """
     turns = [paths[first : first + TOGETHER] for first in range(0, len(paths), TOGETHER)]
     with ThreadPoolExecutor() as pool:
-        waiting = [pool.submit(_read, path) for path in (turns[0] if turns else [])]
+        waiting = [pool.submit(read_picture, path) for path in (turns[0] if turns else [])]
         for number in range(len(turns)):
             ready = [one.result() for one in waiting]
             following = turns[number + 1] if number + 1 < len(turns) else []
-            waiting = [pool.submit(_read, path) for path in following]
+            waiting = [pool.submit(read_picture, path) for path in following]
             yield ready
-
-
-def _read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
-    if image is None:
-        raise UsageError(f"{path}: not an image that OpenCV reads")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)

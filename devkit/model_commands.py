@@ -142,11 +142,10 @@ def detect(
     output: OutputOption = Output.human,
 ) -> None:
     """Print what a detector sees in images."""
-    import cv2
-
     from devkit.detector import Detector
     from devkit.detector_decode import Selection
     from devkit.detector_description import read_description
+    from twin.fabric.picture_file import read_picture
 
     detector = Detector(
         model,
@@ -155,10 +154,7 @@ def detect(
         runtime.value,
     )
     for path in images:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
-        if image is None:
-            raise UsageError(f"{path}: not an image that OpenCV reads")
-        found = detector.detect(image[None, ..., ::-1]).of(0)
+        found = detector.detect(read_picture(path)[None]).of(0)
         if output is Output.json:
             print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(found)}))
             continue

@@ -24,6 +24,7 @@ from schemas.campaign import Campaign, Case, expand
 from schemas.drive_record import DRIVE_FILE, RecordHead, RecordSeen
 from schemas.messages import Command, Frame, Tick
 from schemas.perception import Perception
+from schemas.words import plain
 from twin.fabric.drive import Outgoing
 from twin.fabric.drive_record import RecordReader, decoded
 from twin.fabric.errors import EXIT_FAILED, InfrastructureError, TwinError, UsageError
@@ -248,7 +249,7 @@ class ReplayRig(StackRig):
             if asked.campaign is not None:
                 changed["files"] = case.files
             episodes = [msgspec.structs.replace(seen.episode, **changed)]
-        sensors = list(_messages(seen, reader, each))
+        sensors = list(sensor_messages(seen, reader, each))
         names = [sensor.name for sensor in sensors]
         tick = Tick(**each, sensors=names, episodes=len(episodes))
         what = f"does not answer tick {seen.tick}"
@@ -259,11 +260,20 @@ class ReplayRig(StackRig):
         raise InfrastructureError("stack: no command for this tick")
 
 
-def _messages(
+def sensor_messages(
     seen: RecordSeen, reader: RecordReader, each: Mapping[str, Any]
 ) -> Iterator[Outgoing]:
-    """The sensors of a tick as they were published, with one slot."""
+    """The sensors of a tick as they were published, with one slot.
+
+    Raises:
+        UsageError: the record is damaged.
+    """
     for name, array in seen.sensors.items():
+        try:
+            kind = topics.sensor_topic(name).type
+        except KeyError:
+            words = f"no sensor is called {plain(name, 80)!r}"
+            raise UsageError(f"{reader.path}: damaged: tick {seen.tick}, {words}") from None
         try:
             data = decoded(array).tobytes()
         except Exception as error:  # whatever the codecs raise
@@ -274,7 +284,7 @@ def _messages(
             case=[reader.head.case.id],
             dtype=array.dtype,
             shape=[1, *array.shape],
-            encoding=topics.sensor_topic(name).type,
+            encoding=kind,
             count=[] if array.count < 0 else [array.count],
         )
         yield Outgoing(name, frame, data)

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from twin.fabric.picture_file import DAMAGED
+
 TILE_WIDTH_PX, TILE_HEIGHT_PX = 160, 90
 """Smallest tile, that of a thumbnail; pictures keep their proportions inside."""
 GAP_PX = 6
@@ -115,7 +117,7 @@ def decoded(jpeg: bytes) -> np.ndarray | None:
             if max(head.size) > PICTURE_SIDE_MAX_PX:
                 return None
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    except (cv2.error, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (*DAMAGED, ValueError, cv2.error):
         return None
     return picture
 

@@ -136,3 +136,10 @@ def nothing_left(marked: Marked) -> Iterator[None]:
 def interrupt(process: subprocess.Popen[str]) -> None:
     """Ctrl-C."""
     process.send_signal(signal.SIGINT)
+
+
+def catches(pid: int, number: int) -> bool:
+    """Whether the process has a handler for the signal; Python has none of SIGTERM by itself."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    (mask,) = [line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")]
+    return bool(int(mask, 16) & 1 << (number - 1))

@@ -1,12 +1,13 @@
 """Bad input and bad surroundings: one clear line, a documented exit code, nothing lost."""
 
 import os
+import signal
 import socket
 import subprocess
 from pathlib import Path
 
 import pytest
-from processes import committed, outcomes, wait_for
+from processes import catches, committed, outcomes, wait_for
 
 
 def one_line(done, code, *words):
@@ -48,10 +49,18 @@ def test_port_in_use(marked, tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        done = marked.run(
-            "conductor", "run", "chaos-16", "--listen", endpoint, "--out", str(tmp_path / "c")
-        )
-    one_line(done, 2, endpoint, "already in use")
+        out = tmp_path / "c"
+        done = marked.run("conductor", "run", "chaos-16", "--listen", endpoint, "--out", str(out))
+        one_line(done, 2, endpoint, "already in use")
+        assert not out.exists()
+        # Nor by a conductor that would make keys first.
+        tls = f"tls{endpoint[3:]}"
+        done = marked.run("conductor", "serve", "--listen", tls, "--state", str(out))
+        one_line(done, 2, tls, "already in use")
+        assert not out.exists()
+    done = marked.run("conductor", "serve", "--listen", "tls/192.0.2.1:7447", "--state", str(out))
+    one_line(done, 2, "tls/192.0.2.1:7447: cannot listen: Cannot assign requested address")
+    assert not out.exists()
 
 
 def test_unreachable_conductor(marked):
@@ -153,17 +162,18 @@ def test_foreign_package_is_named(marked, tmp_path):
 
 
 def test_an_interrupted_start_of_a_worker(marked, tmp_path):
-    """A worker whose conductor never comes: SIGTERM ends it at once."""
+    """A worker whose conductor never comes: SIGTERM ends it at once, with the code for that."""
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         child = marked.start(
             "twin", "worker", "--connect", f"tcp/127.0.0.1:{silent.getsockname()[1]}"
         )
-        wait_for(lambda: marked.processes("worker"), "the worker")
+        wait_for(lambda: catches(child.pid, signal.SIGTERM), "its first lines")
         child.terminate()
-        child.communicate()
-    assert child.returncode != 0
+        _, err = child.communicate()
+    assert child.returncode == 75
+    assert "terminated; run the same command again to go on" in err
 
 
 def test_reports_and_comparisons_of_nothing(marked, tmp_path):

@@ -6,11 +6,12 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from kernel_folders import LEFT_OUT, all_but_one, compiled_in
-from processes import interrupt, outcomes, wait_for
+from processes import catches, interrupt, outcomes, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 HIT = "yolov3-0500-heavy_rain"
@@ -159,6 +160,24 @@ def test_two_runs_side_by_side_and_one_too_many(marked, quiet, tmp_path):
         out, err = child.communicate()
         assert child.returncode == 1, err
         assert quiet["fingerprint"] in out
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.3, 0.8, 1.5])
+def test_sigterm_at_every_stage(marked, tmp_path, after_s):
+    """Wherever it hits: 75, one line, nothing left. A job is queued again for that code alone."""
+    out = tmp_path / "c"
+    child = marked.start("conductor", "run", "chaos-16", "--case", HIT, "--out", str(out))
+    wait_for(lambda: catches(child.pid, signal.SIGTERM), "its first lines")
+    with suppress(subprocess.TimeoutExpired):
+        child.wait(after_s)
+    child.terminate()
+    _, err = child.communicate()
+    assert child.returncode == 75, err
+    assert "goes on" in err or "to go on" in err
+    assert "Traceback" not in err
+    wait_for(lambda: not marked.processes(), "the end of every process")
+    if not (out / "conductor.db").exists():
+        assert not out.exists(), "it had not begun"
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.5])

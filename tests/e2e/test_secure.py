@@ -3,6 +3,8 @@
 import json
 import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -90,6 +92,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     said = "".join(path.read_text() for path in (out / "logs").iterdir())
     for reason in ("it showed no key", "its key is of another fabric or rig"):
         assert f"refused a connection: {reason}" in said, "the rig says why, too"
+        assert stderr.count(f"refused a connection: {reason}") == 1, "and the conductor, once"
     for path in out.rglob("*"):
         if path.is_file() and path.parent.name != "keys":
             data = path.read_bytes()
@@ -132,6 +135,28 @@ def locked(marked, tmp_path):
     child.terminate()
     _, err = child.communicate()
     assert "Traceback" not in err
+
+
+def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
+    state, _, _ = locked
+    relay = marked.start(
+        *("conductor", "relay", "--listen", "tls/127.0.0.1:0", "--state", str(state))
+    )
+    entrance = relay.stdout.readline().split()[-1]
+    for kind, tls in certificates_on(state / "keys", tmp_path).items():
+        assert not Stranger(f"{entrance if kind != 'plain' else 'tcp' + entrance[3:]}", tls).inside
+    admin = ("--connect", entrance, "--key", str(state / "keys"))
+    assert marked.run("conductor", "status", *admin).returncode == 0
+    relay.terminate()
+    out, err = relay.communicate()
+    assert (relay.returncode, out.splitlines()[1:]) == (0, [])
+    said = [line for line in err.splitlines() if line.startswith("refused a connection: ")]
+    assert {line.partition(": ")[2] for line in said} >= {
+        "it does not speak TLS",
+        "it showed no key",
+        "its key is of another fabric or rig",
+    }
+    assert len(said) == len(set(said)) == len(err.splitlines()), "each once, and nothing else"
 
 
 COMMANDS = [
@@ -240,6 +265,11 @@ def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
     worker = marked.start("twin", "worker", *typed)
     look = marked.start("viewer", "live", "--no-window", *typed, "--output", "json")
     wait_for(lambda: any(state.glob("chaos-16/cases/*/attempt-1/kpi.parquet")), "a verdict")
+    script = "from devkit.client import running_cases as f; import sys; f(connect=sys.argv[1]%s)"
+    for option, code in ((", insecure=True", 0), ("", 1)):
+        line = [sys.executable, "-c", script % option, found.endpoint]
+        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        assert (done.returncode, "or type --insecure" in done.stderr) == (code, bool(code)), done
     assert marked.run("conductor", "stop", *typed).returncode == 0
     assert worker.wait() == 0
     interrupt(look)

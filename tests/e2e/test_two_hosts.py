@@ -3,6 +3,7 @@
 import stat
 from pathlib import Path
 
+import msgspec
 import pytest
 import yaml
 from namespaces import hosts_in_a_row
@@ -11,6 +12,7 @@ from processes import outcomes, wait_for
 import conductor
 from conductor.fingerprint import fingerprint
 from twin.fabric.discovery import find_conductor
+from twin.worker.announcement import me
 
 pytestmark = pytest.mark.network
 
@@ -42,17 +44,20 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
     submit = marked.start("conductor", "submit", str(path), "--state", str(state), prefix=inside)
     assert submit.communicate()[0].startswith("submitted")
     marked.start(*("devkit", "host", "--join", str(rigs)), prefix=there.inside)
+    # What a worker of this host left that was killed.
+    (rigs / ".dead.owner").write_bytes(msgspec.json.encode(msgspec.structs.replace(me(), pid=0)))
+    (rigs / "dead.key").touch()
     worker = marked.start(
         *("twin", "worker", "--state", str(state), "--slots", "4", "--until-done"),
         *("--drive-listen", f"tcp/{address}:0", "--join-dir", str(rigs)),
         prefix=inside,
     )
-    (key,) = wait_for(lambda: list(rigs.glob("[!.]*.key")), "the key of the rig")
+    (key,) = wait_for(lambda: [p for p in rigs.glob("[!.]*.key") if p.stem != "dead"], "its key")
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
     assert not (state / "keys/stack.key").exists(), "nothing else opens a rig"
     _, err = worker.communicate()
     assert worker.returncode == 0, err
-    assert list(rigs.iterdir()) == [], "announcement and key end with the rig"
+    assert list(rigs.iterdir()) == [], "they end with the rig, and those of dead rigs"
     server.terminate()
     server.communicate()
     rows = outcomes(state / "chaos-16")

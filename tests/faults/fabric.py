@@ -33,6 +33,8 @@ PAUSE_S = 0.5
 PORT, RELAY_PORT, NAME = 7447, 7448, "conductor.test"
 INSIDE = {"simulator": "sim", "stack": "host", "recorder": "record"}
 """Kinds of process that a worker starts -> word of their command line."""
+VIEWS = ("live", "none")
+"""Campaigns of one of them share no rig with those of the other; what is shown says the worker."""
 EXTRAS = ("viewer", "relay", "recorder", "names", "clock")
 """What a fabric may have beyond the least."""
 
@@ -111,6 +113,7 @@ class Fabric:
         self.roles: dict[str, Role] = {}
         self._logs: dict[str, IO[str]] = {}
         self._submit: tuple[Path, subprocess.Popen[str]] | None = None
+        self._view = 0
         self._workers = workers
         self._wire: Wire | None = None
 
@@ -220,7 +223,10 @@ class Fabric:
             return
         name = f"faults-{len(self.campaigns) + 1}"
         path = self.folder / f"{name}.yaml"
-        path.write_text(yaml.safe_dump({**CAMPAIGN, "campaign": name}))
+        if "recorder" in self.extras and not self.find("recorder"):
+            self._view = 1 - self._view  # a rig gets no second recorder: another rig is needed
+        copy = {**CAMPAIGN, "campaign": name, "view": VIEWS[self._view]}
+        path.write_text(yaml.safe_dump(copy))
         role = Role(("conductor", "submit", str(path), "--state", str(self.state)), self.hosts[0])
         child = self.marked.start(*role.command, prefix=self.prefix(role), log=self.log("submit"))
         self._submit = (self.state / name, child)

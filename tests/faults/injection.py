@@ -61,17 +61,18 @@ class Injector:
         """Inject everything, heal everything, wait for every case; False: there was no end."""
         dice = random.Random(self.plan.seed)
         due_s = 0.0
-        moved_s = time.monotonic()
+        moved_s = hurt_s = time.monotonic()
         while (left := self.plan.times - sum(self.injected.values())) or self._active:
             now_s = time.monotonic()
             if self.fabric.tend(feeding=True):
                 self.commits_s.append(now_s)
                 moved_s = now_s
-            elif now_s - moved_s > PATIENCE_S:
+            elif now_s - moved_s > PATIENCE_S or now_s - hurt_s > 2 * PATIENCE_S:
                 self._heal(float("inf"))
                 return False
             self._heal(now_s)
             if left and now_s >= due_s and self._may_inject() and self._inject(dice):
+                hurt_s = now_s
                 due_s = now_s + dice.uniform(*(self.plan.pause_s or (0.0, 0.0)))
             time.sleep(POLL_S)
         return self._settle()

@@ -41,6 +41,7 @@ from conductor.state import Config
 from devkit.darknet.weights import write_weights
 from schemas import SCHEMA_VERSION as V
 from schemas.delivery import SeenFolder
+from schemas.drive_record import RecordAnswer, RecordHead, RecordSeen
 from schemas.interventions import Intervention as Steered
 from schemas.interventions import (
     JournalEnd,
@@ -48,11 +49,13 @@ from schemas.interventions import (
     SetLights,
 )
 from schemas.kpi import KPI_COLUMNS
+from schemas.messages import Command
 from schemas.wire import encode
 from schemas.yaml_file import dump_yaml
 from twin.dataset.recipe import parse_recipe
 from twin.fabric.authority import make_keys
 from twin.fabric.discovery import ConductorFile
+from twin.fabric.drive_record import RecordWriter, coded
 from twin.fabric.key_file import as_line
 from twin.fabric.kpi_file import kpi_table
 from twin.worker.pipe import Done, Progress, pack
@@ -151,8 +154,26 @@ def _result_files(folder: Path) -> None:
     _write("steering-journal", "lights", b"\n".join(msgspec.json.encode(line) for line in lines))
     _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
     key = (make_keys(folder / "keys", days=36_500) / "viewer.key").read_bytes()
+    _drive_record(folder / "d")
     _write("key", "viewer", key)
     _write("key", "line", as_line(key))
+
+
+def _drive_record(path: Path) -> None:
+    """Two ticks with an array of each coding, and one that was cut off."""
+    writer = RecordWriter(path, RecordHead(V, 1, "0" * 64, "cpu:avx2", 1, case()))
+    sensors = {
+        "camera": coded(np.arange(36, dtype=np.uint8).reshape(3, 4, 3)),
+        "lidar.roof": coded(np.arange(120, dtype=np.float32).reshape(40, 3), 7),
+        "imu": coded(np.zeros(4)),
+    }
+    assert {each.coding for each in sensors.values()} == {"png", "zlib", "raw"}
+    for tick in range(2):
+        writer.write(RecordSeen(tick, 50_000_000 * tick, sensors))
+        writer.write(RecordAnswer(Command(0, 1, tick, 0.5, 0.0, 0.1)))
+    _write("drive-record", "cut", path.read_bytes()[:-7])
+    writer.end("verdict", "pass", "")
+    _write("drive-record", "whole", path.read_bytes())
 
 
 def _autodrive() -> None:
@@ -193,6 +214,9 @@ def _assets(folder: Path) -> None:
     _write("heights-npy", "nine", (folder / "h.npy").read_bytes())
     picture = cv2.imencode(".png", np.arange(9, dtype=np.uint8).reshape(3, 3))[1]
     _write("heights-png", "nine", picture.tobytes())
+    picture_rgb = np.arange(27, dtype=np.uint8).reshape(3, 3, 3)
+    for kind in ("png", "jpg", "bmp", "webp"):
+        _write("picture", kind, cv2.imencode(f".{kind}", picture_rgb)[1].tobytes())
 
 
 def _gltf() -> None:

@@ -17,6 +17,7 @@ from devkit.detector_description import read_description
 from devkit.parity import Parity, judge
 from schemas.assets import mesh_files
 from twin.fabric.errors import UsageError
+from twin.fabric.picture_file import read_picture
 from twin.world.mesh_file import load_mesh
 from twin.world.scene import Terrain
 from twin.world.terrain import load_heights
@@ -76,4 +77,5 @@ TARGETS = {
     },
     "heights-npy": Target(of_file("h.npy", _heights), MESH),
     "heights-png": Target(of_file("h.png", _heights), MESH),
+    "picture": Target(of_file("p.png", read_picture), (UsageError,), cost=2),
 }

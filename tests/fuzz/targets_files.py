@@ -19,12 +19,15 @@ from conductor.report import autodrive_layout, autodrive_logs, cache, leases, re
 from conductor.state import Config
 from conductor.timeline import FILE_NAME as TIMELINE_FILE
 from devkit.labelled_images import read_head
+from devkit.replay import sensor_messages
 from hpc.site import load_site
 from schemas.assets import asset_digest
 from schemas.campaign import parse_cases
+from schemas.drive_record import DRIVE_FILE
 from schemas.yaml_file import YamlError, load_yaml
 from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery, kpi_file
+from twin.fabric.drive_record import RecordReader
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError
 from twin.fabric.key_file import load_key
 from twin.fabric.roles import Role
@@ -114,6 +117,13 @@ def _logs(path: Path) -> object:
     return [*autodrive_logs.find_logs(path.parent, notes)], notes
 
 
+def _drive_record(path: Path) -> int:
+    """What ``devkit replay`` does with it before a stack sees anything."""
+    reader = RecordReader(path)
+    each = {"v": 1, "seq": 0, "active": [True], "token": [1], "tick": [0], "sim_time_ns": [0]}
+    return sum(len(list(sensor_messages(tick.seen, reader, each))) for tick in reader.ticks())
+
+
 def _folder(run: Callable[[Path], Any]) -> Callable[[Path], Any]:
     return lambda path: run(path.parent)
 
@@ -165,4 +175,5 @@ TARGETS = {
         (InfrastructureError,),
     ),
     "key": Target(of_file("f.key", _key), (UsageError,), cost=2),
+    "drive-record": Target(of_file(DRIVE_FILE, _drive_record), (UsageError,), cost=2),
 }

@@ -12,6 +12,7 @@ import numpy as np
 from twin.dataset.chance import generator
 from twin.fabric.errors import UsageError
 from twin.fabric.files import write_atomic
+from twin.fabric.picture_file import read_picture
 
 _COLORS = {
     "car": (80, 220, 80),
@@ -68,9 +69,7 @@ def write_sheet(path: Path, dataset: Path, *, columns: int, rows: int, seed: int
 def _cell(dataset: Path, image: dict[str, Any], document: dict[str, Any]) -> np.ndarray:
     names = {row["id"]: row["name"] for row in document["categories"]}
     file = dataset / "images" / image["file_name"]
-    picture = cv2.imread(str(file))
-    if picture is None:
-        raise UsageError(f"preview: {file} cannot be read")
+    picture = cv2.cvtColor(read_picture(file), cv2.COLOR_RGB2BGR)
     scale = max(1, round(480 / picture.shape[1]))
     picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     for row in document["annotations"]:

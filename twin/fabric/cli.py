@@ -17,6 +17,7 @@ from schemas.wire import WireError
 from twin.fabric.errors import (
     EXIT_INFRASTRUCTURE,
     EXIT_INTERRUPTED,
+    EXIT_UNFINISHED,
     EXIT_USAGE,
     TwinError,
     storage_error,
@@ -110,7 +111,11 @@ def make_app(name: str, help_text: str) -> typer.Typer:
     return app
 
 
-_INTERRUPTED = "interrupted; run the same command again to go on"
+_AGAIN = "run the same command again to go on"
+
+
+class Terminated(BaseException):
+    """SIGTERM came, to a command that does not handle it otherwise; everything is cleaned up."""
 
 
 def _version(value: bool) -> None:
@@ -127,7 +132,13 @@ def run(app: Callable[[], object], name: str) -> None:
         interrupted.append(number)
         raise KeyboardInterrupt
 
+    def on_terminate(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        interrupted.append(number)
+        raise Terminated
+
     signal.signal(signal.SIGINT, on_interrupt)
+    signal.signal(signal.SIGTERM, on_terminate)
     try:
         check_packages()
         app()
@@ -135,8 +146,8 @@ def run(app: Callable[[], object], name: str) -> None:
         _fail(name, str(error), error.exit_code)
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
-    except KeyboardInterrupt:
-        _fail(name, _INTERRUPTED, EXIT_INTERRUPTED)
+    except (KeyboardInterrupt, Terminated):
+        _stopped(name, interrupted)
     except BrokenPipeError:
         # The reader of our output left (``| head``); Python would complain once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -150,7 +161,13 @@ def run(app: Callable[[], object], name: str) -> None:
         # An interrupt in the middle of an import or a callback comes out as something else.
         if not interrupted:
             raise
-        _fail(name, _INTERRUPTED, EXIT_INTERRUPTED)
+        _stopped(name, interrupted)
+
+
+def _stopped(name: str, signals: list[int]) -> None:
+    if signal.SIGTERM in signals:
+        _fail(name, f"terminated; {_AGAIN}", EXIT_UNFINISHED)
+    _fail(name, f"interrupted; {_AGAIN}", EXIT_INTERRUPTED)
 
 
 def _fail(name: str, line: str, code: int) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -31,7 +32,9 @@ from schemas.drive_record import (
     RecordHead,
     RecordSeen,
 )
+from schemas.words import plain
 from twin.fabric.errors import UsageError
+from twin.fabric.picture_file import DAMAGED
 
 _LENGTH = struct.Struct("<I")
 _PNG = [
@@ -65,7 +68,9 @@ def decoded(array: RecordArray) -> NDArray[Any]:
         ValueError: its bytes are damaged.
     """
     dtype = np.dtype(array.dtype)
-    size = int(np.prod(array.shape, dtype=np.int64)) * dtype.itemsize
+    size = math.prod(array.shape) * dtype.itemsize
+    if not 0 <= size <= BLOCK_BYTES_MAX:  # a few bytes may claim gigabytes of zeros
+        raise ValueError(f"an array of {size} bytes, at most {BLOCK_BYTES_MAX}")
     if array.coding == "png":
         return _from_png(array)
     if array.coding == "zlib":
@@ -85,7 +90,7 @@ def _from_png(array: RecordArray) -> NDArray[Any]:
             # Before it is unpacked: a few bytes may claim gigabytes of picture.
             if [picture.height, picture.width, len(picture.getbands())] == array.shape:
                 return np.array(picture)
-    except (OSError, SyntaxError, EOFError, zlib.error, Image.DecompressionBombError):
+    except DAMAGED:
         pass
     raise ValueError("a picture cannot be decoded")
 
@@ -218,9 +223,10 @@ class RecordReader:
                 return
             try:
                 block = self._decode(data)
-            except msgspec.MsgspecError as error:
+            except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+                words = plain(str(error) or "nested too deeply")
                 raise UsageError(
-                    f"{self.path}: damaged, or no record of a drive: {error}"
+                    f"{self.path}: damaged, or no record of a drive: {words}"
                 ) from None
             if isinstance(block, RecordEnd) and block.sha256 != sha.hexdigest():
                 raise UsageError(f"{self.path}: damaged: its bytes are not those that were written")

@@ -1,7 +1,7 @@
-"""Import this first: Ctrl-C while modules are still loading ends the process, without a traceback,
-and they load without being searched for garbage again and again.
+"""Import this first: Ctrl-C and SIGTERM while modules are still loading end the process, without a
+traceback, and they load without being searched for garbage again and again.
 
-:func:`twin.fabric.cli.run` takes the signal over when everything is there.
+:func:`twin.fabric.cli.run` takes the signals over when everything is there.
 """
 
 import atexit
@@ -19,3 +19,12 @@ atexit.register(gc.freeze)
 # CUDA and NVML must count the GPUs of a node alike: the device class names the GPU by NVML.
 os.environ.setdefault("CUDA_DEVICE_ORDER", "PCI_BUS_ID")
 signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _leave(*_: object) -> None:
+    """75 is "unfinished": a job script takes it for a job that is to be queued again."""
+    os.write(2, b"terminated; run the same command again to go on\n")
+    os._exit(75)
+
+
+signal.signal(signal.SIGTERM, _leave)

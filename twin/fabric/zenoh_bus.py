@@ -12,6 +12,7 @@ from typing import Any, Literal
 import psutil
 import zenoh
 
+from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.endpoint import check_protected, is_tls
@@ -185,10 +186,7 @@ def _explain(
 ) -> TwinError:
     text = str(error)
     if "in use" in text:
-        return UsageError(
-            f"{', '.join(listen)}: address already in use; stop the program that listens there "
-            "or choose another port with --listen"
-        )
+        return UsageError(f"{', '.join(listen)}: {IN_USE}")
     if "listener" in text:
         return UsageError(f"{', '.join(listen)}: cannot listen: {_cause(text)}")
     if not connect:

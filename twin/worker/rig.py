@@ -28,9 +28,9 @@ from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
-from twin.fabric.files import write_atomic
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
 from twin.fabric.rig_keys import RigKeys
+from twin.worker.announcement import Announcement
 from twin.worker.pipe import (
     Abandon,
     Assign,
@@ -115,7 +115,7 @@ class RigProcess:
         self._drained = threading.Event()
         self._lock = threading.Lock()
         self._recorder: subprocess.Popen[bytes] | None = None
-        self._announced: tuple[Path, ...] = ()
+        self._announced: Announcement | None = None
         self._fetches, self._fetch_seen_ns = False, 0
         stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
@@ -201,8 +201,8 @@ class RigProcess:
                 child.kill()  # nothing of value is in there: results are on disk
         for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
-        for path in self._announced:
-            path.unlink(missing_ok=True)
+        if self._announced is not None:
+            self._announced.remove()
         if self._keys is not None:
             self._keys.close()
         self._log.close()
@@ -258,7 +258,8 @@ class RigProcess:
         if self._lease.case.placement == "inline":
             return  # the simulator has it in its own process
         if self._lease.case.placement == "node":
-            self._announce(arguments)
+            self._announced = Announcement(Path(self._options.join_dir), self._id)
+            self._announced.write(arguments, self._keys)
             return
         if self._keys is not None:
             arguments += ["--key", str(self._keys.stack)]
@@ -306,15 +307,6 @@ class RigProcess:
         recorder.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             recorder.wait(FILE_GRACE_S)
-
-    def _announce(self, arguments: list[str]) -> None:
-        folder = Path(self._options.join_dir)
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{self._id}.json"
-        self._announced = (path, path.with_suffix(".key"))
-        if self._keys is not None:
-            self._keys.hand_over(path.with_suffix(".key"))  # first: whoever sees the other needs it
-        write_atomic(path, json.dumps({"arguments": arguments}).encode())
 
     def _watch_stack(self) -> None:
         assert self._stack is not None

@@ -30,6 +30,7 @@ from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.ahead import Loading
+from twin.worker.announcement import sweep
 from twin.worker.delivery import Delivery
 from twin.worker.fitting import fitting
 from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
@@ -168,6 +169,8 @@ class Worker:
             key=self._options.key,
         )
         self._delivery = Delivery(self._bus)
+        if self._options.join_dir and (gone := sweep(Path(self._options.join_dir))):
+            _log(f"{self._options.join_dir}: removed what {len(gone)} dead rigs left")
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
         self._carry_out(self._core.on_spool(self._spool.read()))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import io
-import zlib
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from twin.fabric.picture_file import DAMAGED
 from twin.world import materials
 from twin.world.content import Terrain
 from twin.world.mesh import Color, MeshBuilder
@@ -19,7 +19,6 @@ _FILE_BYTES_MAX = 64 << 20
 
 _SAMPLE_MAX = {"L": 255.0, "I;16": 65535.0}
 """Pillow's names of what is read, and its largest value."""
-_DAMAGED = (OSError, SyntaxError, EOFError, zlib.error, Image.DecompressionBombError)
 
 _COLORS: dict[str, Color] = {
     "asphalt": (0.09, 0.09, 0.095),
@@ -86,7 +85,7 @@ def _from_png(data: bytes, where: str) -> np.ndarray:
             if picture.mode not in _SAMPLE_MAX:
                 raise ValueError(f"{where}: needed one channel of 8 or 16 bits")
             values = np.asarray(picture)
-    except _DAMAGED:
+    except DAMAGED:
         raise ValueError(f"{where}: not a PNG file") from None
     return values / _SAMPLE_MAX[picture.mode]
 

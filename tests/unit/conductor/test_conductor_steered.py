@@ -54,7 +54,7 @@ def test_a_touch_is_a_fact_once_and_the_case_is_run_again_uncharged(tmp_path: Pa
     campaign.out = str(tmp_path)
     for number in (1, 2, 3):
         (tmp_path / f"cases/repeat_0/attempt-{number}").mkdir(parents=True)
-    campaign.cases["repeat_0"].issued += (99,)
+    campaign.cases["repeat_0"].attempts += 1
     Folders(tmp_path).sweep(campaign)
     left = sorted(path.name for path in tmp_path.glob("cases/repeat_0/*"))
     assert left == ["attempt-1", "attempt-2"]

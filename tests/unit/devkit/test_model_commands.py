@@ -73,7 +73,7 @@ def test_another_input_size(files):
     )  # fmt: skip
     assert done.returncode == 0
     assert "16 layers" in done.stdout
-    assert "a.cfg: not an image" in refused("detect", files / "b.onnx", files / "a.cfg")
+    assert "a.cfg: no picture" in refused("detect", files / "b.onnx", files / "a.cfg")
     assert "input 320x192, 3 classes" in done.stdout
     description = Detector(files / "b.onnx").description
     assert (description.width, description.height) == (320, 192)

@@ -1,8 +1,12 @@
 """What counts as this host's loopback, and what is refused to be plain."""
 
+import re
+import socket
+
 import pytest
 
 from twin.fabric import endpoint as endpoints
+from twin.fabric.address import check_free
 from twin.fabric.endpoint import (
     allow_plain,
     check_endpoint,
@@ -98,3 +102,32 @@ def test_tls_needs_a_key():
 def test_what_zenoh_could_read_otherwise_is_no_endpoint(endpoint):
     with pytest.raises(UsageError, match="expected tcp/HOST:PORT or tls/HOST:PORT"):
         check_endpoint(endpoint)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]", "localhost"])
+def test_an_address_is_free_until_somebody_listens_there(host):
+    family = socket.AF_INET6 if host == "[::1]" else socket.AF_INET
+    with socket.socket(family) as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        taken.bind(("::1" if host == "[::1]" else "127.0.0.1", 0))
+        endpoint = f"tls/{host}:{taken.getsockname()[1]}"
+        taken.listen()
+        if host != "localhost":  # which may stand for both
+            with pytest.raises(UsageError, match=f"{re.escape(endpoint)}: address already in use"):
+                check_free(endpoint)
+        with socket.create_connection(taken.getsockname()[:2]) as near:
+            far, _ = taken.accept()
+            far.close()  # what remains of it waits for a minute
+            assert near.recv(1) == b""
+    check_free(endpoint)
+    check_free(endpoint)
+
+
+def test_what_is_no_address_of_this_host_is_named():
+    for endpoint, reason in (
+        ("tcp/192.0.2.1:0", "Cannot assign requested address"),
+        ("tcp/no-such-host.invalid:0", "[A-Z]"),
+    ):
+        with pytest.raises(UsageError, match=f"{endpoint}: cannot listen: {reason}") as error:
+            check_free(endpoint)
+        assert "give an address of this host with --listen" in str(error.value)

@@ -1,7 +1,8 @@
-"""A PNG whose chunk claims four gigabytes is refused, and not believed first."""
+"""What claims to be gigabytes in a few bytes is refused, and not believed first."""
 
 import resource
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from schemas.drive_record import RecordArray
 from twin.fabric.drive_record import decoded
+from twin.fabric.errors import UsageError
+from twin.fabric.picture_file import read_picture
 from twin.world.content import Terrain
 from twin.world.terrain import load_heights
 
@@ -38,4 +41,16 @@ def test_a_chunk_is_not_taken_at_its_word(tmp_path):
     array = RecordArray("uint8", shape, "png", damaged(np.zeros(shape, np.uint8)), -1)
     with pytest.raises(ValueError, match="cannot be decoded"):
         decoded(array)
+    path.write_bytes(array.data)
+    with pytest.raises(UsageError, match=r"hill\.png: no picture that can be read"):
+        read_picture(path)
+    assert peak_kb() - before_kb < BELIEVED_KB
+
+
+def test_an_array_larger_than_a_block_is_not_unpacked():
+    before_kb = peak_kb()
+    zeros = zlib.compress(bytes(64 << 20), 9)
+    for shape in ([(1 << 30) + 1], [1 << 40, 1 << 40], [-1, 1 << 20]):
+        with pytest.raises(ValueError, match=r"an array of -?\d+ bytes, at most 1073741824"):
+            decoded(RecordArray("uint8", shape, "zlib", zeros, -1))
     assert peak_kb() - before_kb < BELIEVED_KB
