@@ -55,14 +55,9 @@ EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
 
-# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
-VIEW_START = Topic("view/{campaign}/{case}/start", "msgpack", "CaseStart", True, True)
-VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", True, True)
-VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", True, True)
-VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", True, True)
 VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False, False)
 # What a viewer is shown of a single case: at the pace of the wall clock, dropped rather than waited
-# for, and apart from the recorder's topics, which are complete.
+# for, and apart from the recorder's topic, which is complete.
 VIEW_LIVE_START = Topic("view/{campaign}/{case}/live/start", "msgpack", "CaseStart", False, False)
 VIEW_LIVE_STATE = Topic("view/{campaign}/{case}/live/state", "msgpack", "StateSample", False, False)
 VIEW_LIVE_END = Topic("view/{campaign}/{case}/live/end", "msgpack", "CaseEnd", False, False)
@@ -75,6 +70,8 @@ VIEW_LIVE_LIDAR = Topic(
 VIEW_CONTROL = Topic(
     "view/{campaign}/{case}/control", "msgpack", "ControlRequest -> ControlReply", True, False
 )
+# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
+FEED_RECORDED = Topic("feed/{rig}/recorded", "msgpack", "RecorderBatch", True, True)
 FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True, False)
 FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True, False)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
@@ -107,10 +104,6 @@ TOPICS: tuple[Topic, ...] = (
     EVENT,
     WORKER_COMMAND,
     WORKER_ALIVE,
-    VIEW_START,
-    VIEW_STATE,
-    VIEW_CAMERA,
-    VIEW_END,
     VIEW_THUMBNAIL,
     VIEW_LIVE_START,
     VIEW_LIVE_STATE,
@@ -118,6 +111,7 @@ TOPICS: tuple[Topic, ...] = (
     VIEW_LIVE_CAMERA,
     VIEW_LIVE_LIDAR,
     VIEW_CONTROL,
+    FEED_RECORDED,
     FEED_SCENE,
     FEED_END,
     RECORDER_ALIVE,
