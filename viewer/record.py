@@ -20,6 +20,7 @@ from schemas.wire import WireError, decode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.channel import Channel
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from viewer.recording import Recording, release_closed
@@ -33,6 +34,9 @@ CONNECT_TIMEOUT_S = 20.0
 TURN_S = 1.0
 """How often it is looked whether messages have waited for too long [s]."""
 
+CLOSED_MAX = 4
+"""Recordings that are closed before Rerun is asked to let go of them: asking takes 1 ms."""
+
 END: Literal["end"] = "end"
 """Nothing comes any more."""
 
@@ -42,6 +46,8 @@ class Recorder:
 
     def __init__(self) -> None:
         self._open: dict[int, Recording] = {}
+        self._closed = 0
+        """Of them Rerun still has threads and memory."""
         self.complete = 0
         self.incomplete = 0
 
@@ -74,6 +80,8 @@ class Recorder:
         """Write what has waited for too long; call it again and again."""
         for recording in self._open.values():
             recording.write(now_s)
+        if self._closed:
+            self._release()
 
     def close(self) -> None:
         """Close what is open; its end never came."""
@@ -102,7 +110,12 @@ class Recorder:
         else:
             self.incomplete += 1
             _say(f"{recording.start.case}: recording is incomplete")
-        del recording
+        self._closed += 1
+        if self._closed >= CLOSED_MAX:
+            self._release()
+
+    def _release(self) -> None:
+        self._closed = 0
         release_closed()
 
 
@@ -131,6 +144,7 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     try:
         _subscribe(bus, rig, channel, finish)
         recorder = Recorder()
+        settle()
         looked_s = 0.0
         while (message := channel.take(TURN_S)) is not END:
             now_s = time.monotonic()
