@@ -156,7 +156,7 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> Run:
 def _run(
     arguments: list[str], out: Path, freeze: subprocess.Popen[bytes] | None = None
 ) -> tuple[dict[str, Any], Course]:
-    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has begun."""
+    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended."""
     with tempfile.TemporaryFile() as log:
         child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
         try:
