@@ -19,65 +19,58 @@ class Topic:
     :mod:`schemas.delivery` or :mod:`schemas.interventions`."""
     block: bool
     """BLOCK on congestion (one known peer); otherwise DROP."""
-    recorded: bool
-    """Shown and recorded by viewers."""
 
 
-CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True, True)
-DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True, False)
-INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True, False)
-SEMANTIC = Topic("drive/{rig}/sensor/semantic", "array", "classes [S,H,W] uint8", True, False)
-NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True, False)
-FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True, False)
-LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True, True)
-BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True, True)
-VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True, True)
+CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True)
+DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True)
+INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True)
+SEMANTIC = Topic("drive/{rig}/sensor/semantic", "array", "classes [S,H,W] uint8", True)
+NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True)
+FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True)
+LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True)
+BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True)
+VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True)
 ENVIRONMENT = Topic(
-    "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True, False
+    "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True
 )
-ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True, False)
-GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True, False)
-IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True, False)
-POSE = Topic("drive/{rig}/sensor/pose", "array", "POSE_COLUMNS [S,7] float64", True, False)
-EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True, False)
-TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True, False)
-COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True, True)
-READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True, False)
-CONTROL = Topic("drive/{rig}/control", "msgpack", "ControlRequest -> ControlReply", True, False)
-SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False, False)
+ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True)
+GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True)
+IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True)
+POSE = Topic("drive/{rig}/sensor/pose", "array", "POSE_COLUMNS [S,7] float64", True)
+EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True)
+TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True)
+COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True)
+READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True)
+CONTROL = Topic("drive/{rig}/control", "msgpack", "ControlRequest -> ControlReply", True)
+SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False)
 
 # Requests to the conductor come on a key for each role that may make them, see schemas.doors.
-RPC_WORKER = Topic("conductor/rpc/worker", "msgpack", "Request -> Reply", True, False)
-RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True, False)
-RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True, False)
-FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True, False)
-EVENT = Topic("conductor/event", "msgpack", "fact", False, False)
-WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False, False)
-WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False, False)
+RPC_WORKER = Topic("conductor/rpc/worker", "msgpack", "Request -> Reply", True)
+RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True)
+RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True)
+FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True)
+EVENT = Topic("conductor/event", "msgpack", "fact", False)
+WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False)
+WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False)
 
-# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
-VIEW_START = Topic("view/{campaign}/{case}/start", "msgpack", "CaseStart", True, True)
-VIEW_STATE = Topic("view/{campaign}/{case}/state", "msgpack", "StateSample", True, True)
-VIEW_CAMERA = Topic("view/{campaign}/{case}/camera", "jpeg", "CameraSample", True, True)
-VIEW_END = Topic("view/{campaign}/{case}/end", "msgpack", "CaseEnd", True, True)
-VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False, False)
+VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False)
 # What a viewer is shown of a single case: at the pace of the wall clock, dropped rather than waited
-# for, and apart from the recorder's topics, which are complete.
-VIEW_LIVE_START = Topic("view/{campaign}/{case}/live/start", "msgpack", "CaseStart", False, False)
-VIEW_LIVE_STATE = Topic("view/{campaign}/{case}/live/state", "msgpack", "StateSample", False, False)
-VIEW_LIVE_END = Topic("view/{campaign}/{case}/live/end", "msgpack", "CaseEnd", False, False)
-VIEW_LIVE_CAMERA = Topic(
-    "view/{campaign}/{case}/live/{sensor}", "jpeg", "CameraSample", False, False
-)
+# for, and apart from the recorder's topic, which is complete.
+VIEW_LIVE_START = Topic("view/{campaign}/{case}/live/start", "msgpack", "CaseStart", False)
+VIEW_LIVE_STATE = Topic("view/{campaign}/{case}/live/state", "msgpack", "StateSample", False)
+VIEW_LIVE_END = Topic("view/{campaign}/{case}/live/end", "msgpack", "CaseEnd", False)
+VIEW_LIVE_CAMERA = Topic("view/{campaign}/{case}/live/{sensor}", "jpeg", "CameraSample", False)
 VIEW_LIVE_LIDAR = Topic(
-    "view/{campaign}/{case}/live/{sensor}", "array", "PointsSample [N,4] int16", False, False
+    "view/{campaign}/{case}/live/{sensor}", "array", "PointsSample [N,4] int16", False
 )
 VIEW_CONTROL = Topic(
-    "view/{campaign}/{case}/control", "msgpack", "ControlRequest -> ControlReply", True, False
+    "view/{campaign}/{case}/control", "msgpack", "ControlRequest -> ControlReply", True
 )
-FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True, False)
-FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True, False)
-RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False, False)
+# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
+FEED_RECORDED = Topic("feed/{rig}/recorded", "msgpack", "RecorderBatch", True)
+FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True)
+FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True)
+RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False)
 
 TOPICS: tuple[Topic, ...] = (
     CAMERA,
@@ -107,10 +100,6 @@ TOPICS: tuple[Topic, ...] = (
     EVENT,
     WORKER_COMMAND,
     WORKER_ALIVE,
-    VIEW_START,
-    VIEW_STATE,
-    VIEW_CAMERA,
-    VIEW_END,
     VIEW_THUMBNAIL,
     VIEW_LIVE_START,
     VIEW_LIVE_STATE,
@@ -118,6 +107,7 @@ TOPICS: tuple[Topic, ...] = (
     VIEW_LIVE_CAMERA,
     VIEW_LIVE_LIDAR,
     VIEW_CONTROL,
+    FEED_RECORDED,
     FEED_SCENE,
     FEED_END,
     RECORDER_ALIVE,

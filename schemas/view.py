@@ -2,7 +2,7 @@
 
 The view plane only looks: it is produced while somebody subscribes, dropped when nobody keeps up,
 and never read by anything that decides. Within an attempt every recorded sample carries a running
-number ``seq``, so that a receiver knows what it has missed; samples for live viewers, which are
+number ``seq``, so that the recorder knows what it has missed; samples for live viewers, which are
 meant to have gaps, carry :data:`UNNUMBERED`.
 """
 
@@ -187,6 +187,25 @@ class CaseEnd(Struct, frozen=True):
     scalars: dict[str, float | int | None]
     samples: int
     """Samples of this attempt, this one included: ``seq`` ran from 0 to ``samples`` - 1."""
+
+
+class RecorderSample(Struct, frozen=True, omit_defaults=True):
+    """What a recorder gets of an attempt, one thing at a time: the others are None."""
+
+    start: CaseStart | None = None
+    camera: CameraSample | None = None
+    jpeg: bytes = b""
+    """The picture of ``camera``."""
+    state: StateSample | None = None
+    end: CaseEnd | None = None
+
+
+class RecorderBatch(Struct, frozen=True):
+    """Samples of a rig's attempts in the order in which they arose, many in one message: a message
+    costs both sides more than what is in it."""
+
+    v: int
+    samples: list[RecorderSample]
 
 
 class Thumbnail(Struct, frozen=True):

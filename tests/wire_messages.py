@@ -35,7 +35,14 @@ from schemas.messages import (
     Submit,
     Tick,
 )
-from schemas.view import CameraSample, FeedEnd, PointsSample, SceneMesh
+from schemas.view import (
+    CameraSample,
+    FeedEnd,
+    PointsSample,
+    RecorderBatch,
+    RecorderSample,
+    SceneMesh,
+)
 
 CAMPAIGN = {"campaign": "c", "simulator": "noop", "matrix": {"weather": ["clear", "cloudy"]}}
 
@@ -115,7 +122,21 @@ def view_plane() -> list[Any]:
         view_messages.end(3),
         view_messages.thumbnail(),
         FeedEnd(V, "r"),
+        recorder_batch(),
     ]
+
+
+def recorder_batch() -> RecorderBatch:
+    """A tiny attempt, as the recorder gets it."""
+    return RecorderBatch(
+        V,
+        [
+            RecorderSample(start=view_messages.start()),
+            RecorderSample(camera=CameraSample(V, 1, 7, 0, 0), jpeg=b"\xff\xd8\xff\xd9"),
+            RecorderSample(state=view_messages.state(2)),
+            RecorderSample(end=view_messages.end(3)),
+        ],
+    )
 
 
 def digest_of(data: bytes) -> str:

@@ -23,13 +23,20 @@ import psutil
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.process import end, last_lines, spawn
 from viewer import bench_compare, naming
-from viewer.bench_compare import MODES, Run, compare
+from viewer.bench_compare import MODES, Run, compare, window
+from viewer.bench_course import Course
 
 WARM_UP_S = 10.0
 """Before anything is measured: imports, first pictures, subscriptions [s]."""
 
 CAMPAIGN = Path(__file__).with_name("bench_campaign.yaml")
-"""Long enough that the start of a rig and of its recorder count for what they do in use."""
+"""What is simulated with and without viewers."""
+
+SIMULATED = 32
+"""Cases of it that are simulated unless somebody says otherwise."""
+
+LOOK_S = 0.1
+"""How often it is looked how far a campaign has come [s]."""
 
 CPU_MAX = 0.25
 """Target: the viewer process takes at most this share of a core [-]."""
@@ -50,6 +57,8 @@ class BenchOptions:
     """What is simulated with and without viewers."""
     rounds: int = 3
     """Runs of each mode, interleaved; 0: none."""
+    simulate: int | None = None
+    """Cases of it, the first; None: all."""
     workers: int | None = None
     slots: int = 1
     device: str = "cpu"
@@ -132,59 +141,44 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> Run:
         *("run", options.campaign, "--out", str(out), "--view", view, "--output", "json"),
         *("--slots", str(options.slots), "--device", options.device),
         *(() if options.workers is None else ("--workers", str(options.workers))),
+        *(() if options.simulate is None else ("--cases", str(options.simulate))),
     ]
     if mode in ("none", "record"):
-        found = _run(arguments)
+        found, course = _run(arguments, out)
     else:
         with _viewer("--run", str(out)) as child:
-            found = _run(arguments, freeze=(child, out) if mode == "frozen" else None)
+            found, course = _run(arguments, out, child if mode == "frozen" else None)
     sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
-    return Run(
-        found["cases"], _worked_s(out), found["cpu_s"], found["fingerprint"], tuple(sorted(sizes))
-    )
-
-
-def _worked_s(out: Path) -> float:
-    """From the first lease to the last result of a run, as its conductor noted them [s]."""
-    try:
-        lines = (out / "timeline.jsonl").read_bytes().splitlines()
-        events = [json.loads(line) for line in lines]
-    except (OSError, ValueError) as error:
-        raise InfrastructureError(f"{out}/timeline.jsonl: {error}") from None
-    first = min(event["at_s"] for event in events if event["event"] == "leased")
-    last: float = max(event["at_s"] for event in events if event["event"] == "committed")
-    return last - first
+    measured = window(course.samples, course.workers * options.slots)
+    return Run(found["cases"], measured, found["fingerprint"], tuple(sorted(sizes)))
 
 
 def _run(
-    arguments: list[str], freeze: tuple[subprocess.Popen[bytes], Path] | None = None
-) -> dict[str, Any]:
-    """``conductor run``; with ``freeze`` a viewer is stopped once the first case has ended."""
+    arguments: list[str], out: Path, freeze: subprocess.Popen[bytes] | None = None
+) -> tuple[dict[str, Any], Course]:
+    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended."""
     with tempfile.TemporaryFile() as log:
-        times = psutil.Process().cpu_times()
-        before = times.children_user + times.children_system
         child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
         try:
+            course = Course(child.pid, out)
             frozen = freeze is None
             while child.poll() is None:
+                course.look()
                 if freeze is not None and not frozen:
-                    viewer, out = freeze
                     frozen = any(out.glob("cases/*/attempt-*"))
                     if frozen:
-                        viewer.send_signal(signal.SIGSTOP)
-                time.sleep(0.1)
+                        freeze.send_signal(signal.SIGSTOP)
+                time.sleep(LOOK_S)
             assert child.stdout is not None
             text = child.stdout.read()
             try:
                 found: dict[str, Any] = json.loads(text)
             except ValueError:
                 raise InfrastructureError(f"conductor run: {last_lines(log)}") from None
-            used = psutil.Process().cpu_times()
-            used_s = used.children_user + used.children_system - before
-            return {**found, "cpu_s": used_s}
+            return found, course
         finally:
             if freeze is not None:
-                freeze[0].send_signal(signal.SIGCONT)
+                freeze.send_signal(signal.SIGCONT)
             end(child)
 
 

@@ -145,6 +145,20 @@ def strip(
     print(f"{out}: {case}, {moment.label}, {len(taken)} pictures")
 
 
+@app.command(hidden=True)
+def strips(
+    folder: Folder,
+    around_s: Annotated[float, duration("How long before and after [s].", most=600.0)] = 1.0,
+    frames: Annotated[int, typer.Option(min=1, max=15, help="Pictures of each.")] = 5,
+) -> None:
+    """Many strips in one process, for `conductor report`: reads lines of JSON with ``case``, ``at``
+    and ``out``, and answers each with a line of ``case`` and ``error``."""
+    from viewer.strip import answer_strips
+
+    for line in answer_strips(folder, sys.stdin, around_s, frames):
+        print(line, flush=True)
+
+
 @app.command()
 def export(
     folder: Folder,
@@ -358,7 +372,11 @@ def bench_command(
     seconds: Annotated[float, duration("How long the viewer is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
         str | None,
-        typer.Option(help="Run with and without viewers; default: 32 cells of the AEB campaign."),
+        typer.Option(help="Run with and without viewers; default: cells of the AEB campaign."),
+    ] = None,
+    simulate: Annotated[
+        int | None,
+        typer.Option(min=4, help="Cases of it, the first; default: 32 of ours, all of another."),
     ] = None,
     rounds: Annotated[
         int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
@@ -372,10 +390,13 @@ def bench_command(
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
-    from viewer.bench import CAMPAIGN, BenchOptions, bench
+    from viewer.bench import CAMPAIGN, SIMULATED, BenchOptions, bench
 
-    chosen = campaign or str(CAMPAIGN)
-    options = BenchOptions(cases, focus, seconds, chosen, rounds, workers, slots, device)
+    if campaign is None:
+        campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
+    options = BenchOptions(
+        cases, focus, seconds, campaign, rounds, simulate, workers, slots, device
+    )
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 
 

@@ -15,12 +15,12 @@ from collections.abc import Callable
 from typing import Literal
 
 from schemas import topics
-from schemas.topics import Topic
-from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample
-from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample
+from schemas.wire import WireError, decode
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.channel import Channel
 from twin.fabric.key_file import Key
+from twin.fabric.pauses import settle
 from twin.fabric.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.zenoh_bus import open_bus
 from viewer.recording import Recording, release_closed
@@ -34,12 +34,11 @@ CONNECT_TIMEOUT_S = 20.0
 TURN_S = 1.0
 """How often it is looked whether messages have waited for too long [s]."""
 
+CLOSED_MAX = 4
+"""Recordings that are closed before Rerun is asked to let go of them: asking takes 1 ms."""
+
 END: Literal["end"] = "end"
 """Nothing comes any more."""
-
-RECORDED: tuple[Topic, ...] = tuple(
-    topic for topic in topics.TOPICS if topic.recorded and topic.key.startswith("view/")
-)
 
 
 class Recorder:
@@ -47,39 +46,42 @@ class Recorder:
 
     def __init__(self) -> None:
         self._open: dict[int, Recording] = {}
+        self._closed = 0
+        """Of them Rerun still has threads and memory."""
         self.complete = 0
         self.incomplete = 0
 
-    def take(self, sample: Sample, now_s: float = 0.0) -> None:
-        """One message of the view plane; one that is damaged or unknown is left out.
+    def take(self, message: bytes, now_s: float = 0.0) -> None:
+        """Samples of a rig; a message that is damaged is left out.
 
         ``now_s``: a clock that does not jump [s].
         """
-        stream = sample.key.rsplit("/", 1)[1]
         try:
-            match stream:
-                case "start":
-                    self._begin(decode(sample.payload, CaseStart))
-                case "state":
-                    state: StateSample = decode(sample.payload, StateSample)
-                    if (recording := self._open.get(state.token)) is not None:
-                        recording.state(state, now_s)
-                case "camera":
-                    picture: CameraSample = decode(
-                        sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
-                    )
-                    if (recording := self._open.get(picture.token)) is not None:
-                        recording.camera(picture, sample.payload, now_s)
-                case "end":
-                    end: CaseEnd = decode(sample.payload, CaseEnd)
-                    self._close(end.token, end)
+            batch: RecorderBatch = decode(message, RecorderBatch)
         except WireError as error:
-            _say(f"{sample.key}: {error}")
+            _say(f"left out: {error}")
+            return
+        for sample in batch.samples:
+            self._sample(sample, now_s)
+
+    def _sample(self, sample: RecorderSample, now_s: float) -> None:
+        """What belongs to no open recording is left out."""
+        picture, state = sample.camera, sample.state
+        if sample.start is not None:
+            self._begin(sample.start)
+        if picture is not None and picture.token in self._open:
+            self._open[picture.token].camera(picture, sample.jpeg, now_s)
+        if state is not None and state.token in self._open:
+            self._open[state.token].state(state, now_s)
+        if sample.end is not None:
+            self._close(sample.end.token, sample.end)
 
     def write(self, now_s: float) -> None:
         """Write what has waited for too long; call it again and again."""
         for recording in self._open.values():
             recording.write(now_s)
+        if self._closed:
+            self._release()
 
     def close(self) -> None:
         """Close what is open; its end never came."""
@@ -108,7 +110,12 @@ class Recorder:
         else:
             self.incomplete += 1
             _say(f"{recording.start.case}: recording is incomplete")
-        del recording
+        self._closed += 1
+        if self._closed >= CLOSED_MAX:
+            self._release()
+
+    def _release(self) -> None:
+        self._closed = 0
         release_closed()
 
 
@@ -116,7 +123,7 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     """Record what the feed of ``rig`` at ``connect`` shows, until it ends or nobody wants it."""
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
-    channel: Channel[Sample | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
+    channel: Channel[bytes | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
 
     def finish(*_: object) -> None:
         channel.offer(END, 0)
@@ -137,11 +144,12 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     try:
         _subscribe(bus, rig, channel, finish)
         recorder = Recorder()
+        settle()
         looked_s = 0.0
-        while (sample := channel.take(TURN_S)) is not END:
+        while (message := channel.take(TURN_S)) is not END:
             now_s = time.monotonic()
-            if isinstance(sample, Sample):
-                recorder.take(sample, now_s)
+            if isinstance(message, bytes):
+                recorder.take(message, now_s)
             if now_s - looked_s >= TURN_S:
                 looked_s = now_s
                 recorder.write(now_s)
@@ -149,19 +157,18 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     finally:
         bus.close()
     if channel.refused:
-        _say(f"{channel.refused} samples did not fit into the queue")
+        _say(f"{channel.refused} messages did not fit into the queue")
     _say(f"{recorder.complete} recordings complete, {recorder.incomplete} incomplete")
     return 0
 
 
 def _subscribe(
-    bus: Bus, rig: str, channel: Channel[Sample | Literal["end"]], finish: Callable[[], None]
+    bus: Bus, rig: str, channel: Channel[bytes | Literal["end"]], finish: Callable[[], None]
 ) -> None:
     def receive(sample: Sample) -> None:
-        channel.offer(sample, len(sample.payload) + len(sample.attachment) + 256)
+        channel.offer(sample.payload, len(sample.payload))
 
-    for topic in RECORDED:
-        bus.subscribe(topic.key.format(campaign="*", case="*"), receive)
+    bus.subscribe(topics.FEED_RECORDED.key.format(rig=rig), receive)
     bus.subscribe(topics.FEED_END.key.format(rig=rig), lambda _: finish())
     # The feed starts to send when it sees this: the subscriptions stand.
     bus.announce(topics.RECORDER_ALIVE.key.format(rig=rig))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun import bindings
 
-from schemas.view import CameraSample, CaseEnd, CaseStart, StateSample, clock
+from schemas.view import CameraSample, CaseEnd, CaseStart, Stage, StateSample, clock
+from schemas.wire import decode, encode
 from viewer import naming
 from viewer.blueprint import case_blueprint
 from viewer.convert import CaseConverter
@@ -58,7 +60,7 @@ class Recording:
         )
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
-        _set_file(self._stream, self._folder / naming.RECORDING_FILE, case_blueprint(start.stage))
+        _set_file(self._stream, self._folder / naming.RECORDING_FILE, _layout(encode(start.stage)))
         self._stream.send_recording_name(f"{start.case} ({start.campaign})")
         self._stream.send_property(
             "case",
@@ -113,7 +115,7 @@ class Recording:
                 lost=lost,
             ),
         )
-        self._stream.flush()
+        # Returns when all is written.
         self._stream.disconnect()
         self._note(complete, kept=not (self.start.keep == "failed" and _passed(end)))
         return complete
@@ -182,13 +184,20 @@ def _set_file(stream: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) 
         blueprint._log_to_stream(made)
 
     # A stream's time is kept by the thread that set it, as long as that thread lives.
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(lay_out).result()
+    thread = threading.Thread(target=lay_out)
+    thread.start()
+    thread.join()
     memory = made.memory_recording()
     bindings.set_sinks(
         [rr.FileSink(path)], default_blueprint=memory.storage, recording=stream.inner
     )
     made.disconnect()
+
+
+@lru_cache(maxsize=16)
+def _layout(stage: bytes) -> rrb.Blueprint:
+    """Cases of a campaign share one."""
+    return case_blueprint(decode(stage, Stage))
 
 
 def _passed(end: CaseEnd | None) -> bool:

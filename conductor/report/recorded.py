@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -23,13 +24,15 @@ from twin.fabric.files import write_atomic
 
 STRIPS_MAX = 24
 """Most cases with a strip of pictures, of all models together."""
+TOGETHER = 6
+"""So many strips are made by one viewer before another is started beside it."""
 LOG_LINES = 6
 """Last lines of a log that are shown of a case without a verdict."""
 LOG_BYTES = 4000
 """So much of a log's end is looked at, however long it is."""
 
 VIEWER_MAX_S = 120.0
-"""So long a picture may take, on a slow disk and a busy machine [s]."""
+"""So long a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
 
 _RECORDING = "recording.rrd"
 _LOG = "log.txt"
@@ -71,25 +74,29 @@ def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: st
     not."""
     if recording_of(dossier, row) is None:
         return "the case was not recorded"
-    asked = [
-        *(sys.executable, "-m", "viewer", command, str(dossier.folder), row.case.id),
-        *("--at", moment_of(row), "--out", str(out), *options),
-    ]
+    asked = [command, str(dossier.folder), row.case.id, "--at", moment_of(row), "--out", str(out)]
+    return _run_viewer([*asked, *options], "")[1]
+
+
+def _run_viewer(arguments: list[str], asked: str) -> tuple[list[str], str]:
+    """Lines that `viewer` answers to what it is asked; and, if it failed, why."""
+    name = f"viewer {arguments[0]}"
     try:
         done = subprocess.run(
-            asked,
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-m", "viewer", *arguments],
+            input=asked,
             capture_output=True,
             text=True,
             check=False,
             timeout=VIEWER_MAX_S,
         )
     except subprocess.TimeoutExpired:
-        return f"viewer {command} took longer than {VIEWER_MAX_S:g} s"
-    if done.returncode == 0:
-        return ""
-    said = done.stderr.strip().splitlines()
-    return said[-1] if said else f"viewer {command} ended with exit code {done.returncode}"
+        return [], f"{name} took longer than {VIEWER_MAX_S:g} s"
+    why = ""
+    if done.returncode:
+        said = done.stderr.strip().splitlines()
+        why = said[-1] if said else f"{name} ended with exit code {done.returncode}"
+    return done.stdout.splitlines(), why
 
 
 def failures(dossier: Dossier) -> list[Failure]:
@@ -102,41 +109,77 @@ def failures(dossier: Dossier) -> list[Failure]:
     turns = [row for turn in itertools.zip_longest(*by_model) for row in turn if row is not None]
     chosen = {row.case.id for row in turns[:STRIPS_MAX]}
     rows = [row for own in by_model for row in own if row.case.id in chosen]
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        return list(pool.map(lambda row: _failure(dossier, row), rows))
+    strips = _strips(dossier, rows)
+    return [_failure(dossier, row, *strips[row.case.id]) for row in rows]
 
 
-def _failure(dossier: Dossier, row: Row) -> Failure:
-    data, missing = _strip(dossier, row)
+def _failure(dossier: Dossier, row: Row, data: bytes, missing: str) -> Failure:
     strip = f"data:image/jpeg;base64,{base64.b64encode(data).decode()}" if data else ""
     log = [] if row.end.outcome == "verdict" else _log_end(dossier, row)
     return Failure(row, strip, missing, recording_of(dossier, row) is not None, log)
 
 
-def _strip(dossier: Dossier, row: Row) -> tuple[bytes, str]:
-    """JPEG of the strip, from an earlier report if the recording is the same; or why not."""
+def _strips(dossier: Dossier, rows: list[Row]) -> dict[str, tuple[bytes, str]]:
+    """By case: JPEG of the strip, from an earlier report if the recording is the same; or why
+    there is none."""
+    found: dict[str, tuple[bytes, str]] = {}
+    asked = []
+    for row in rows:
+        kept = _kept(dossier, row)
+        if kept is None:
+            found[row.case.id] = b"", "the case was not recorded; run it again as below to see it"
+            continue
+        try:
+            found[row.case.id] = kept.read_bytes(), ""
+        except OSError:
+            asked.append((row, kept))
+    if asked:
+        turns = min(len(os.sched_getaffinity(0)), -(-len(asked) // TOGETHER))
+        with ThreadPoolExecutor(turns) as pool:
+            for made in pool.map(lambda i: make_strips(dossier, asked[i::turns]), range(turns)):
+                found.update(made)
+    return found
+
+
+def _kept(dossier: Dossier, row: Row) -> Path | None:
+    """Where the strip of a case is kept for the next report; None: the case was not recorded."""
     recording = recording_of(dossier, row)
     if recording is None:
-        return b"", "the case was not recorded; run it again as below to see it"
+        return None
     found = recording.stat()
     parts = (row.case.id, row.end.kpi_sha256, found.st_size, found.st_mtime_ns, _AROUND)
     key = hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
-    kept = dossier.folder / FOLDER / f"strip-{key}.jpg"
-    try:
-        return kept.read_bytes(), ""
-    except OSError:
-        pass
+    return dossier.folder / FOLDER / f"strip-{key}.jpg"
+
+
+def make_strips(dossier: Dossier, asked: list[tuple[Row, Path]]) -> dict[str, tuple[bytes, str]]:
+    """Let one `viewer` make the strips of some cases, and keep each at its path."""
+    made: dict[str, tuple[bytes, str]] = {}
     with tempfile.TemporaryDirectory() as scratch:
-        out = Path(scratch) / "strip.jpg"
-        missing = ask_viewer(dossier, row, "strip", out, *_AROUND)
-        data = b"" if missing else out.read_bytes()
-    if data:
-        try:
-            kept.parent.mkdir(exist_ok=True)
-            write_atomic(kept, data, sync=False)
-        except OSError:
-            pass  # the next report asks again
-    return data, missing
+        lines = [
+            json.dumps(
+                {
+                    "case": row.case.id,
+                    "at": moment_of(row),
+                    "out": str(Path(scratch, f"{number}.jpg")),
+                }
+            )
+            for number, (row, _) in enumerate(asked)
+        ]
+        said, why = _run_viewer(["strips", str(dossier.folder), *_AROUND], "\n".join(lines))
+        errors = {answer["case"]: answer["error"] for answer in map(json.loads, said)}
+        for number, (row, kept) in enumerate(asked):
+            if error := errors.get(row.case.id, why or "viewer strips did not say"):
+                made[row.case.id] = b"", error
+                continue
+            data = Path(scratch, f"{number}.jpg").read_bytes()
+            made[row.case.id] = data, ""
+            try:
+                kept.parent.mkdir(exist_ok=True)
+                write_atomic(kept, data, sync=False)
+            except OSError:
+                pass  # the next report asks again
+    return made
 
 
 def _log_end(dossier: Dossier, row: Row) -> list[str]:

@@ -31,6 +31,7 @@ from schemas.view import (
     CaseStart,
     FeedEnd,
     PointsSample,
+    RecorderBatch,
     SceneMesh,
     StateSample,
     Thumbnail,
@@ -48,7 +49,7 @@ CONTROL: tuple[Any, ...] = (Request, Reply, Delivery, Delivered)
 DRIVE: tuple[Any, ...] = (Ready, Tick, Episode, Frame, Commands)
 VIEW: tuple[Any, ...] = (
     *(CaseStart, StateSample, CameraSample, PointsSample, SceneMesh),
-    *(CaseEnd, Thumbnail, FeedEnd),
+    *(CaseEnd, Thumbnail, FeedEnd, RecorderBatch),
 )
 PART = struct.Struct("<BHH")
 STEERING: tuple[Any, ...] = (ControlRequest, ControlReply)

@@ -64,6 +64,7 @@ _SHOWN = _keys(
         if topic.key.startswith("view/") and topic is not topics.VIEW_CONTROL
     )
 )
+_TO_RECORDER = _keys(topics.FEED_RECORDED, topics.FEED_END)
 _STACK = {
     Act.publish: (*_keys(topics.COMMAND), _ready("stack")),
     Act.subscribe: (*_SENSED, _ready("simulator")),
@@ -77,10 +78,10 @@ _VIEWER = {
 MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
     Role.conductor: dict.fromkeys(Act, ("**",)),
     Role.worker: {
-        Act.publish: (*_SENSED, _ready("simulator"), *_SHOWN, *_keys(topics.FEED_END)),
+        Act.publish: (*_SENSED, _ready("simulator"), *_SHOWN, *_TO_RECORDER),
         Act.subscribe: (
             *_keys(topics.COMMAND, topics.WORKER_COMMAND),
-            *(_ready("stack"), *_SHOWN, *_keys(topics.FEED_END)),  # its recorder
+            *(_ready("stack"), *_TO_RECORDER),
         ),
         Act.ask: _keys(topics.RPC_WORKER, topics.RPC_STATUS, topics.FILES),
         Act.answer: _keys(topics.CONTROL, topics.VIEW_CONTROL, topics.FEED_SCENE),

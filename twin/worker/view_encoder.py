@@ -16,6 +16,7 @@ from schemas.view import (
     CaseEnd,
     CaseStart,
     PointsSample,
+    RecorderSample,
     SceneMesh,
     Stage,
     StateSample,
@@ -40,7 +41,7 @@ from twin.world.street import World
 
 
 class Message(NamedTuple):
-    """What is published of a case."""
+    """What viewers are sent of a case."""
 
     topic: Topic
     payload: bytes
@@ -62,15 +63,16 @@ class Encoder:
         """The standing world, encoded; of a rig there is one."""
         return encode(self._packed(world))
 
-    def messages(self, item: Began | Scenery | Ticked | Ended) -> list[Message]:
-        """Messages of one item, in the order of their running numbers."""
+    def messages(
+        self, item: Began | Scenery | Ticked | Ended
+    ) -> tuple[list[RecorderSample], list[Message]]:
+        """What the recorder gets of one item, in the order of its running numbers, and viewers."""
         match item:
             case Began():
                 stage = self._stage(item.run.lease, item.colliders, item.cars)
-                start = start_of(item.run.lease, stage, item.seq)
-                return [Message(topics.VIEW_START, encode(start))]
+                return [RecorderSample(start=start_of(item.run.lease, stage, item.seq))], []
             case Scenery():
-                return [Message(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
+                return [], [Message(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
             case Ticked():
                 return self._tick(item)
             case Ended():
@@ -98,9 +100,9 @@ class Encoder:
             scene_sha256=self._packed(world).sha256,
         )
 
-    def _tick(self, item: Ticked) -> list[Message]:
+    def _tick(self, item: Ticked) -> tuple[list[RecorderSample], list[Message]]:
         seen, token, seq, due = item.seen, item.run.lease.token, item.seq, item.due
-        messages: list[Message] = []
+        recorded: list[RecorderSample] = []
         # Once for all who look: compressing is what costs.
         whole = seen.image is not None and (seq >= 0 or "camera" in due)
         picture = b""
@@ -110,39 +112,34 @@ class Encoder:
             # The picture first: who has the state of a tick has all of it.
             if picture:
                 sample = _camera_sample(seen, token, seq)
-                messages.append(Message(topics.VIEW_CAMERA, picture, sample))
+                recorded.append(RecorderSample(camera=sample, jpeg=picture))
                 seq += 1
-            state = state_of(seen, token, seq)
-            messages.append(Message(topics.VIEW_STATE, encode(state)))
-        messages += _live(seen, item.run, due, picture)
+            recorded.append(RecorderSample(state=state_of(seen, token, seq)))
+        messages = _live(seen, item.run, due, picture)
         if "thumbnail" in due:
             before = self._shown.get(token)
             small = b"" if seen.image is None else jpeg(seen.image, THUMBNAIL_WIDTH_PX)
             shown = self._shown[token] = _Shown(small, seen, before.count + 1 if before else 1)
             messages.append(_thumbnail(item.run.lease, shown, None))
-        return messages
+        return recorded, messages
 
-    def _end(self, item: Ended) -> list[Message]:
+    def _end(self, item: Ended) -> tuple[list[RecorderSample], list[Message]]:
         finished, token = item.finished, item.run.lease.token
+        recorded: list[RecorderSample] = []
         messages: list[Message] = []
         if item.seq >= 0:
-            ending = _ending(item, item.seq)
-            messages += [
-                Message(topics.VIEW_STATE if isinstance(m, StateSample) else topics.VIEW_END, data)
-                for m, data in ending
-            ]
+            last, end = _ending(item, item.seq)
+            recorded += [RecorderSample(state=last)] if last is not None else []
+            recorded.append(RecorderSample(end=end))
         if item.live:
-            messages += [
-                Message(
-                    topics.VIEW_LIVE_STATE if isinstance(m, StateSample) else topics.VIEW_LIVE_END,
-                    data,
-                )
-                for m, data in _ending(item, UNNUMBERED)
-            ]
+            last, end = _ending(item, UNNUMBERED)
+            if last is not None:
+                messages.append(Message(topics.VIEW_LIVE_STATE, encode(last)))
+            messages.append(Message(topics.VIEW_LIVE_END, encode(end)))
         shown = self._shown.pop(token, None)
         if item.thumbnail and shown is not None:
             messages.append(_thumbnail(item.run.lease, shown, finished))
-        return messages
+        return recorded, messages
 
 
 class _Shown(NamedTuple):
@@ -155,29 +152,27 @@ class _Shown(NamedTuple):
     """Thumbnails so far, this one included."""
 
 
-def _ending(item: Ended, seq: int) -> list[tuple[StateSample | CaseEnd, bytes]]:
+def _ending(item: Ended, seq: int) -> tuple[StateSample | None, CaseEnd]:
     """The last row, if it has not been sent, and the end; ``seq`` of the first."""
     finished, token = item.finished, item.run.lease.token
     numbered = seq != UNNUMBERED
-    messages: list[StateSample | CaseEnd] = []
+    last = None
     if item.last_row and finished is not None:
-        messages.append(last_row_of(finished.table, token, seq))
+        last = last_row_of(finished.table, token, seq)
         seq += numbered
-    messages.append(
-        CaseEnd(
-            v=SCHEMA_VERSION,
-            seq=seq,
-            token=token,
-            sim_time_ns=item.sim_time_ns,
-            outcome=finished.outcome if finished else "",
-            verdict=finished.verdict if finished else "",
-            passed=bool(finished and finished.passed),
-            reasons=finished.reasons if finished else [],
-            scalars=finished.scalars if finished else {},
-            samples=seq + 1 if numbered else 0,
-        )
+    end = CaseEnd(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=token,
+        sim_time_ns=item.sim_time_ns,
+        outcome=finished.outcome if finished else "",
+        verdict=finished.verdict if finished else "",
+        passed=bool(finished and finished.passed),
+        reasons=finished.reasons if finished else [],
+        scalars=finished.scalars if finished else {},
+        samples=seq + 1 if numbered else 0,
     )
-    return [(message, encode(message)) for message in messages]
+    return last, end
 
 
 def _compressed(run: Run, name: str, image: np.ndarray) -> bytes:
@@ -192,7 +187,7 @@ def _live(seen: Seen, run: Run, due: frozenset[str], picture: bytes) -> list[Mes
     """What viewers of this case alone are due; ``picture`` is the main camera's."""
     token = run.lease.token
     messages: list[Message] = []
-    attachment = _camera_sample(seen, token, UNNUMBERED)
+    attachment = encode(_camera_sample(seen, token, UNNUMBERED))
     pictures = {"camera": picture} if picture and "camera" in due else {}
     pictures.update((n, _compressed(run, n, image)) for n, image in seen.pictures.items())
     for name, data in sorted(pictures.items()):
@@ -214,15 +209,9 @@ def _live(seen: Seen, run: Run, due: frozenset[str], picture: bytes) -> list[Mes
     return messages
 
 
-def _camera_sample(seen: Seen, token: int, seq: int) -> bytes:
-    return encode(
-        CameraSample(
-            v=SCHEMA_VERSION,
-            seq=seq,
-            token=token,
-            tick=seen.tick,
-            sim_time_ns=seen.sim_time_ns,
-        )
+def _camera_sample(seen: Seen, token: int, seq: int) -> CameraSample:
+    return CameraSample(
+        v=SCHEMA_VERSION, seq=seq, token=token, tick=seen.tick, sim_time_ns=seen.sim_time_ns
     )
 
 

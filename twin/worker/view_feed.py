@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import TwinError
 from twin.fabric.key_file import Key
 from twin.fabric.zenoh_bus import open_bus
+from twin.worker.view_batch import Batch
 from twin.worker.view_demand import Demand
 from twin.worker.view_items import (
     Asked,
@@ -53,6 +54,9 @@ RECORDER_WAIT_S = 20.0
 
 SPARE_MAX = 64
 """Buffers of encoded pictures kept for the next; fresh memory costs more than the copy."""
+
+END: Literal["end"] = "end"
+"""Nothing comes any more."""
 
 _TICK_BYTES = 1024
 """What a tick without its picture counts for in the queue [bytes]."""
@@ -100,7 +104,7 @@ class ViewFeed:
         self._bus = bus
         self._rig = rig
         self._runs: list[Run | None] = [None] * slots
-        self._channel: Channel[Item | None] = Channel(QUEUE_BYTES_MAX)
+        self._channel: Channel[Item | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
         self._recorder = threading.Event()
         self._recorder_gone = not mode.records
         self._closed = threading.Event()
@@ -182,7 +186,7 @@ class ViewFeed:
         """See :class:`Feed`."""
         for slot in range(len(self._runs)):
             self.abandon(slot)
-        self._channel.offer(None, 0)
+        self._channel.offer(END, 0)
         self._closed.wait(timeout_s)
 
     def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
@@ -275,20 +279,32 @@ class ViewFeed:
         # Late: the engine that this item comes from has loaded Warp already.
         from twin.worker.view_encoder import Encoder
 
-        encoder = Encoder()
-        while item is not None:
+        encoder, batch = Encoder(), Batch()
+        while item is not END:
             if isinstance(item, Asked):
                 item.respond(encoder.scene(item.world))
-            else:
-                self._publish(item, encoder)
-            item = self._channel.take()
+            elif item is not None:
+                self._publish(item, encoder, batch)
+            left_s = batch.left_s(time.monotonic())
+            if left_s == 0:
+                self._send(batch)
+                left_s = None
+            item = self._channel.take(left_s)
+        if batch.left_s(0.0) is not None:
+            self._send(batch)
         end = FeedEnd(v=SCHEMA_VERSION, rig=self._rig)
         self._bus.publish(topics.FEED_END.key.format(rig=self._rig), encode(end), block=True)
         self._closed.set()
 
-    def _publish(self, item: Began | Scenery | Ticked | Ended, encoder: Encoder) -> None:
+    def _publish(
+        self, item: Began | Scenery | Ticked | Ended, encoder: Encoder, batch: Batch
+    ) -> None:
+        """Show ``item`` to viewers at once; the recorder's samples wait for others."""
         case = item.run.lease.case
-        for message in encoder.messages(item):
+        recorded, messages = encoder.messages(item)
+        for sample in recorded:
+            batch.add(sample, time.monotonic())
+        for message in messages:
             key = message.topic.key.format(
                 campaign=case.campaign, case=case.id, sensor=message.sensor
             )
@@ -296,6 +312,10 @@ class ViewFeed:
             self._bus.publish(key, message.payload, message.attachment, block=block)
         if isinstance(item, Ticked) and item.seen.image is not None:
             self._spare.append(item.seen.image)
+
+    def _send(self, batch: Batch) -> None:
+        topic = topics.FEED_RECORDED
+        self._bus.publish(topic.key.format(rig=self._rig), batch.take(), block=topic.block)
 
 
 def _thinned(sensed: SensorData, slot: int) -> Cloud:

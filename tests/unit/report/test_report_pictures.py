@@ -45,13 +45,13 @@ def test_a_recorded_failure_has_a_strip_that_is_made_once(
     make_campaign(tmp_path, change=lost)
     recording = record(tmp_path)
     asked: list[str] = []
-    ask = recorded.ask_viewer
+    make = recorded.make_strips
 
-    def counted(dossier: Any, row: Any, command: str, out: Path, *options: str) -> str:
-        asked.append(row.case.id)
-        return ask(dossier, row, command, out, *options)
+    def counted(dossier: Any, rows: Any) -> Any:
+        asked.extend(row.case.id for row, _ in rows)
+        return make(dossier, rows)
 
-    monkeypatch.setattr(recorded, "ask_viewer", counted)
+    monkeypatch.setattr(recorded, "make_strips", counted)
     page = make_report(tmp_path).page.read_text()
     (strip,) = strips(page)
     picture = cv2.imdecode(np.frombuffer(base64.b64decode(strip), np.uint8), cv2.IMREAD_COLOR)
@@ -64,7 +64,24 @@ def test_a_recorded_failure_has_a_strip_that_is_made_once(
     recording.write_bytes(b"no recording any more")
     page = make_report(tmp_path).page.read_text()
     assert not strips(page)
-    assert re.search(r"No pictures: viewer: .*recording\.rrd", page)
+    assert re.search(r"No pictures: .*recording\.rrd: damaged", page)
+
+
+def test_strips_that_fail_leave_the_others_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_campaign(tmp_path, change=lost)
+    record(tmp_path)
+    other = tmp_path / "cases" / "yolov2-tiny-0500-clear" / "attempt-1" / "recording.rrd"
+    other.write_bytes(b"torn")
+    monkeypatch.setattr(recorded, "VIEWER_MAX_S", 1e-3)
+    slow = {f.row.case.id: f for f in recorded.failures(open_dossier(tmp_path))}
+    assert {f.missing for f in slow.values()} == {"viewer strips took longer than 0.001 s"}
+    monkeypatch.undo()
+    found = {f.row.case.id: f for f in recorded.failures(open_dossier(tmp_path))}
+    assert found[CASE].strip
+    assert not found[CASE].missing
+    assert "damaged" in found["yolov2-tiny-0500-clear"].missing
 
 
 def test_plots_are_files_of_both_kinds(tmp_path: Path) -> None:

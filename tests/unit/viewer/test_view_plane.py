@@ -17,7 +17,7 @@ from viewer.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
 THUMBNAIL = "view/*/*/thumbnail"
-STATE = "view/*/*/state"
+RECORDED = [topics.FEED_RECORDED.key.format(rig=str(index)) for index in range(2)]
 
 
 def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
@@ -29,20 +29,20 @@ def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
     recorder = open_bus("peer", connect=feeds[0].endpoints)
     viewer = open_bus("client", connect=router.endpoints)
     try:
-        assert not feeds[0].wanted(STATE)
+        assert not feeds[0].wanted(RECORDED[0])
         heard = {"recorder": [], "viewer": []}
-        recorder.subscribe(STATE, lambda s: heard["recorder"].append(s.key))
+        recorder.subscribe("feed/*/recorded", lambda s: heard["recorder"].append(s.key))
         viewer.subscribe(THUMBNAIL, lambda s: heard["viewer"].append(s.key))
         wait_for(
-            lambda: feeds[0].wanted(STATE) and all(f.wanted(THUMBNAIL) for f in feeds),
+            lambda: feeds[0].wanted(RECORDED[0]) and all(f.wanted(THUMBNAIL) for f in feeds),
             "both subscriptions",
         )
-        assert not feeds[1].wanted(STATE), "its states would go nowhere"
+        assert not feeds[1].wanted(RECORDED[1]), "its samples would go nowhere"
         for index in (1, 0):
-            for topic in (topics.VIEW_STATE, topics.VIEW_THUMBNAIL):
-                feeds[index].publish(topic.key.format(campaign="c", case=str(index)), b"x")
+            feeds[index].publish(RECORDED[index], b"x")
+            feeds[index].publish(f"view/c/{index}/thumbnail", b"x")
         wait_for(lambda: heard["recorder"] and len(heard["viewer"]) == 2, "every message")
-        assert heard["recorder"] == ["view/c/0/state"]
+        assert heard["recorder"] == [RECORDED[0]]
         assert sorted(heard["viewer"]) == ["view/c/0/thumbnail", "view/c/1/thumbnail"]
         viewer.close()
         wait_for(lambda: not feeds[0].wanted(THUMBNAIL), "the end of the viewer")

@@ -1,6 +1,7 @@
 """The bench: what counts as missed, and that its synthetic cases are what it says."""
 
 import json
+import os
 import threading
 
 import pytest
@@ -12,7 +13,8 @@ from schemas.wire import ATTACHMENT_BYTES_MAX, decode
 from twin.fabric.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
 from viewer.bench import BenchOptions, _source, bench, misses
-from viewer.bench_compare import MODES, SHARE_MIN, Run, compare, lines
+from viewer.bench_compare import MODES, SHARE_MIN, Run, Sample, Window, compare, lines, window
+from viewer.bench_course import Course
 
 
 def viewer(**changes):
@@ -23,7 +25,7 @@ def runs(mode, *walls, cpu=None, **changes):
     """Runs of 10 cases that took so many seconds of wall time, and of one core unless said."""
     recorded = (4.0,) * 10 if mode == "record" else ()
     values = {"fingerprint": "same", "recordings_mb": recorded, **changes}
-    return [Run(10, wall, wall if cpu is None else cpu, **values) for wall in walls]
+    return [Run(10, Window(10, wall, wall if cpu is None else cpu), **values) for wall in walls]
 
 
 def simulation(**changes):
@@ -62,17 +64,62 @@ def test_what_the_machine_does_beside_is_not_held_against_viewers():
     noisy = runs("none", 100.0, 110.0, 150.0)
     assert misses(simulation(none=noisy, live=runs("live", 112.0, 112.0))) == []
     [by_rate] = misses(simulation(none=noisy, live=runs("live", 120.0, 120.0)))
-    assert "cases per minute (noise 10.0%)" in by_rate
+    assert "83.3% of the cases per minute (noise 10.0%), 83.3% of those per processor" in by_rate
     assert misses(simulation(live=runs("live", 120.0, 150.0))) == [], "nor in their own runs"
     once = simulation(none=runs("none", 100.0), live=runs("live", 300.0))
     assert misses(once) == [], "one run says nothing"
+
+
+def test_processor_time_tells_where_the_clock_cannot():
+    """Other work doubles a run's wall time, and leaves its processor time as it is."""
+    loud = [Run(10, Window(10, wall, 40.0), "same") for wall in (100.0, 200.0)]
+    dear = [Run(10, Window(10, wall, 50.0), "same", (4.0,) * 10) for wall in (110.0, 220.0)]
+    [missed] = misses(simulation(none=loud, live=loud, frozen=loud, record=dear))
+    assert "recorded: 90.9% of the cases per minute (noise 100.0%), 80.0% of those" in missed
+
+
+def test_what_noise_hides_is_told_and_no_miss():
+    found = simulation(record=runs("record", 115.0, 130.0))
+    assert misses(found) == []
+    assert "recorded: at least 90% is not shown" in "\n".join(lines(found["simulation"]))
+    shown = simulation(record=runs("record", 115.0, 130.0, cpu=100.0))
+    assert "not shown" not in "\n".join(lines(shown["simulation"]))
+
+
+def test_the_first_and_last_cases_are_left_out():
+    samples = [Sample(0, 10.0, 0.0)]
+    samples += [Sample(n, 30.0 + 2 * n, 50.0 + 4 * n) for n in range(1, 20)]
+    samples.append(Sample(20, 100.0, 400.0))
+    assert window(samples, 2) == Window(16, 32.0, 64.0)
+    assert window(samples, 64) == Window(10, 20.0, 40.0), "a quarter at each end, at most"
+    at_once = [Sample(0, 1.0, 1.0), Sample(8, 5.0, 9.0)]
+    assert window(at_once, 4) == Window(8, 4.0, 8.0)
+    with pytest.raises(UsageError, match="at least 4"):
+        window(samples[:2], 1)
+
+
+def test_a_campaign_is_looked_at_as_it_goes(tmp_path):
+    course = Course(os.getpid(), tmp_path)
+    assert not course.look(), "nothing there yet"
+    timeline = tmp_path / "timeline.jsonl"
+    leased = [json.dumps({"event": "leased", "worker": w}) for w in ("a", "b")]
+    timeline.write_text("\n".join(leased) + '\n{"event":"comm')
+    assert course.look()
+    assert not course.look(), "a torn line waits for its rest"
+    with timeline.open("a") as file:
+        file.write('itted","worker":"a"}\n')
+    assert course.look()
+    assert [sample.cases for sample in course.samples] == [0, 1]
+    assert course.workers == 2
+    assert 0 < course.samples[0].cpu_s <= course.samples[1].cpu_s
 
 
 def test_what_people_read():
     told = "\n".join(lines(simulation(live=runs("live", 104.0, 125.0))["simulation"]))
     assert "with nobody: 6.0 cases/min (4.286 to 6.0), 10.0 processor seconds per case" in told
     assert "with a viewer: 5.769 cases/min (4.8 to 5.769)" in told
-    assert "96.2% (noise 20.2%) and 96.2%" in told
+    assert "96.2% of the cases per minute (noise 20.2%), 96.2% of those per processor" in told
+    assert "not shown" not in told
     assert "30 recordings, 4.0 MB each" in told
     assert "results the same" in told
 

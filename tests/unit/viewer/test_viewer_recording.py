@@ -13,12 +13,13 @@ import rerun.blueprint as rrb
 from recordings import read_recording
 from view_messages import STAGE, camera, end, start, state
 
+from schemas import SCHEMA_VERSION
+from schemas.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample, StateSample
 from schemas.wire import encode
-from twin.fabric.bus import Sample
 from twin.worker.view_samples import jpeg
 from viewer import naming
 from viewer.blueprint import case_blueprint
-from viewer.record import Recorder
+from viewer.record import CLOSED_MAX, Recorder
 from viewer.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
 
 PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
@@ -72,24 +73,26 @@ def test_an_end_that_never_came(tmp_path):
     assert json.loads((tmp_path / naming.RECORDING_NOTE).read_text())["complete"] is False
 
 
-def message(stream, payload, attachment=None):
-    return Sample(
-        f"view/demo/clear-1/{stream}",
-        payload if isinstance(payload, bytes) else encode(payload),
-        encode(attachment) if attachment else b"",
-    )
+def message(*samples):
+    """What a rig's feed sends, of starts, states, ends, and pictures as pairs."""
+    kinds = {CaseStart: "start", StateSample: "state", CaseEnd: "end"}
+    parts = [
+        RecorderSample(camera=one[0], jpeg=one[1])
+        if isinstance(one, tuple)
+        else RecorderSample(**{kinds[type(one)]: one})
+        for one in samples
+    ]
+    return encode(RecorderBatch(SCHEMA_VERSION, parts))
 
 
 def test_the_recorder_keeps_attempts_apart_and_survives_nonsense(tmp_path, capsys):
     recorder = Recorder()
-    recorder.take(message("start", start(tmp_path / "a", token=1)))
-    recorder.take(message("start", start(tmp_path / "b", token=2, case="other")))
-    recorder.take(message("state", b"\xc1nonsense"))
-    recorder.take(message("state", state(5, token=99)))  # nobody's
-    recorder.take(message("camera", PICTURE, camera(1, token=1)))
-    recorder.take(message("state", state(2, token=1)))
-    recorder.take(message("state", state(1, token=2)))
-    recorder.take(message("end", end(3, token=1)))
+    other = start(tmp_path / "b", token=2, case="other")
+    recorder.take(message(start(tmp_path / "a", token=1), other))
+    recorder.take(b"\xc1nonsense")
+    recorder.take(message(state(5, token=99)))  # nobody's
+    recorder.take(message((camera(1, token=1), PICTURE), state(2, token=1), state(1, token=2)))
+    recorder.take(message(end(3, token=1)))
     recorder.close()
     assert (recorder.complete, recorder.incomplete) == (1, 1)
     assert read_recording(tmp_path / "a" / naming.RECORDING_FILE).rows[naming.SPEED] == 1
@@ -100,9 +103,8 @@ def test_the_recorder_keeps_attempts_apart_and_survives_nonsense(tmp_path, capsy
 def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     recorder = Recorder()
-    recorder.take(message("start", start(tmp_path / "file" / "a", token=1)))
-    recorder.take(message("state", state(1, token=1)))
-    recorder.take(message("end", end(2, token=1)))
+    folder = tmp_path / "file" / "a"
+    recorder.take(message(start(folder, token=1), state(1, token=1), end(2, token=1)))
     assert (recorder.complete, recorder.incomplete) == (0, 1)
     assert "not recorded" in capsys.readouterr().err
 
@@ -192,8 +194,10 @@ def test_a_recorder_of_many_cases_keeps_no_threads(tmp_path):
     threads = []
     for token in range(1, 16):
         said = start(tmp_path / str(token), token=token)
-        recorder.take(Sample("view/demo/clear-1/start", encode(said), b""))
-        recorder.take(Sample("view/demo/clear-1/end", encode(end(1, token=token)), b""))
+        recorder.take(message(said, end(1, token=token)))
         threads.append(len(list(Path("/proc/self/task").iterdir())))
     assert recorder.complete == 15
-    assert threads[-1] <= threads[4]
+    assert max(threads[8:]) <= max(threads[:8])
+    assert len(threads) % CLOSED_MAX, "some wait to be let go of"
+    recorder.write(0.0)
+    assert len(list(Path("/proc/self/task").iterdir())) < threads[-1], "and are, within a turn"
