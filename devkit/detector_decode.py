@@ -13,9 +13,9 @@ float64 and of one box alone, so a box is the same to the last bit whatever lies
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -71,9 +71,18 @@ class Detections:
 
     def of(self, image: int, *, by_place: bool = False) -> list[Detection]:
         """Detections of one image as messages, the most confident first or ``by_place``."""
-        rows = np.flatnonzero(self.image == image)
+        return self._messages(np.flatnonzero(self.image == image), by_place)
+
+    def each(self, images: int, *, by_place: bool = False) -> list[list[Detection]]:
+        """As :meth:`of`, for every one of ``images``."""
+        messages = self._messages(np.arange(len(self.image)), by_place)
+        ends = np.searchsorted(self.image, np.arange(images + 1)).tolist()
+        return [messages[first:end] for first, end in pairwise(ends)]
+
+    def _messages(self, rows: np.ndarray, by_place: bool) -> list[Detection]:
+        """By image; ``rows`` ascend."""
         if by_place:
-            rows = rows[np.argsort(self.place[rows], kind="stable")]
+            rows = rows[np.lexsort((self.place[rows], self.image[rows]))]
         return [
             Detection(self.names[class_id], confidence, *box)
             for class_id, confidence, box in zip(
@@ -119,16 +128,11 @@ def decode(
     # The place breaks ties of confidence: no two boxes of an image share it.
     order = np.lexsort((place, -confidence, image))
     order = order[seen[order]]
-    kept = []
-    ends = np.searchsorted(image[order], np.arange(len(sizes_px) + 1))  # sorted by image
-    for first, end in itertools.pairwise(ends.tolist()):
-        rows = order[first:end][: selection.candidates_max]
-        if len(rows) < 2:  # nothing to suppress, which most pictures of a street are like
-            kept.append(rows)
-            continue
-        groups = np.zeros_like(class_id[rows]) if selection.across_classes else class_id[rows]
-        kept.append(rows[suppress(box[rows], groups, selection.overlap_max)])
-    rows = np.concatenate(kept) if kept else order
+    order = order[_within(image[order], selection.candidates_max)]
+    groups = np.zeros_like(class_id) if selection.across_classes else class_id
+    rows = order[
+        _suppressed(box[order], groups[order], image[order], len(sizes_px), selection.overlap_max)
+    ]
     return Detections(
         names=tuple(description.names),
         image=image[rows],
@@ -150,22 +154,69 @@ def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarr
     Returns:
         Indices of the boxes that stay, ascending.
     """
-    low, high = box[:, :2], box[:, :2] + box[:, 2:]
-    area = box[:, 2] * box[:, 3]
-    alive = np.ones(len(box), bool)
+    alive = np.ones((1, len(box)), bool)
     block = max(1, PAIRS_MAX // max(1, len(box)))
     for first in range(0, len(box), block):
         rows = slice(first, first + block)
-        extent = np.minimum(high[rows, None], high) - np.maximum(low[rows, None], low)
-        shared = np.maximum(extent[..., 0], 0.0) * np.maximum(extent[..., 1], 0.0)
-        overlap = shared / (area[rows, None] + area - shared)
-        # Of a pair the later one goes, if the earlier one stays.
-        meets = ~(overlap <= overlap_max) & (group[rows, None] == group)
-        kills = np.triu(meets, first + 1)
-        for index in np.flatnonzero(kills.any(axis=1)).tolist():
-            if alive[first + index]:
-                alive &= ~kills[index]
+        kills = _kills(box[None], group[None], rows, overlap_max)
+        for index in np.flatnonzero(kills[0].any(axis=1)).tolist():
+            if alive[0, first + index]:
+                alive &= ~kills[:, index]
+    return np.flatnonzero(alive[0])
+
+
+def _suppressed(
+    box: np.ndarray, group: np.ndarray, image: np.ndarray, images: int, overlap_max: float
+) -> np.ndarray:
+    """As :func:`suppress` for boxes [K] sorted by image, those of an image among themselves; all
+    images of a batch at once, because each holds but a few."""
+    ends = np.searchsorted(image, np.arange(images + 1))
+    counts = np.diff(ends)
+    alive = np.ones(len(box), bool)
+    width = int(counts.max(initial=0))
+    if width < 2:
+        return np.flatnonzero(alive)
+    together = max(1, PAIRS_MAX // width**2)
+    for first in range(0, images, together):
+        begins, sizes = ends[first : first + together + 1], counts[first : first + together]
+        if len(sizes) == 1:
+            rows = np.arange(begins[0], begins[1])
+            stay = suppress(box[rows], group[rows], overlap_max)
+            alive[np.delete(rows, stay)] = False
+            continue
+        # One row per image; what fills the rows up belongs to groups that nothing meets.
+        own = np.arange(begins[0], begins[-1])
+        line = np.repeat(np.arange(len(sizes)), sizes)
+        column = own - np.repeat(begins[:-1], sizes)
+        boxes = np.zeros((len(sizes), width, 4))
+        groups = np.tile(-1 - np.arange(width), (len(sizes), 1))
+        boxes[line, column], groups[line, column] = box[own], group[own]
+        kills = _kills(boxes, groups, slice(0, width), overlap_max)
+        staying = np.ones((len(sizes), width), bool)
+        for index in np.flatnonzero(kills.any(axis=(0, 2))).tolist():
+            staying &= ~(kills[:, index] & staying[:, index, None])
+        alive[own] = staying[line, column]
     return np.flatnonzero(alive)
+
+
+def _kills(box: np.ndarray, group: np.ndarray, rows: slice, overlap_max: float) -> np.ndarray:
+    """Which later boxes go if an earlier one of ``rows`` stays, [N, R, K] of boxes [N, K, 4]."""
+    low, high = box[..., :2], box[..., :2] + box[..., 2:]
+    area = box[..., 2] * box[..., 3]
+    extent = np.minimum(high[:, rows, None], high[:, None])
+    extent -= np.maximum(low[:, rows, None], low[:, None])
+    shared = np.maximum(extent[..., 0], 0.0) * np.maximum(extent[..., 1], 0.0)
+    union = area[:, rows, None] + area[:, None] - shared
+    with np.errstate(invalid="ignore"):  # what fills a row up has no area
+        overlap = shared / union
+    meets = ~(overlap <= overlap_max) & (group[:, rows, None] == group[:, None])
+    return np.triu(meets, rows.start + 1)
+
+
+def _within(image: np.ndarray, most: int) -> np.ndarray:
+    """The first ``most`` of every image, of boxes sorted by image; indices."""
+    starts = np.searchsorted(image, image)
+    return np.flatnonzero(np.arange(len(image)) - starts < most)
 
 
 def _from_grid(
@@ -178,7 +229,8 @@ def _from_grid(
     grid = raw.reshape(images, anchors, channels // anchors, rows, columns)
     # Most cells are empty: only those that may reach the limit are looked at any further.
     least = np.log(limit / (1.0 - limit)) - LOGIT_MARGIN
-    image, anchor, row, column = np.nonzero(grid[:, :, 4] >= least)
+    likely = grid[:, :, 4] >= least
+    image, anchor, row, column = np.unravel_index(np.flatnonzero(likely), likely.shape)
     values = grid[image, anchor, :, row, column].astype(np.float64)
     sound = np.isfinite(values).all(axis=1)
     values, image, anchor = values[sound], image[sound], anchor[sound]

@@ -61,10 +61,8 @@ class NetworkPerception:
     def detect(self, images: Images, boxes: Sequence[np.ndarray]) -> list[list[Detection]]:
         """See :class:`devkit.perception.Perception`."""
         found = self._detector.detect(images, self._selection)
-        return [
-            [_renamed(each) for each in _most_confident(found.of(index, by_place=self._by_place))]
-            for index in range(len(boxes))
-        ]
+        seen = found.each(len(boxes), by_place=self._by_place)
+        return [[_renamed(each) for each in _most_confident(one)] for one in seen]
 
 
 def _most_confident(detections: list[Detection]) -> list[Detection]:

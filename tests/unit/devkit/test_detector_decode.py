@@ -192,6 +192,36 @@ def test_a_suppressed_box_suppresses_nothing():
     assert suppress(box, np.zeros(3, int), 0.3).tolist() == [0, 2]
 
 
+@pytest.mark.parametrize("pairs_max", [1 << 18, 900, 30])
+@pytest.mark.parametrize("across", [False, True])
+def test_images_of_a_batch_are_suppressed_each_for_itself(monkeypatch, pairs_max, across):
+    """Together, in turns, or one by one, as their number of boxes allows."""
+    monkeypatch.setattr(detector_decode, "PAIRS_MAX", pairs_max)
+    rng = np.random.default_rng(7)
+    counts = [0, 1, 9, 0, 30, 2, 17, 1, 25, 3]
+    image = np.repeat(np.arange(len(counts)), counts)
+    box = np.concatenate(
+        [rng.uniform(0, 40, (len(image), 2)), rng.uniform(5, 30, (len(image), 2))], 1
+    )
+    group = np.zeros(len(image), int) if across else rng.integers(0, 3, len(image))
+    found = detector_decode._suppressed(box, group, image, len(counts), 0.3)
+    expected = []
+    for index in range(len(counts)):
+        rows = np.flatnonzero(image == index)
+        expected += rows[suppress(box[rows], group[rows], 0.3)].tolist()
+    assert found.tolist() == expected
+    assert 10 < len(expected) < len(image) - 10
+
+
+def test_messages_of_all_images_are_those_of_each():
+    found = decode(outputs(6), DESCRIPTION, SIZES, Selection())
+    for by_place in (False, True):
+        together = found.each(len(SIZES), by_place=by_place)
+        assert together == [found.of(i, by_place=by_place) for i in range(len(SIZES))]
+        assert all(together)
+    assert found.each(len(SIZES) + 1)[-1] == []
+
+
 def test_an_image_is_decoded_the_same_alone_and_beside_others():
     raw = outputs(5)
     together = decode(raw, DESCRIPTION, SIZES, Selection())
