@@ -55,7 +55,10 @@ class Options:
         Path | None,
         typer.Option(help="Campaign folder that all nodes see; default runs/CAMPAIGN, here."),
     ] = None
-    slots: Annotated[int, typer.Option(help="Cases together per worker.")] = 1
+    slots: Annotated[
+        int | None,
+        typer.Option(help="Cases together per worker; default: 1, on a GPU what its memory holds."),
+    ] = None
     cpus_per_worker: Annotated[
         int | None, typer.Option(help="CPUs per worker; default 4 beside a GPU, else 1.")
     ] = None

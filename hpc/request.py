@@ -67,7 +67,8 @@ class JobRequest:
     """Partition (queue); empty: the site's default."""
     account: str = ""
     """Account to charge; empty: the user's default."""
-    slots: int = 1
+    slots: int | None = None
+    """None: the worker chooses."""
     """Cases that one worker simulates together, 1-4096."""
     cpus_per_worker: int | None = None
     """CPUs of one worker, 1-1024; None: 4 beside a GPU, 1 without."""
@@ -110,7 +111,8 @@ class JobRequest:
             raise UsageError("no workers; give --gpus N, or --workers N for workers on the CPU")
         _within("--gpus", self.gpus, 0, WORKERS_MAX)
         _within("--workers", self.workers, 0, WORKERS_MAX)
-        _within("--slots", self.slots, 1, SLOTS_MAX)
+        if self.slots is not None:
+            _within("--slots", self.slots, 1, SLOTS_MAX)
         _within("--cpus-per-worker", self.cpus, 1, CPUS_MAX)
         _within("--restarts-max", self.restarts_max, 0, 1000)
         if self.nodes is not None:

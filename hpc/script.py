@@ -76,6 +76,7 @@ stack() {{ # serves simulators of other nodes (autonomy.placement: node)
   exec {inside(request)}"$bin/devkit" host --join "$out/rigs"
 }}"""
     array = "" if request.inside is None else " inside"
+    slots = "" if request.slots is None else f"--slots {request.slots} "
     return f"""\
 # --- What runs on a node, and what it needs there.
 setup() {{
@@ -87,7 +88,7 @@ here() {{ # the address of this node that the others reach
 worker() {{
   setup
   exec {inside(request)}"$bin/twin" worker --state "$out" --wait 120 --until-done \\
-    --slots {request.slots} --device {device}{listen}
+    {slots}--device {device}{listen}
 }}{stack}
 # This text carries names and functions to another node; it needs no file there.
 on_node="$(declare -p folder bin out kernels{array} ${{!TWIN_WALLTIME_S*}})

@@ -96,7 +96,7 @@ def test_the_verdict_is_the_exit_code(tmp_path, verdict):
     ]
     assert job.said("worker").splitlines() == [
         *("worker", "--state", str(tmp_path / "o ut"), "--wait", "120", "--until-done"),
-        *("--slots", "1", "--device", "cpu"),
+        *("--device", "cpu"),
     ]
 
 

@@ -54,7 +54,7 @@ here() { # the address of this node that the others reach
 worker() {
   setup
   exec "$bin/twin" worker --state "$out" --wait 120 --until-done \
-    --slots 1 --device cpu
+    --device cpu
 }
 # This text carries names and functions to another node; it needs no file there.
 on_node="$(declare -p folder bin out kernels ${!TWIN_WALLTIME_S*})
