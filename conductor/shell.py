@@ -140,9 +140,9 @@ class Conductor:
                 f"{self.key.path}: a key of role {self.key.role} may not serve, allowed: "
                 f"{Role.conductor}; give --key of the folder of keys, or leave it away"
             )
-        if not (self.folder / JOURNAL_NAME).exists():
-            check_free(self._listen)  # or a folder, a journal and keys would stay behind
         try:
+            if not (self.folder / JOURNAL_NAME).exists():
+                check_free(self._listen)  # or a folder, a journal and keys would stay behind
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise storage_error(error, str(self.folder)) from None

@@ -51,11 +51,10 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
     folder = Path(out or tempfile.mkdtemp(prefix="twin-reenact-")).absolute()
     try:
         lease = Lease(token=1, attempt=head.attempt, out=str(folder), case=case)
-        options = WorkerOptions(
-            connect="", slots=slots or head.slots, device=device, view=ViewMode.none
-        )
+        slots = case.rig_slots(slots or head.slots)
+        options = WorkerOptions(connect="", slots=slots, device=device, view=ViewMode.none)
         inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        rig = RigProcess(options, lease, inbox)
+        rig = RigProcess(options, lease, slots, inbox)
         try:
             result = _run(rig, inbox, lease, entries)
         finally:

@@ -374,7 +374,7 @@ def test_a_damaged_dataset(train, data, tmp_path):
     broken = tmp_path / "data"
     shutil.copytree(data, broken)
     (broken / "images" / "train" / "000003.jpg").write_bytes(b"no image")
-    with pytest.raises(UsageError, match=r"000003\.jpg: not an image"):
+    with pytest.raises(UsageError, match=r"000003\.jpg: no picture that can be read"):
         train(tmp_path / "out", data=broken)
     annotations = broken / "annotations" / "train.json"
     whole = json.loads(annotations.read_text())

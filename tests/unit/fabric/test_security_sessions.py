@@ -312,18 +312,19 @@ def test_a_relay_passes_everything_on(router, key, keys):
     relay = open_bus("router", listen=LISTEN, connect=router.endpoints, key=keys[Role.conductor])
     feed = open_bus("peer", connect=router.endpoints, key=key, connect_required=False)
     far = open_bus("client", connect=relay.endpoints, key=key)
+    viewer = open_bus("client", connect=relay.endpoints, key=keys[Role.viewer])
     try:
         far.announce("worker/w1")
         assert came.wait(PATIENCE_S)
         assert request_until_answered(far) == b"hi!"
         seen = threading.Event()
         assert not feed.wanted("view/c/1/thumbnail")
-        far.subscribe("view/*/*/thumbnail", lambda _: seen.set())
+        viewer.subscribe("view/*/*/thumbnail", lambda _: seen.set())
         while not seen.wait(0.05):
             if feed.wanted("view/c/1/thumbnail"):
                 feed.publish("view/c/1/thumbnail", b"picture")
     finally:
-        for bus in (far, feed, relay):
+        for bus in (viewer, far, feed, relay):
             bus.close()
 
 
