@@ -27,7 +27,6 @@ from rich.progress import (
 )
 
 from conductor.fingerprint import Fingerprint, fingerprint
-from conductor.gpu_memory import slots_that_fit
 from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
 from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
@@ -52,6 +51,7 @@ from twin.fabric.errors import (
     UsageError,
 )
 from twin.fabric.key_file import Key, shared
+from twin.fabric.memory_count import slots_that_fit
 from twin.fabric.nvml import visible_gpus
 from twin.fabric.software import device_class, software_digest
 
@@ -389,7 +389,8 @@ def _slots(options: RunOptions, left: int, workers: int, campaign: Campaign) -> 
     if options.slots or not options.workers.per_gpu:
         return options.slots or 1
     free = min(gpu.free_bytes for gpu in visible_gpus()) // options.workers.per_gpu
-    return gpu_slots(left, workers, slots_that_fit(campaign, free))
+    asked = ("--campaign", "-", "--free-gb", str(free / 1e9))
+    return gpu_slots(left, workers, slots_that_fit(msgspec.json.encode(campaign), asked))
 
 
 def _progress(console: Console) -> Progress:

@@ -5,29 +5,21 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-
-import msgspec
-
-from schemas.campaign import Campaign
+from collections.abc import Sequence
 
 TIMEOUT_S = 60.0
 """Longest time to build the scene and add up [s]."""
 
 
-def slots_that_fit(campaign: Campaign, free_bytes: int) -> int | None:
-    """Most slots of the campaign's rigs in ``free_bytes`` of a GPU's memory [bytes].
+def slots_that_fit(of: bytes, options: Sequence[str]) -> int | None:
+    """What ``twin memory`` with ``options`` says of a campaign or a case, JSON on its input.
 
     Returns:
         None if the simulator does not say: a rig that does not fit says it itself then.
     """
-    command = [
-        *(sys.executable, "-m", "twin", "memory", "--campaign", "-"),
-        *("--free-gb", str(free_bytes / 1e9), "--output", "json"),
-    ]
+    command = [sys.executable, "-m", "twin", "memory", *options, "--output", "json"]
     try:
-        done = subprocess.run(
-            command, input=msgspec.json.encode(campaign), capture_output=True, timeout=TIMEOUT_S
-        )
+        done = subprocess.run(command, input=of, capture_output=True, timeout=TIMEOUT_S)
         fits = json.loads(done.stdout)["slots_max"]
     except (OSError, subprocess.TimeoutExpired, ValueError, KeyError):
         return None
