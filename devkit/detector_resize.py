@@ -87,9 +87,8 @@ class NetworkInput:
         ``cuda:N``."""
         prepare_kernels()
         self.device = wp.get_device(device)
-        self.stream = None if self.device.is_cpu else wp.Stream(self.device, priority=-1)
-        """In which its work is queued, before that of others; networks of a GPU run side by
-        side."""
+        self.stream = None if self.device.is_cpu else wp.Stream(self.device)
+        """In which its work is queued; networks of a GPU run side by side."""
         width, height = description.width, description.height
         self._across, self._down = (
             wp.array(np.stack(taps(given, wanted)), dtype=wp.int32, device=self.device)

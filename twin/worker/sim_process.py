@@ -30,17 +30,11 @@ LOADED = (
 """Modules that a simulator loads while it has not been told what to build."""
 
 
-_YIELDING = {"CUDA_MPS_CLIENT_PRIORITY": "1"}
-"""Where processes share a GPU side by side, below the stack's: its networks are chains of hundreds
-of small kernels, and each would wait behind the millions of pixels of somebody's pictures."""
-
-
 def start_simulator(environment: Mapping[str, str] | None = None) -> RigChild:
     """Start one; the first message tells it what to build. Only from the main thread."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
     command = [sys.executable, "-m", "twin", "sim"]
-    variables = {**_YIELDING, **(environment or {})}
-    return RigChild(spawn(command, environment=variables, log=log, pipe_output=True), log)
+    return RigChild(spawn(command, environment=environment, log=log, pipe_output=True), log)
 
 
 def main() -> int:
