@@ -154,15 +154,15 @@ def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarr
     Returns:
         Indices of the boxes that stay, ascending.
     """
-    alive = np.ones((1, len(box)), bool)
+    alive = np.ones(len(box), bool)
     block = max(1, PAIRS_MAX // max(1, len(box)))
     for first in range(0, len(box), block):
         rows = slice(first, first + block)
-        kills = _kills(box[None], group[None], rows, overlap_max)
-        for index in np.flatnonzero(kills[0].any(axis=1)).tolist():
-            if alive[0, first + index]:
-                alive &= ~kills[:, index]
-    return np.flatnonzero(alive[0])
+        (kills,) = _kills(box[None], group[None], rows, overlap_max)
+        for index in np.flatnonzero(kills.any(axis=1)).tolist():
+            if alive[first + index]:
+                alive &= ~kills[index]
+    return np.flatnonzero(alive)
 
 
 def _suppressed(

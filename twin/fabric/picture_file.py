@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from twin.fabric.errors import UsageError
+from twin.fabric.files import read_at_most
 
 FILE_BYTES_MAX = 256 << 20
 """Largest file [bytes]."""
@@ -40,10 +41,7 @@ def read_picture(path: Path) -> np.ndarray:
         UsageError: no such file, no picture of a format that is read, or too large; one line.
     """
     try:
-        size = path.stat().st_size
-        if size > FILE_BYTES_MAX:
-            raise UsageError(f"{path}: {size} bytes, at most {FILE_BYTES_MAX} are read")
-        data = path.read_bytes()
+        data = read_at_most(path, FILE_BYTES_MAX)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
     picture = None

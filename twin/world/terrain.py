@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from twin.fabric.files import read_at_most
 from twin.fabric.picture_file import DAMAGED
 from twin.world import materials
 from twin.world.content import Terrain
@@ -37,10 +38,7 @@ def load_heights(terrain: Terrain) -> np.ndarray:
     path = Path(terrain.heightmap)
     where = f"terrain.heightmap {path}"
     try:
-        size = path.stat().st_size
-        if size > _FILE_BYTES_MAX:
-            raise ValueError(f"{where}: {size} bytes, at most {_FILE_BYTES_MAX} are read")
-        data = path.read_bytes()
+        data = read_at_most(path, _FILE_BYTES_MAX)
     except OSError as error:
         raise ValueError(f"{where}: {error.strerror or error}") from None
     if path.suffix.lower() == ".npy":
