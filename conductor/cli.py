@@ -146,8 +146,7 @@ def run_command(
         loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
-        if device.startswith("cuda"):
-            at_end.enter_context(side_by_side())
+        computed = at_end.enter_context(side_by_side(device))
         with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
             # Here, because importing it takes nearly as long as loading a network.
             from conductor.run import RunOptions, local_workers, run_campaign
@@ -167,7 +166,7 @@ def run_command(
             at_end.callback(local.stop)
         options = replace(options, key=own_key(key, insecure=insecure))
         at_end.enter_context(strangers_named())
-        raise typer.Exit(run_campaign(loaded, options, local))
+        raise typer.Exit(run_campaign(loaded, options, local, computed))
 
 
 @app.command()

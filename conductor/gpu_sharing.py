@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from twin.fabric.process import end, spawn
@@ -44,28 +44,32 @@ rm -rf "$0"
 
 
 @contextlib.contextmanager
-def side_by_side() -> Iterator[None]:
+def side_by_side(device: str) -> Iterator[Callable[[], None]]:
     """Processes started meanwhile share their GPU, where MPS is; else they take turns, and if it is
-    there but does not start, a line says so. A service that the user started is used as it is."""
-    wanted = os.environ.get(SWITCH_VARIABLE, "") != "off"
+    there but does not start, a line says so. A service that the user started is used as it is.
+
+    ``device``: on a CPU nothing happens. Yields what may be called when nobody computes any more:
+    the service takes its time to end, in which others can work.
+    """
+    wanted = device.startswith("cuda") and os.environ.get(SWITCH_VARIABLE, "") != "off"
     if not wanted or PIPES_VARIABLE in os.environ or shutil.which(PROGRAM) is None:
-        yield
+        yield lambda: None
         return
     folder = tempfile.mkdtemp(prefix="drivetwin-mps-")  # short: sockets are in it
     variables = {PIPES_VARIABLE: folder, LOGS_VARIABLE: folder}
     shell = spawn(["/bin/sh", "-c", _SCRIPT, folder], environment=variables, pipe_output=True)
+    assert shell.stdin is not None
+    assert shell.stdout is not None
     try:
-        assert shell.stdout is not None
         if shell.stdout.readline().strip() == b"started":
             os.environ.update(variables)
         else:
             print(f"processes on a GPU take turns: {_reason(folder)}", file=sys.stderr)
-        yield
+        yield shell.stdin.close
     finally:
         for name in variables:
             os.environ.pop(name, None)
-        if shell.stdin is not None:
-            shell.stdin.close()
+        shell.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             shell.wait(2 * QUIT_S)
         end(shell)

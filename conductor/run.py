@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -118,8 +118,16 @@ def _is_new(folder: Path) -> bool:
         return False  # the conductor says what is wrong with it
 
 
-def run_campaign(campaign: Campaign, options: RunOptions, workers: LocalWorkers) -> int:
-    """Run ``campaign`` to its end with ``workers`` of this machine; the exit code."""
+def run_campaign(
+    campaign: Campaign,
+    options: RunOptions,
+    workers: LocalWorkers,
+    computed: Callable[[], None] = lambda: None,
+) -> int:
+    """Run ``campaign`` to its end with ``workers`` of this machine; the exit code.
+
+    ``computed`` is called when they have ended.
+    """
     if options.workers.count != 0:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
@@ -130,6 +138,7 @@ def run_campaign(campaign: Campaign, options: RunOptions, workers: LocalWorkers)
     with _signals() as pending:
         try:
             _execute(campaign, options, workers, cases, console, pending)
+            computed()
             result = _conclude(campaign, options)
         except Interrupted as stop:
             console.print(

@@ -16,10 +16,6 @@ from twin.fabric.process import PARENT_VARIABLE, die_with_parent, leave_signals_
 LOADED = ("devkit.host", "devkit.aeb", "devkit.detector", "onnx")
 """Modules that are loaded meanwhile, what every stack needs first."""
 
-LOADED_ON_CUDA = ("onnxruntime", "warp")
-"""And where the rig computes on a GPU. On a CPU few networks are run by ONNX Runtime, whose import
-leaves a file in the temporary folder."""
-
 
 def await_arguments(device: str) -> list[str]:
     """Load what a rig that computes on ``device`` needs until there is word of it; its options.
@@ -33,16 +29,28 @@ def await_arguments(device: str) -> list[str]:
         leave_signals_to_the_parent()
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(lines,), name="arguments", daemon=True).start()
-    for name in (*LOADED, *(LOADED_ON_CUDA if device.startswith("cuda") else ())):
+    waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
+    waking.start()
+    for name in LOADED:
         if not lines.empty():
             break
         with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
             importlib.import_module(name)
+    waking.join()
     try:
         arguments: list[str] = decode_json(lines.get(), list[str])
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
     return arguments
+
+
+def _wake(device: str) -> None:
+    """What networks on a GPU need; half of it is waiting for the driver. On a CPU few are run by
+    ONNX Runtime, whose import leaves a file in the temporary folder."""
+    if device.startswith("cuda"):
+        with contextlib.suppress(Exception):
+            importlib.import_module("devkit.detector_resize").wake(device)
+            importlib.import_module("devkit.detector_runtime").load_libraries()
 
 
 def _read(lines: queue.SimpleQueue[bytes]) -> None:

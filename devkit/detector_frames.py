@@ -20,6 +20,8 @@ from devkit.detector_description import DetectorDescription
 from devkit.detector_network import Pictures
 from devkit.detector_resize import NetworkInput, Staged
 from devkit.detector_runtime import open_session, provider_of, refusals
+from devkit.detector_stem import cut
+from devkit.detector_thin import ThinLayers
 from devkit.images import Images, as_images
 
 MICRO_BATCH = 32
@@ -33,6 +35,7 @@ class _Session:
     session: Any
     binding: Any
     entry: NetworkInput
+    stem: ThinLayers
     heads: dict[str, Staged]
 
 
@@ -57,7 +60,7 @@ class FrameNetwork:
         provider_of(path, device)
         self._path = path
         self._model = model
-        self._input = input_name
+        self._layers, self._rest, self._input = cut(model, input_name)
         self._batch = batch or MICRO_BATCH
         self._description = description
         self._device = device
@@ -89,6 +92,7 @@ class FrameNetwork:
     def _run(self, session: _Session, images: Images, rows: Sequence[int]) -> dict[str, np.ndarray]:
         """Heads of at most a batch of pictures."""
         session.entry.fill(images, rows)
+        session.stem.run()
         with refusals(self._path, "ONNX Runtime", self._model):
             session.session.run_with_iobinding(session.binding)
         for head in session.heads.values():
@@ -105,15 +109,16 @@ class FrameNetwork:
     def _opened(self, size_px: tuple[int, int]) -> _Session:
         with refusals(self._path, "Warp", self._model):
             entry = NetworkInput(self._description, size_px, self._batch, self._device)
-        session = open_session(self._path, self._model, self._device, entry.queue)
+            stem = ThinLayers(self._layers, entry.planes, entry.stream)
+        session = open_session(self._path, self._rest, self._device, entry.queue)
         binding = session.io_binding()
         there = (self._kind, self._index, np.float32)
-        binding.bind_input(self._input, *there, list(entry.planes.shape), entry.planes.ptr)
+        binding.bind_input(self._input, *there, list(stem.out.shape), stem.out.ptr)
         heads = {}
         for name, shape in self._shapes(session, binding).items():
             heads[name] = entry.head(shape)
             binding.bind_output(name, *there, shape, heads[name].device.ptr)
-        return _Session(session, binding, entry, heads)
+        return _Session(session, binding, entry, stem, heads)
 
     def _shapes(self, session: Any, binding: Any) -> dict[str, list[int]]:
         """What the network makes of a batch that is black: files need not say it."""

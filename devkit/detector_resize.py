@@ -2,8 +2,9 @@
 
 The resize is that of OpenCV's ``INTER_LINEAR_EXACT``, to the last bit: weights in 1/256 and whole
 numbers throughout, whatever the device (``tests/unit/devkit/test_detector_frames.py`` compares the
-two). One Warp kernel: of pictures in the GPU's memory only the indices travel. The only module of
-the devkit that needs Warp, imported by those who look at pictures there.
+two). One Warp kernel: of pictures in the GPU's memory only the indices travel. This module and
+:mod:`devkit.detector_thin` are the only ones of the devkit that need Warp, imported by those who
+look at pictures there.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import warp as wp
 from devkit.detector_description import DetectorDescription
 from devkit.images import Images, device_pointer
 from twin.world.kernel_cache import prepare_kernels
+from twin.world.kernel_cache import wake as wake
 
 wp.set_module_options({"enable_backward": False})
 

@@ -138,6 +138,14 @@ def provider_of(path: Path, device: str) -> str:
     return provider
 
 
+def load_libraries() -> None:
+    """Load CUDA's libraries for ONNX Runtime from where pip puts them; again: nothing happens."""
+    import onnxruntime
+
+    with contextlib.redirect_stdout(sys.stderr):  # it prints what it does not find
+        onnxruntime.preload_dlls()
+
+
 def open_session(path: Path, model: Any, device: str, queue: int = 0) -> Any:
     """An ONNX Runtime session on ``cpu`` or ``cuda:N``, with as many threads on the CPU as OpenCV
     has now.
@@ -156,8 +164,7 @@ def open_session(path: Path, model: Any, device: str, queue: int = 0) -> Any:
     options.log_severity_level = 4
     providers: list[Any] = [CPU]
     if provider == CUDA:
-        with contextlib.redirect_stdout(sys.stderr):  # it prints what it does not find
-            onnxruntime.preload_dlls()
+        load_libraries()
         chosen = {"device_id": device.partition(":")[2], **CUDA_OPTIONS}
         if queue:
             chosen["user_compute_stream"] = str(queue)

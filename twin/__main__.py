@@ -7,10 +7,12 @@ from twin.fabric.process import bind_to_parent
 
 bind_to_parent()  # before all that takes long to load
 
-if sys.argv[1:] == ["sim"]:
+if sys.argv[1:2] == ["sim"]:
     # Its worker tells it everything: no command line is to be read.
-    from twin.worker.sim_process import main
+    from twin.worker.sim_process import main as simulate
+
+    sys.exit(simulate(sys.argv[2]))
 else:
     from twin.cli import main
 
-sys.exit(main())
+    sys.exit(main())

@@ -7,6 +7,7 @@ import signal
 import time
 
 import msgspec
+import warp as wp
 
 from devkit.aeb import AebStack
 from devkit.stack import Observation
@@ -69,20 +70,21 @@ def _take_all(device: str) -> None:
     """Memory of the GPU, until there is none."""
     if device == "cpu":
         raise MemoryError("out of memory")
-    import warp as wp
-
     taken = []
     while True:
         taken.append(wp.zeros(1 << 30, dtype=wp.float32, device=device))
+
+
+@wp.kernel
+def _write_kernel(there: wp.array(dtype=wp.uint8)):
+    there[wp.tid()] = wp.uint8(1)
 
 
 def _write_nowhere(device: str) -> None:
     """An address that is not ours: the driver ends everything this process does on its GPU."""
     if device == "cpu":
         os.kill(os.getpid(), signal.SIGBUS)
-    import warp as wp
-
     there = wp.array(ptr=1 << 20, shape=(64,), dtype=wp.uint8, device=device, copy=False)
-    there.fill_(1)
-    wp.synchronize_device(device)
+    wp.launch(_write_kernel, 64, outputs=[there], device=device)
+    there.numpy()  # the driver says it to whoever asks next
     raise RuntimeError("wrote where it must not")

@@ -18,7 +18,7 @@ from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
 from twin.render.geometry import Geometry
 from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
-from twin.render.memory import check_free
+from twin.render.memory import check_free, free_bytes
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
 from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
@@ -339,7 +339,7 @@ def _check_memory(
     if device.is_cuda:
         print(
             f"cameras and lidars of {slots} slots take {found.bytes_total / 1e9:.2f} GB of GPU "
-            f"memory, {device.free_memory / 1e9:.2f} GB are free",
+            f"memory, {free_bytes(device) / 1e9:.2f} GB are free",
             file=sys.stderr,
             flush=True,
         )

@@ -39,7 +39,7 @@ def await_told(device: str, *, load: bool) -> tuple[Told, Loading | None]:
         SystemExit: there is nobody to serve.
         UsageError: standard input says something else.
     """
-    loading = Loading(start_simulator(), load_stack(device)) if load else None
+    loading = Loading(start_simulator(device), load_stack(device)) if load else None
     line = sys.stdin.buffer.readline()
     if not line:
         if loading is not None:

@@ -131,7 +131,7 @@ class RigProcess:
             view = view.unrecorded
         inline = lease.case.placement == "inline"
         simulator = loaded and _usable(loaded.simulator, not inline)
-        simulator = simulator or start_simulator(threads() if inline else None)
+        simulator = simulator or start_simulator(options.device, threads() if inline else None)
         self._simulator, self._log = simulator.process, simulator.log
         build = Build(
             lease=lease,

@@ -1,4 +1,4 @@
-"""The simulator process of a rig, ``python -m twin sim``, and how a worker starts it.
+"""The simulator process of a rig, ``python -m twin sim DEVICE``, and how a worker starts it.
 
 It reads what it is to do from the worker on standard input, which is also its lifeline, and answers
 on standard output. So it may be started, and load, before there is a lease.
@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -30,14 +31,15 @@ LOADED = (
 """Modules that a simulator loads while it has not been told what to build."""
 
 
-def start_simulator(environment: Mapping[str, str] | None = None) -> RigChild:
-    """Start one; the first message tells it what to build. Only from the main thread."""
+def start_simulator(device: str, environment: Mapping[str, str] | None = None) -> RigChild:
+    """Start one that will compute on ``device``; the first message tells it what to build. Only
+    from the main thread."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
-    command = [sys.executable, "-m", "twin", "sim"]
+    command = [sys.executable, "-m", "twin", "sim", device]
     return RigChild(spawn(command, environment=environment, log=log, pipe_output=True), log)
 
 
-def main() -> int:
+def main(device: str) -> int:
     """Entry of ``twin sim``, of a process that is bound to its worker; the exit code."""
     leave_signals_to_the_parent()
     # Whatever prints by mistake must not end up between the messages.
@@ -46,7 +48,7 @@ def main() -> int:
     orders = Orders(0)
     with contextlib.ExitStack() as at_end:  # its session ends when the worker knows why
         try:
-            _run(_first(orders), orders, out, at_end)
+            _run(_first(device, orders), orders, out, at_end)
         except TwinError as error:
             out.send(Broken("crash", str(error)))
             return error.exit_code
@@ -64,15 +66,23 @@ def main() -> int:
     return 0
 
 
-def _first(orders: Orders) -> Build:
+def _first(device: str, orders: Orders) -> Build:
     """What is to be built; the time until it is known is for what takes long to load."""
     build = orders.next(0)
     if build is None:
+        waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
+        waking.start()
         for name in LOADED:
             importlib.import_module(name)
+        waking.join()
         build = orders.next(None)
     assert isinstance(build, Build)
     return build
+
+
+def _wake(device: str) -> None:
+    with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
+        importlib.import_module("twin.world.kernel_cache").wake(device)
 
 
 def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:

@@ -39,6 +39,13 @@ def prepare_kernels() -> None:
     )
 
 
+def wake(device: str) -> None:
+    """:func:`prepare_kernels`, and begin to use a device. On ``cuda:N`` this takes half a second in
+    which the driver leaves the interpreter to other threads."""
+    prepare_kernels()
+    _ = wp.get_device(device).context
+
+
 def kept_folder(name: str) -> Path:
     """A folder beside the compiled kernels for what else is worked out once; it need not exist.
 

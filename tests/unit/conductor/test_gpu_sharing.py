@@ -45,11 +45,13 @@ def folders(tmp_path):
 
 def test_processes_find_the_service_while_it_lasts(service, tmp_path, monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3")
-    with side_by_side():
+    with side_by_side("cuda:0") as computed:
         (folder,) = folders(tmp_path)
         assert os.environ[PIPES_VARIABLE] == os.environ[LOGS_VARIABLE] == str(folder)
         # Its clients count devices by this variable; with it the service would count them, too.
         assert service.told() == f"-d devices= at={folder}\n"
+        computed()
+        wait_for(lambda: "quit" in service.told(), "the service was told to end")
     assert PIPES_VARIABLE not in os.environ
     assert LOGS_VARIABLE not in os.environ
     assert service.told().splitlines()[1:] == [f" devices= at={folder}", "quit -t 10"]
@@ -59,7 +61,7 @@ def test_processes_find_the_service_while_it_lasts(service, tmp_path, monkeypatc
 def test_it_ends_with_a_run_that_is_killed(service, tmp_path):
     code = (
         "import time\nfrom conductor.gpu_sharing import side_by_side\n"
-        "with side_by_side():\n    print('on', flush=True)\n    time.sleep(600)\n"
+        "with side_by_side('cuda:0'):\n    print('on', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as run:
         assert run.stdout.readline() == b"on\n"
@@ -71,22 +73,22 @@ def test_it_ends_with_a_run_that_is_killed(service, tmp_path):
 
 def test_one_that_does_not_start_is_one_line(service, tmp_path, capsys):
     service.install("echo no driver here >&2; exit 7")
-    with side_by_side():
+    with side_by_side("cuda:0"):
         assert PIPES_VARIABLE not in os.environ
     assert capsys.readouterr().err == f"processes on a GPU take turns: {PROGRAM}: no driver here\n"
     assert folders(tmp_path) == []
 
 
-@pytest.mark.parametrize("reason", ["switched off", "the user's own", "not installed"])
+@pytest.mark.parametrize("reason", ["switched off", "the user's own", "not installed", "a CPU"])
 def test_nothing_is_started_where_it_is_not_wanted(service, tmp_path, monkeypatch, capsys, reason):
     if reason == "switched off":
         monkeypatch.setenv("TWIN_MPS", "off")
     elif reason == "the user's own":
         monkeypatch.setenv(PIPES_VARIABLE, "/somewhere")
-    else:
+    elif reason == "not installed":
         monkeypatch.setenv("PATH", "/usr/bin:/bin")
     before = dict(os.environ)
-    with side_by_side():
+    with side_by_side("cpu" if reason == "a CPU" else "cuda:0"):
         assert folders(tmp_path) == []
         assert dict(os.environ) == before
     assert service.told() == ""

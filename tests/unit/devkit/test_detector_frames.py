@@ -11,6 +11,7 @@ import onnxruntime
 import pytest
 from darknet_oracle import random_weights
 from foreign_memory import Elsewhere
+from msgspec.structs import astuple
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import architecture_network
@@ -19,6 +20,7 @@ from devkit.detector_decode import Selection
 from devkit.detector_frames import MICRO_BATCH
 from devkit.detector_resize import ONE, NetworkInput, taps
 from devkit.images import Images, as_images
+from schemas.messages import Detection
 
 NAMES = ["car", "truck", "pedestrian", "traffic_sign"]
 WIDTH, HEIGHT = 96, 64
@@ -81,18 +83,27 @@ def test_what_the_network_gets_is_the_same_to_the_last_bit(model, size, order):
     assert found.tobytes() == np.stack(expected).tobytes()
 
 
+def same_boxes(found: list[Detection], expected: list[Detection]) -> bool:
+    """But for rounding: the first layers are computed in another order."""
+    return [each.label for each in found] == [each.label for each in expected] and all(
+        np.allclose(astuple(one)[1:], astuple(other)[1:], rtol=1e-5, atol=1e-4)
+        for one, other in zip(found, expected, strict=True)
+    )
+
+
 def test_constant_batches_give_what_the_network_gives_alone(model):
     images = pictures(MICRO_BATCH + 5)
     expected = on_cpu(model).raw(images)
     in_place = on_cpu(model, device="cpu", size_px=(160, 90))
     assert in_place.runtime == "onnxruntime cpu"
-    for name, array in in_place.raw(images).items():
-        assert array.tobytes() == expected[name].tobytes()
+    whole = in_place.raw(images)
+    for name, array in whole.items():
+        assert np.allclose(array, expected[name], rtol=1e-5, atol=1e-5)
+        assert in_place.raw(images[7:9])[name].tobytes() == array[7:9].tobytes()
     detections = in_place.detect(images[:3])
     assert len(detections.image) > 10
-    assert [detections.of(i) for i in range(3)] == [
-        on_cpu(model).detect(images[:3]).of(i) for i in range(3)
-    ]
+    for index in range(3):
+        assert same_boxes(detections.of(index), on_cpu(model).detect(images[:3]).of(index))
 
 
 def test_rows_are_chosen_where_the_pictures_lie(model):
@@ -110,7 +121,7 @@ def test_no_picture_and_another_size(model):
     assert all(len(array) == 0 for array in in_place.raw([]).values())
     for size in ((160, 90), (WIDTH, HEIGHT), (320, 180)):
         found = in_place.detect(pictures(2, *size))
-        assert found.of(1) == on_cpu(model).detect(pictures(2, *size)).of(1)
+        assert same_boxes(found.of(1), on_cpu(model).detect(pictures(2, *size)).of(1))
 
 
 def test_a_model_of_a_fixed_batch_keeps_it(model, tmp_path):

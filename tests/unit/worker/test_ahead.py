@@ -141,7 +141,7 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
         )
     ]
     assert not any(may_run(other) for other in others)
-    loading = Loading(start_simulator(), load_stack("cpu"))
+    loading = Loading(start_simulator("cpu"), load_stack("cpu"))
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=others[-1])
     rig = RigProcess(OPTIONS, lease, 1, queue.SimpleQueue(), loading)
     try:
@@ -167,7 +167,7 @@ def test_a_frozen_stack_is_not_told_what_no_pipe_takes():
 def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path):
     case = expand(load("chaos-16"))[0]
     inbox = queue.SimpleQueue()
-    loading = Loading(start_simulator(), load_stack("cpu"))
+    loading = Loading(start_simulator("cpu"), load_stack("cpu"))
     rig = RigProcess(
         OPTIONS, Lease(token=1, attempt=1, out=str(tmp_path), case=case), 1, inbox, loading
     )
