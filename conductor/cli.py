@@ -77,7 +77,7 @@ def run_command(
         str | None,
         typer.Option(
             help="Local workers; default: one per core, at most 8; with clock realtime one. cuda: "
-            "one on every GPU, 2xcuda: two on every GPU, each with cores of its own; without a "
+            "one on every GPU, 4xcuda: four on every GPU, each with cores of its own; without a "
             "GPU, the default."
         ),
     ] = None,

@@ -16,6 +16,8 @@ from conductor.state import CampaignState, CaseState, Config, LiveLease, State, 
 from schemas.campaign import Requirements
 from schemas.messages import Next
 
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+
 
 def mismatch(campaign: CampaignState, worker: WorkerJoined) -> str:
     """Why ``worker`` may not run ``campaign``, in one line; empty if it may."""
@@ -236,6 +238,9 @@ def _fill(
     """Up to ``count`` cases of one lane, each from the campaign that is due."""
     cases: list[CaseState] = []
     lanes = [(rank(c), c, c.backlog.take(rig, group)) for c in ranked]
+    config, begins = asker.state.config, not asker.request.held and count > 1
+    if config.spread and not config.by_batch and begins and group == SHARED:
+        lanes = [(place, c, _spread(lane, count)) for place, c, lane in lanes]
     heap = [(place, index) for index, (place, _, _) in enumerate(lanes)]
     heapq.heapify(heap)
     while heap and len(cases) < count:
@@ -249,3 +254,13 @@ def _fill(
         cases.append(campaign.ordered[position])
         heapq.heapreplace(heap, ((priority, leased + 1, order), index))
     return cases
+
+
+def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
+    """At most ``count`` positions from all over a lane, ascending.
+
+    Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
+    not end together. Multiples of the golden ratio are spread evenly and have no period, so no axis
+    of a matrix is met at the same value again and again.
+    """
+    return iter(sorted(heapq.nsmallest(count, lane, key=lambda order: order * _GOLDEN % 1.0)))

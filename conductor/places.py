@@ -54,7 +54,7 @@ def parse_workers(text: str | None) -> Asked:
     found = re.fullmatch(r"(?:([1-9])x)?cuda", text)
     if found is None:
         raise UsageError(
-            f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 2xcuda (two per GPU)"
+            f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 4xcuda (four per GPU)"
         )
     return Asked(per_gpu=int(found[1] or 1))
 

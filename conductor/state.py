@@ -61,6 +61,8 @@ class Config:
     """The same with no cases left [s]."""
     by_batch: bool = False
     """Grant only cases of a campaign's lowest batch that has not ended."""
+    spread: bool = False
+    """A worker that begins gets cases from all over what waits instead of neighbours."""
     view: ViewMode | None = None
     """Takes the place of what submitted campaigns say."""
     walltime_margin_s: float = 10.0

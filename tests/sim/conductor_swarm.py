@@ -208,6 +208,7 @@ class Swarm:
             snapshot_facts=40,
             forget_ns=8 * S,
             host_deaths=2,
+            spread=seed % 3 == 0,
         )
         self.engine: Engine | None = None
         self._heap: list[tuple[int, int, Callable[[], None]]] = []

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
+from dataclasses import replace
 
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
@@ -226,3 +228,43 @@ def test_time_is_no_argument_for_cancelled_and_unknown_cases() -> None:
     bench = started(cases=1)
     bench.now_ns += 10 * S
     assert "no case 'x' of a campaign 'alpha'" in bench.ask_explain("x").error
+
+
+def test_workers_that_begin_get_mixtures_where_that_is_wished() -> None:
+    matrix = {"model": ["slow", "quick"], "repeat": list(range(32))}
+    perception = {name: {"type": "ground_truth"} for name in matrix["model"]}
+    data = {"campaign": "alpha", "autonomy": {"perception": perception}, "matrix": matrix}
+    bench = Bench(Config(folder="/state", spread=True))
+    bench.ask(Submit(v=V, campaign=data))
+    seen: list[str] = []
+    for number in range(4):
+        worker = f"w{number}"
+        bench.ask(hello(worker, slots=16))
+        leases = bench.lease(worker, k=16)
+        seen += [lease.case.id for lease in leases]
+        models = Counter(lease.case.id.partition("-")[0] for lease in leases)
+        assert len(models) == 2
+        assert min(models.values()) >= 6
+    assert len(set(seen)) == 64
+
+
+def test_a_running_rig_is_refilled_in_order() -> None:
+    bench = Bench(Config(folder="/state", spread=True))
+    bench.ask(submit(cases=40))
+    bench.ask(hello(slots=8))
+    leases = bench.lease(k=8)
+    ids = [lease.case.id for lease in leases]
+    assert ids != [f"repeat_{i}" for i in range(8)]
+    waiting = [f"repeat_{i}" for i in range(40) if f"repeat_{i}" not in ids]
+    held = [lease.token for lease in leases[2:]]
+    more = bench.lease(k=2, held=held, results=[result(lease) for lease in leases[:2]])
+    assert [lease.case.id for lease in more] == waiting[:2]
+
+
+@pytest.mark.parametrize("config", [Config(), Config(spread=True, by_batch=True)])
+def test_neighbours_stay_together_otherwise(config: Config) -> None:
+    bench = Bench(replace(config, folder="/state"))
+    bench.ask(submit(cases=40))
+    bench.ask(hello(slots=8))
+    ids = [lease.case.id for lease in bench.lease(k=8)]
+    assert ids == [bench.state.campaigns["alpha"].ordered[i].case.id for i in range(8)]
