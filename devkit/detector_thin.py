@@ -86,35 +86,36 @@ class ThinLayers:
         """Allocate. ``given``: [N, channels, rows, columns]; ``stream``: what is queued where."""
         self._stream = stream
         self._launches: list[Any] = []
+        self._arrays: list[wp.array] = []
         self.out = given
-        device = given.device
+        """What the last layer makes, of the same kind."""
         for layer in layers:
-            kernel = layer_kernel(len(layer.biases))
-            made = wp.zeros(layer.out_shape(self.out.shape), dtype=wp.float32, device=device)
-            # Of each channel in and each tap all channels out, together.
-            weights = layer.kernels.transpose(1, 2, 3, 0).reshape(layer.kernels.shape[1], 9, -1)
-            vector = wp.types.vector(length=len(layer.biases), dtype=wp.float32)
-            batch, _, rows, columns = made.shape
-            if not layer.pool:
-                rows, columns = (rows + 1) // 2, (columns + 1) // 2
-            self._launches.append(
-                wp.launch(
-                    kernel,
-                    (batch, rows, columns),
-                    inputs=[
-                        wp.array(np.ascontiguousarray(weights), dtype=vector, device=device),
-                        wp.array(layer.biases[None], dtype=vector, device=device),
-                        layer.stride,
-                        layer.slope,
-                        int(layer.pool),
-                        self.out,
-                    ],
-                    outputs=[made],
-                    device=device,
-                    record_cmd=True,
-                )
-            )
-            self.out = made
+            self._add(layer)
+        wp.synchronize_device(given.device)  # arrays were filled in another stream
+
+    def _add(self, layer: Layer) -> None:
+        device, channels = self.out.device, len(layer.biases)
+        vector = wp.types.vector(length=channels, dtype=wp.float32)
+        # Of each channel in and each tap all channels out, together.
+        taps = layer.kernels.transpose(1, 2, 3, 0).reshape(-1, 9, channels)
+        weights = wp.array(np.ascontiguousarray(taps), dtype=vector, device=device)
+        biases = wp.array(layer.biases[None], dtype=vector, device=device)
+        made = wp.zeros(layer.out_shape(self.out.shape), dtype=wp.float32, device=device)
+        batch, _, rows, columns = made.shape
+        if not layer.pool:
+            rows, columns = (rows + 1) // 2, (columns + 1) // 2
+        how = [layer.stride, layer.slope, int(layer.pool)]
+        launch = wp.launch(
+            layer_kernel(channels),
+            (batch, rows, columns),
+            inputs=[weights, biases, *how, self.out],
+            outputs=[made],
+            device=device,
+            record_cmd=True,
+        )
+        self._launches.append(launch)
+        self._arrays += [weights, biases, made]  # a recorded launch knows their addresses only
+        self.out = made
 
     def run(self) -> None:
         """Queue all of them."""

@@ -5,10 +5,12 @@
 Parts, in this order (``--parts``): ``handles``: memory opened by its handle in another process
 holds the same bytes. ``same``: the fingerprint of chaos-16 and of a campaign with networks, two
 cameras and a LiDAR, however frames travel and whatever the number of slots. ``engine``: the engine
-alone, by laps. ``full``: aeb-256 with networks, two cameras at 20 Hz and a LiDAR at 10 Hz, with one
-worker, with two that share the GPU, and inline. ``paper``: aeb-256 as it is, with one worker and
-with three. Writes ``FOLDER/campaign_check.json`` after every part and long run. Exit code 1:
-something differs that must not.
+alone, by laps. ``full``: aeb-256 with networks, two cameras at 20 Hz and a LiDAR at 10 Hz, with
+one, four and six workers that share a GPU; the first run compiles kernels. ``lockstep``: the same,
+64 cases in 64 slots, with the stack in a process of its own and in the simulator's. ``paper``:
+aeb-256 as it is, with one worker and with four. ``scaling``: the cases of ``full`` at four times as
+many hours on one GPU, on two and so on. Writes ``FOLDER/campaign_check.json`` after every part and
+long run. Exit code 1: something differs that must not.
 
 On a CPU (``--device cpu --cases 4 --slots 4``) it is the same with small pictures, a rehearsal.
 """
@@ -16,12 +18,14 @@ On a CPU (``--device cpu --cases 4 --slots 4``) it is the same with small pictur
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +41,14 @@ from schemas.campaign import expand
 from schemas.messages import Command
 from schemas.yaml_file import load_yaml
 from twin.bench.campaign import Request, as_json, lines, measure
+from twin.fabric.nvml import visible_gpus
 from twin.worker.simulator import TRANSPORT_VARIABLE
 
 LABELS = ["car", "truck", "pedestrian", "traffic_sign"]
 NETWORK_PX = (320, 192)
-PARTS = ("handles", "same", "engine", "full", "paper")
+PARTS = ("handles", "same", "engine", "full", "lockstep", "paper", "scaling")
+VISIBLE = "CUDA_VISIBLE_DEVICES"
+LOCKSTEP_SLOTS = 64
 
 
 class Check:
@@ -267,32 +274,82 @@ def engine(check: Check) -> None:
     print(json.dumps(found), file=sys.stderr, flush=True)
 
 
-def paper(check: Check) -> None:
-    """aeb-256 as it is shipped, one camera and networks: one worker, and three on the GPU."""
-    rows = {}
-    for name, slots, workers in (("one", check.slots, "1"), ("three", -(-check.slots // 3), "3")):
-        rows[name] = check.run(f"paper-{name}", "aeb-256", slots, workers=workers)
-        check.found["paper"] = rows
+@dataclass(frozen=True)
+class Plan:
+    """A run: ``check.slots`` slots per GPU, shared by ``per_gpu`` workers."""
+
+    name: str
+    path: str
+    per_gpu: int
+    gpus: int = 1
+
+
+def compare(check: Check, part: str, plans: Sequence[Plan]) -> dict[str, dict[str, Any]]:
+    """Run these; their rows, which must have one fingerprint. On a CPU there is one worker."""
+    rows: dict[str, dict[str, Any]] = {}
+    for plan in plans:
+        slots = -(-check.slots // plan.per_gpu)
+        workers = "1" if check.cpu else f"{plan.per_gpu}xcuda"
+        with visible(plan.gpus):
+            rows[plan.name] = check.run(f"{part}-{plan.name}", plan.path, slots, workers=workers)
+        check.found[part] = rows
         check.write()
     prints = {name: row["fingerprint"] for name, row in rows.items()}
-    check.expect(f"paper: fingerprints {prints}", holds=len(set(prints.values())) == 1)
+    check.expect(f"{part}: fingerprints {prints}", holds=len(set(prints.values())) == 1)
+    return rows
+
+
+@contextlib.contextmanager
+def visible(gpus: int) -> Iterator[None]:
+    """Only so many GPUs, the first of those that may be used."""
+    before = os.environ.get(VISIBLE)
+    listed = before.split(",") if before else [str(index) for index in range(gpus)]
+    os.environ[VISIBLE] = ",".join(listed[:gpus])
+    try:
+        yield
+    finally:
+        os.environ.pop(VISIBLE)
+        if before is not None:
+            os.environ[VISIBLE] = before
+
+
+def paper(check: Check) -> None:
+    """aeb-256 as it is shipped, one camera and networks."""
+    compare(check, "paper", [Plan("one", "aeb-256", 1), Plan("four", "aeb-256", 4)])
 
 
 def full(check: Check) -> None:
-    """All sensors and networks; one worker, and two that share the GPU."""
-    campaign = full_campaign(check, "aeb-full")
-    inside = full_campaign(check, "aeb-full-inline", autonomy={"placement": "inline"})
-    rows = {}
-    for name, path, slots, workers in (
-        ("one", campaign, check.slots, "1"),
-        ("two", campaign, -(-check.slots // 2), "2"),
-        ("inline", inside, check.slots, "1"),
-    ):
-        rows[name] = check.run(f"full-{name}", path, slots, workers=workers)
-        check.found["full"] = rows
-        check.write()
-    prints = {name: row["fingerprint"] for name, row in rows.items()}
-    check.expect(f"full: fingerprints {prints}", holds=len(set(prints.values())) == 1)
+    """All sensors and networks."""
+    path = full_campaign(check, "aeb-full")
+    names = {"cold": 4, "four": 4, "six": 6, "one": 1}
+    compare(check, "full", [Plan(name, path, count) for name, count in names.items()])
+
+
+def lockstep(check: Check) -> None:
+    """What the drive plane costs: the same cases with the stack in the simulator's process."""
+    one: dict[str, list[str]] = {"model": list(models(check))[:1]}
+    if check.cpu:
+        one |= {"weather": ["clear"], "time_of_day": ["09:00"]}
+    apart = full_campaign(check, "apart", **one)
+    inside = full_campaign(check, "inside", autonomy={"placement": "inline"}, **one)
+    slots, check.slots = check.slots, min(check.slots, LOCKSTEP_SLOTS)
+    rows = compare(check, "lockstep", [Plan("apart", apart, 1), Plan("inside", inside, 1)])
+    check.slots = slots
+    check.found["lockstep_overhead"] = rows["apart"]["loop_s"] / rows["inside"]["loop_s"] - 1.0
+
+
+def scaling(check: Check) -> None:
+    """1,024 cases on one GPU, two and so on: by wall time, and from the first tick to the last."""
+    hours = [f"{m // 60:02d}:{m % 60:02d}" for m in range(5 * 60, 5 * 60 + 32 * 27, 27)]
+    path = full_campaign(check, "aeb-many", time_of_day=hours[:1] if check.cpu else hours)
+    gpus = 1 if check.cpu else len(visible_gpus())
+    counts = [count for count in (1, 2, 4, 8) if count <= gpus]
+    rows = compare(check, "scaling", [Plan(f"gpus-{n}", path, 4, n) for n in counts])
+    first = rows["gpus-1"]
+    check.found["speedup"] = {
+        name: [first["wall_s"] / row["wall_s"], first["loop_s"] / row["loop_s"]]
+        for name, row in rows.items()
+    }
 
 
 def main() -> None:
@@ -310,9 +367,8 @@ def main() -> None:
     check = Check(options)
     for part in options.parts.split(","):
         started = time.monotonic()
-        {"handles": handles, "same": same, "engine": engine, "paper": paper, "full": full}[part](
-            check
-        )
+        run = (handles, same, engine, full, lockstep, paper, scaling)
+        {each.__name__: each for each in run}[part](check)
         check.found[f"{part}_s"] = round(time.monotonic() - started, 1)
         check.write()
     print(json.dumps(check.found, indent=1))
