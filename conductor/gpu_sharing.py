@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import IO
 
 from twin.fabric.process import end, spawn
 
@@ -65,15 +66,20 @@ def side_by_side(device: str) -> Iterator[Callable[[], None]]:
             os.environ.update(variables)
         else:
             print(f"processes on a GPU take turns: {_reason(folder)}", file=sys.stderr)
-        yield shell.stdin.close
+        yield lambda: _let_go(shell.stdin)
     finally:
-        for name in variables:
-            os.environ.pop(name, None)
-        shell.stdin.close()
+        _let_go(shell.stdin)
         with contextlib.suppress(subprocess.TimeoutExpired):
             shell.wait(2 * QUIT_S)
         end(shell)
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _let_go(lifeline: IO[bytes]) -> None:
+    """Have the service end; nobody is to look for it from here on."""
+    for name in (PIPES_VARIABLE, LOGS_VARIABLE):
+        os.environ.pop(name, None)
+    lifeline.close()
 
 
 def _reason(folder: str) -> str:

@@ -1,8 +1,9 @@
 """Which waiting cases a worker gets.
 
 Campaigns by priority, among equals the one with the fewest cases under way, then in submission
-order; a running rig is refilled with what fits it, and cases are granted only if they are expected
-to end within the asker's walltime.
+order, or, if so configured, for a worker that begins from all over the campaign; a running rig is
+refilled with what fits it, and cases are granted only if they are expected to end within the
+asker's walltime.
 """
 
 from __future__ import annotations
@@ -10,13 +11,18 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from conductor.facts import SHARED, WorkerJoined
 from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
 from schemas.campaign import Requirements
 from schemas.messages import Next
 
+SPREAD_MAX = 4096
+"""Most waiting cases of a lane that a mixture is taken from."""
+
 _GOLDEN = (5.0**0.5 - 1.0) / 2.0
+"""The golden ratio's part below 1: its multiples, modulo 1, are spread evenly however many."""
 
 
 def mismatch(campaign: CampaignState, worker: WorkerJoined) -> str:
@@ -260,7 +266,7 @@ def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
     """At most ``count`` positions from all over a lane, ascending.
 
     Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
-    not end together. Multiples of the golden ratio are spread evenly and have no period, so no axis
-    of a matrix is met at the same value again and again.
+    not end together. Slow axes of a matrix are met evenly.
     """
-    return iter(sorted(heapq.nsmallest(count, lane, key=lambda order: order * _GOLDEN % 1.0)))
+    seen = islice(lane, SPREAD_MAX)
+    return iter(sorted(heapq.nsmallest(count, seen, key=lambda order: order * _GOLDEN % 1.0)))

@@ -45,6 +45,7 @@ def serve_folder(
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    # Workers that join from anywhere have a device each, as a rule.
     config = Config(by_batch=by_batch, view=view, spread=True)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))

@@ -3,8 +3,9 @@
 On CUDA a convolution gives an image other last bits at another batch size, and the same bits at one
 batch size whatever its place and its neighbours (measured). So every batch is filled up to
 :data:`MICRO_BATCH`, however many slots there are. Choosing pictures and resizing them is one kernel
-(:mod:`devkit.detector_resize`); what it writes the network reads, and its heads come to the host
-through pinned memory, all in one stream.
+(:mod:`devkit.detector_resize`), each of the first layers another (:mod:`devkit.detector_thin`);
+what they write the rest of the network reads, and its heads come to the host through pinned memory,
+all in one stream.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import warp as wp
 from devkit.detector_description import DetectorDescription
 from devkit.images import Images, device_pointer
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.kernel_cache import wake as wake
+from twin.world.kernel_cache import wake as wake  # for others: only here is this import allowed
 
 wp.set_module_options({"enable_backward": False})
 

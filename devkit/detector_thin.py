@@ -83,7 +83,11 @@ class ThinLayers:
     def __init__(
         self, layers: Sequence[Layer], given: wp.array, stream: "wp.Stream | None"
     ) -> None:
-        """Allocate. ``given``: [N, channels, rows, columns]; ``stream``: what is queued where."""
+        """Allocate. ``given``: [N, channels, rows, columns]; ``stream``: what is queued where.
+
+        Raises:
+            ValueError: a layer reads another number of channels; one line.
+        """
         self._stream = stream
         self._launches: list[Any] = []
         self._arrays: list[wp.array] = []
@@ -94,10 +98,13 @@ class ThinLayers:
         wp.synchronize_device(given.device)  # arrays were filled in another stream
 
     def _add(self, layer: Layer) -> None:
+        reads, given = layer.kernels.shape[1], self.out.shape[1]
+        if reads != given:  # the kernel would read what lies behind the pictures
+            raise ValueError(f"a convolution reads {reads} channels, given {given}")
         device, channels = self.out.device, len(layer.biases)
         vector = wp.types.vector(length=channels, dtype=wp.float32)
         # Of each channel in and each tap all channels out, together.
-        taps = layer.kernels.transpose(1, 2, 3, 0).reshape(-1, 9, channels)
+        taps = layer.kernels.transpose(1, 2, 3, 0).reshape(reads, 9, channels)
         weights = wp.array(np.ascontiguousarray(taps), dtype=vector, device=device)
         biases = wp.array(layer.biases[None], dtype=vector, device=device)
         made = wp.zeros(layer.out_shape(self.out.shape), dtype=wp.float32, device=device)
@@ -114,7 +121,7 @@ class ThinLayers:
             record_cmd=True,
         )
         self._launches.append(launch)
-        self._arrays += [weights, biases, made]  # a recorded launch knows their addresses only
+        self._arrays += [weights, biases, made]  # Warp does not say whether a launch keeps them
         self.out = made
 
     def run(self) -> None:

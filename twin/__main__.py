@@ -7,8 +7,8 @@ from twin.fabric.process import bind_to_parent
 
 bind_to_parent()  # before all that takes long to load
 
-if sys.argv[1:2] == ["sim"]:
-    # Its worker tells it everything: no command line is to be read.
+if len(sys.argv) == 3 and sys.argv[1] == "sim" and not sys.argv[2].startswith("-"):
+    # Its worker tells it everything else: no command line is to be read.
     from twin.worker.sim_process import main as simulate
 
     sys.exit(simulate(sys.argv[2]))

@@ -17,7 +17,7 @@ from schemas.identity import rig_key
 from schemas.perception import NetworkPerception, file_fields
 from schemas.yaml_file import YamlError, load_yaml, parse_yaml
 from twin.fabric.errors import UsageError
-from twin.render.memory import MemoryPlan, MemoryRow
+from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
 from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -164,4 +164,4 @@ def _free_bytes(device: str) -> int | None:
     if device not in known:
         raise UsageError(f"device '{device}': not here; allowed: {', '.join(known)}")
     found = known[device]
-    return int(found.free_memory) if found.is_cuda else None
+    return free_bytes(found) if found.is_cuda else None

@@ -6,7 +6,8 @@ Parts, in this order (``--parts``): ``handles``: memory opened by its handle in 
 holds the same bytes. ``same``: the fingerprint of chaos-16 and of a campaign with networks, two
 cameras and a LiDAR, however frames travel and whatever the number of slots. ``engine``: the engine
 alone, by laps. ``full``: aeb-256 with networks, two cameras at 20 Hz and a LiDAR at 10 Hz, with
-one, four and six workers that share a GPU; the first run compiles kernels. ``lockstep``: the same,
+one, four and six workers that share a GPU; the first run compiles kernels, unless ``same`` or
+``engine`` did. ``lockstep``: the same,
 64 cases in 64 slots, with the stack in a process of its own and in the simulator's. ``paper``:
 aeb-256 as it is, with one worker and with four. ``scaling``: the cases of ``full`` at four times as
 many hours on one GPU, on two and so on. Writes ``FOLDER/campaign_check.json`` after every part and

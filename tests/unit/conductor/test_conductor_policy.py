@@ -10,6 +10,7 @@ import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
 from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDraining
+from conductor.grant import SPREAD_MAX, _spread
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Submit
@@ -268,3 +269,21 @@ def test_neighbours_stay_together_otherwise(config: Config) -> None:
     bench.ask(hello(slots=8))
     ids = [lease.case.id for lease in bench.lease(k=8)]
     assert ids == [bench.state.campaigns["alpha"].ordered[i].case.id for i in range(8)]
+
+
+def test_mixtures_keep_priority_and_fair_share() -> None:
+    bench = Bench(Config(folder="/state", spread=True))
+    for name, priority in (("one", 0), ("two", 0), ("high", 1)):
+        bench.ask(_prioritised(name, priority, cases=30 if priority == 0 else 2))
+    bench.ask(hello(slots=12))
+    names = _campaigns(bench.lease(k=12))
+    assert names == ["high", "high", *["one", "two"] * 5]
+
+
+def test_a_mixture_is_taken_from_so_many_and_no_more() -> None:
+    """A conductor has one thread: what waits behind is not looked at."""
+    waiting = iter(range(3 * SPREAD_MAX))
+    found = list(_spread(waiting, 16))
+    assert (len(found), found) == (16, sorted(found))
+    assert next(waiting) == SPREAD_MAX
+    assert list(_spread(iter([3, 7]), 16)) == [3, 7]

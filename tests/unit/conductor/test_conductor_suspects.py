@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
@@ -22,9 +24,11 @@ def _names(leases: list[Lease]) -> list[str]:
     return [lease.case.id for lease in leases]
 
 
-def test_suspects_are_leased_again_in_halves_that_share_with_nobody() -> None:
+@pytest.mark.parametrize("spread", [False, True])
+def test_suspects_are_leased_again_in_halves_that_share_with_nobody(spread: bool) -> None:
     bench = started(cases=9)
     _die(bench, bench.lease(k=5))
+    bench.state.config = replace(bench.config, spread=spread)
     first = bench.lease(k=8)
     assert _names(first) == ["repeat_0", "repeat_1", "repeat_2"]
     assert not any(lease.alone for lease in first)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from conductor.local_workers import LocalWorkers
 from conductor.places import (
     GPU_SLOTS_MAX,
     Asked,
@@ -12,6 +13,7 @@ from conductor.places import (
     parse_workers,
     ranges,
 )
+from conductor.run import _spreads
 from twin.fabric.errors import UsageError
 
 
@@ -42,6 +44,19 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
     assert [place.device for place in twice] == ["cuda:0", "cuda:0", "cuda:1", "cuda:1"]
     assert sorted(core for place in twice for core in place.cores) == list(range(9))
     assert places[0].options() == ("--device", "cuda:0", "--cores", "0-3")
+
+
+@pytest.mark.parametrize(
+    ("places", "spreads"),
+    [
+        ([], True),  # whoever joins
+        ([Place("cpu")] * 2, False),
+        ([Place("cuda:0", (0, 1)), Place("cuda:0", (2, 3))], False),
+        ([Place("cuda:0"), Place("cuda:1")], True),
+    ],
+)
+def test_workers_of_several_devices_get_mixtures(tmp_path, places, spreads):
+    assert _spreads(LocalWorkers([], tmp_path, places)) == spreads
 
 
 def test_too_few_cores_are_not_divided():

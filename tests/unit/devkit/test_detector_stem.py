@@ -24,7 +24,7 @@ def convolution(given: int, made: int, **changes) -> dict:
     how = {"kernel_shape": [3, 3], "pads": [1, 1, 1, 1], "strides": [1, 1]}
     layer = {"in": given, "out": made, "conv": how, "leaky": LEAKY, "pool": HALVES, "half": False}
     return {**layer, **{key: value for key, value in changes.items() if key != "conv"}} | {
-        "conv": {**how, **changes.get("conv", {})}
+        "conv": {k: v for k, v in {**how, **changes.get("conv", {})}.items() if v is not None}
     }
 
 
@@ -149,6 +149,7 @@ def test_the_model_stays_as_it_is_and_its_batch_is_kept():
         convolution(3, 4, conv={"kernel_shape": [5, 5], "pads": [2, 2, 2, 2]}),
         convolution(3, 4, conv={"pads": [0, 0, 0, 0]}),
         convolution(3, 4, conv={"pads": [1, 1, 0, 0]}),
+        convolution(3, 4, conv={"auto_pad": "VALID", "pads": None}),
         convolution(3, 4, conv={"strides": [3, 3]}),
         convolution(3, 4, conv={"strides": [1, 2]}),
         convolution(4, 4, conv={"group": 2}),
@@ -169,6 +170,7 @@ def test_other_layers_are_left_to_the_runtime(layer):
         {"kernel_shape": [2, 2], "strides": [1, 1]},
         {"kernel_shape": [2, 2], "strides": [2, 2], "ceil_mode": 1},
         {"kernel_shape": [2, 2], "strides": [2, 2], "pads": [0, 0, 1, 1]},
+        {"kernel_shape": [2, 2], "strides": [2, 2], "auto_pad": "SAME_UPPER"},
     ],
 )
 def test_other_pooling_is_left_to_the_runtime(pool):
@@ -182,13 +184,63 @@ def test_other_pooling_is_left_to_the_runtime(pool):
 def test_what_somebody_else_reads_is_not_swallowed():
     """A layer whose result goes two ways, or out, ends what is cut off."""
     model = network(convolution(3, 4), convolution(4, 8))
-    model.graph.output.append(helper.make_tensor_value_info("l0", TensorProto.FLOAT, None))
+    shape = ["batch", 4, None, None]
+    model.graph.output.append(helper.make_tensor_value_info("l0", TensorProto.FLOAT, shape))
     layers, _, name = cut(model, "images")
     assert ([layer.pool for layer in layers], name) == ([False], "l0")
+    pictures = np.random.default_rng(4).random((2, 3, 12, 20), dtype=np.float32)
+    assert largest_difference(model, pictures, 1) < 2e-6
     twice = network(convolution(3, 4), convolution(4, 8))
     twice.graph.node.append(helper.make_node("Relu", ["p0"], ["again"]))
     twice.graph.output.append(helper.make_tensor_value_info("again", TensorProto.FLOAT, None))
     assert len(cut(twice, "images")[0]) == 1
+
+
+def test_constants_may_be_listed_among_the_inputs():
+    """As files below version 4 have to."""
+    model = network(convolution(3, 4))
+    model.ir_version = 3
+    for tensor in model.graph.initializer:
+        value = helper.make_tensor_value_info(tensor.name, tensor.data_type, tensor.dims)
+        model.graph.input.append(value)
+    pictures = np.random.default_rng(5).random((2, 3, 12, 20), dtype=np.float32)
+    assert largest_difference(model, pictures, 1) < 2e-6
+
+
+def test_a_network_with_branches_is_left_alone():
+    """A branch may read anything, without being told."""
+    model = network(convolution(3, 4))
+    value = helper.make_tensor_value_info("seen", TensorProto.FLOAT, None)
+    branch = helper.make_graph(
+        [helper.make_node("Identity", ["images"], ["seen"])], "b", [], [value]
+    )
+    model.graph.initializer.append(numpy_helper.from_array(np.array(True), "yes"))
+    model.graph.node.append(
+        helper.make_node("If", ["yes"], ["looked"], then_branch=branch, else_branch=branch)
+    )
+    model.graph.output.append(helper.make_tensor_value_info("looked", TensorProto.FLOAT, None))
+    assert cut(model, "images") == ([], model, "images")
+
+
+def test_biases_that_do_not_fit_are_left_to_the_runtime():
+    model = network(convolution(3, 8))
+    model.graph.initializer[1].CopyFrom(numpy_helper.from_array(np.ones(4, np.float32), "b0"))
+    assert cut(model, "images")[0] == []
+
+
+def test_pictures_of_other_channels_are_refused():
+    layers, _, _ = cut(network(convolution(4, 8)), "images")
+    with pytest.raises(ValueError, match="a convolution reads 4 channels, given 3"):
+        thin(layers, np.zeros((2, 3, 12, 20), np.float32))
+
+
+def test_a_network_of_nothing_else_is_cut_off_completely():
+    model = network(convolution(3, 4))
+    del model.graph.node[-1], model.graph.output[:]
+    shape = ["batch", 4, None, None]
+    model.graph.output.append(helper.make_tensor_value_info("p0", TensorProto.FLOAT, shape))
+    pictures = np.random.default_rng(6).random((2, 3, 12, 20), dtype=np.float32)
+    assert largest_difference(model, pictures, 1) < 2e-6
 
 
 def test_weights_that_are_computed_are_left_to_the_runtime():

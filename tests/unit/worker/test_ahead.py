@@ -19,7 +19,7 @@ from schemas.foreign import Foreign
 from schemas.messages import Lease
 from schemas.view_mode import ViewMode
 from twin.worker.ahead import Loading
-from twin.worker.pipe import Built, Listening
+from twin.worker.pipe import Build, Built, Listening, pack
 from twin.worker.rig import RigProcess
 from twin.worker.shell import WorkerOptions
 from twin.worker.sim_process import start_simulator
@@ -84,6 +84,39 @@ def test_from_then_on_its_words_are_in_the_log(tmp_path):
     )
     assert (worker.returncode, worker.stdout, worker.stderr) == (2, "", "")
     assert "device 'cuda:99': not here" in log.read_text()
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda:99"])
+def test_a_gpu_that_is_not_here_keeps_nobody_from_hearing_what_to_do(device):
+    """Whoever needs it says so: the simulator when it builds, the stack when a network loads."""
+    loading = Loading(start_simulator(device), load_stack(device))
+    try:
+        simulator, stack = loading.simulator.process, loading.stack.process
+        maps = Path(f"/proc/{simulator.pid}/maps")
+        wait_for(lambda: "warp" in maps.read_text(), "the simulator loads what it needs")
+        build = Build(
+            lease=Lease(token=1, attempt=1, out="", case=expand(load("chaos-16"))[0]),
+            rig="r",
+            listen="tcp/256.0.0.1:0",
+            namespace="twin",
+            slots=1,
+            device=device,
+            view=ViewMode.none,
+            view_namespace="twin",
+            view_connect="",
+        )
+        simulator.stdin.write(pack(build))
+        simulator.stdin.flush()
+        assert b"cannot open a session" in simulator.stdout.read()
+        assert tell_stack(stack, ["--wrong"])
+        assert stack.wait(PATIENCE_S) == 2
+        assert "No such option: --wrong" in words_of(loading.stack)
+    finally:
+        loading.discard()
+
+
+def words_of(child):
+    return os.pread(child.log.fileno(), 1 << 16, 0).decode()
 
 
 def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
