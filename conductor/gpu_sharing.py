@@ -59,16 +59,17 @@ def side_by_side(device: str) -> Iterator[Callable[[], None]]:
     folder = tempfile.mkdtemp(prefix="drivetwin-mps-")  # short: sockets are in it
     variables = {PIPES_VARIABLE: folder, LOGS_VARIABLE: folder}
     shell = spawn(["/bin/sh", "-c", _SCRIPT, folder], environment=variables, pipe_output=True)
-    assert shell.stdin is not None
+    lifeline = shell.stdin
+    assert lifeline is not None
     assert shell.stdout is not None
     try:
         if shell.stdout.readline().strip() == b"started":
             os.environ.update(variables)
         else:
             print(f"processes on a GPU take turns: {_reason(folder)}", file=sys.stderr)
-        yield lambda: _let_go(shell.stdin)
+        yield lambda: _let_go(lifeline)
     finally:
-        _let_go(shell.stdin)
+        _let_go(lifeline)
         with contextlib.suppress(subprocess.TimeoutExpired):
             shell.wait(2 * QUIT_S)
         end(shell)
