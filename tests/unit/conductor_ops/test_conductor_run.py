@@ -1,0 +1,23 @@
+"""conductor.run: what the command is made of."""
+
+from __future__ import annotations
+
+from conductor.places import Asked
+from conductor.run import RunOptions, local_workers, run_campaign
+from schemas.campaign import parse_campaign
+
+
+def test_it_says_when_nobody_computes_any_more(tmp_path, capsys):
+    campaign, mistakes = parse_campaign(
+        {"campaign": "alpha", "simulator": "noop", "matrix": {"repeat": [0, 1, 2]}}
+    )
+    assert campaign is not None, mistakes
+    options = RunOptions(out=tmp_path / "run", workers=Asked(count=1), slots=2)
+    workers = local_workers(campaign, options)
+    left: list[int] = []
+    try:
+        code = run_campaign(campaign, options, workers, lambda: left.append(len(workers.children)))
+    finally:
+        workers.stop()
+    assert (code, left) == (0, [0])
+    assert "3 of 3 passed" in capsys.readouterr().out
