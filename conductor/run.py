@@ -31,6 +31,7 @@ from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
 from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
 from conductor.realtime import too_slow
+from conductor.report_ahead import ReportAhead
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
@@ -209,12 +210,11 @@ def _execute(
             )
         try:
             workers.serve(Told(conductor.endpoint, slots, key), places)
-            _wait(conductor, campaign, workers, console, pending)
+            report = None if campaign.simulator == "noop" else ReportAhead(options.out)
+            _wait(conductor, campaign, workers, report, console, pending)
             workers.ask()
-            if campaign.simulator != "noop":
-                from conductor.report import read_ahead
-
-                read_ahead(options.out)  # while they end
+            if report is not None:
+                report.finish()  # while they end
         finally:
             workers.stop()
             if not places:
@@ -241,6 +241,7 @@ def _wait(
     conductor: Conductor,
     campaign: Campaign,
     workers: LocalWorkers,
+    report: ReportAhead | None,
     console: Console,
     pending: list[Interrupted],
 ) -> None:
@@ -252,7 +253,6 @@ def _wait(
         )
     storage = ""
     told: list[str] = []
-    prepared = campaign.simulator == "noop"
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
@@ -271,9 +271,8 @@ def _wait(
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:
                 return
-            if row["leased"] and not prepared:
-                prepared = True
-                threading.Thread(target=_prepare_report, name="report", daemon=True).start()
+            if row["leased"] and report is not None:
+                report.begin()
             for line in found["notes"]:
                 if line not in told:
                     told.append(line)
@@ -292,14 +291,6 @@ def _wait(
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
             time.sleep(POLL_S)
-
-
-def _prepare_report() -> None:
-    """Load what makes the report while cases run: nobody waits for this process then."""
-    with contextlib.suppress(Exception):  # the report itself says what is wrong
-        from conductor.report import prepare
-
-        prepare()
 
 
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:

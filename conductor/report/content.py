@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 from dataclasses import dataclass
 from pathlib import Path
 
 from conductor.report.curves import Curve, points_for
-from conductor.report.dossier import Dossier, Row, open_dossier
+from conductor.report.dossier import Dossier, Row
 from conductor.report.effects import Effect, main_effects
 from conductor.report.evidence import Evidence, gather
 from conductor.report.findings import Finding, findings
 from conductor.report.leases import Leases, read_leases
-from conductor.report.reading import read_cases
+from conductor.report.reading import NOTHING_KNOWN, Known, Reading, read_cases
 from conductor.report.resources import read_resources
 from conductor.report.resources_use import Resources, no_resources, resources_of
 from conductor.report.speedup import SpeedUp, speed_up
-from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.errors import InfrastructureError
 
 CASES_MAX = 2000
 """Most cases with a table row and curves; a larger campaign shows its worst first."""
@@ -64,8 +63,7 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
     """
     leases = read_leases(dossier.folder)
     pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
-    shown = _shown(dossier)
-    reading = read_cases(dossier, shown, points_for(len(shown)), anew=anew)
+    shown, reading = read_shown(dossier, anew=anew)
     return Content(
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
@@ -82,19 +80,18 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
     )
 
 
-def read_ahead(folder: Path) -> None:
-    """Read the KPI files of a campaign that has just ended, for the report that is to come: it
-    finds them read. What is wrong with them the report tells."""
-    with contextlib.suppress(TwinError):
-        dossier = open_dossier(folder)
-        shown = _shown(dossier)
-        read_cases(dossier, shown, points_for(len(shown)), anew=False)
-
-
-def _shown(dossier: Dossier) -> set[str]:
-    """Cases with a table row and curves: those that did not pass come first."""
+def read_shown(
+    dossier: Dossier, *, anew: bool = False, known: Known = NOTHING_KNOWN
+) -> tuple[set[str], Reading]:
+    """Cases with a table row and curves, and what was read; those that did not pass come first."""
     order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
-    return {dossier.rows[i].case.id for i in order[:CASES_MAX]}
+    shown = {dossier.rows[i].case.id for i in order[:CASES_MAX]}
+    return shown, read_cases(dossier, shown, points_of(len(order)), anew=anew, known=known)
+
+
+def points_of(cases: int) -> int:
+    """Points of a curve in the report of so many cases."""
+    return points_for(min(cases, CASES_MAX))
 
 
 def _as_of(dossier: Dossier) -> str:

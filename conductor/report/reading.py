@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 from conductor.fingerprint import (
     Fingerprint,
@@ -13,6 +15,7 @@ from conductor.fingerprint import (
     kpi_path,
     label_of,
 )
+from conductor.outcomes import CaseOutcome
 from conductor.report import cache as caching
 from conductor.report.cache import Cache, Entry
 from conductor.report.curves import Curve, thin
@@ -36,7 +39,19 @@ class Reading:
     """Files that were read; the others had been read before and have not changed."""
 
 
-def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: bool) -> Reading:
+Known = Mapping[str, tuple[Entry, bytes]]
+"""By case, what was read ahead, and its canonical byte stream."""
+NOTHING_KNOWN: Known = MappingProxyType({})
+
+
+def read_cases(
+    dossier: Dossier,
+    drawn: Collection[str],
+    points: int,
+    *,
+    anew: bool = False,
+    known: Known = NOTHING_KNOWN,
+) -> Reading:
     """Read what an earlier report has not.
 
     The fingerprint of a campaign that has become complete takes every file: once.
@@ -46,12 +61,13 @@ def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: b
         drawn: cases whose curves are wanted.
         points: about the most points of a curve.
         anew: read and check every file, whatever an earlier report found.
+        known: files that this process has read and checked; they are not read again.
     """
     old = Cache() if anew else caching.load(dossier.folder)
     new = Cache()
     wanted = _outcomes_digest(dossier) if dossier.outcomes.complete else ""
-    known = old.fingerprint if wanted and old.fingerprint_of == wanted else None
-    total = Fingerprinter() if wanted and known is None else None
+    told = old.fingerprint if wanted and old.fingerprint_of == wanted else None
+    total = Fingerprinter() if wanted and told is None else None
     curves: dict[str, Curve] = {}
     broken: dict[str, str] = {}
     read = 0
@@ -61,11 +77,14 @@ def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: b
         try:
             entry = _kept(dossier, row, old, points if name in drawn else 0)
             if entry is None or (total is not None and row.end.kpi_sha256):
-                entry, rows = _read(dossier, row, points if name in drawn else 0)
+                limit = points if name in drawn else 0
+                entry, rows = _ahead(dossier, row, known, limit) or read_case(
+                    dossier.folder, name, row.end, limit
+                )
                 read += bool(rows)
         except InfrastructureError as error:
             broken[name] = str(error)
-            total = known = None
+            total = told = None
             continue
         if entry.curve and name in drawn:
             curves[name] = caching.unpacked(entry)
@@ -73,7 +92,7 @@ def read_cases(dossier: Dossier, drawn: Collection[str], points: int, *, anew: b
             new.entries[name] = entry
         if total is not None:
             total.add(name, row.end, rows)
-    new.fingerprint = known or (total.result(dossier.outcomes) if total else None)
+    new.fingerprint = told or (total.result(dossier.outcomes) if total else None)
     new.fingerprint_of = wanted
     if read or len(new.entries) != len(old.entries):
         caching.store(dossier.folder, new)
@@ -98,10 +117,24 @@ def _kept(dossier: Dossier, row: Row, old: Cache, points: int) -> Entry | None:
     return None if points and entry.points != points else entry
 
 
-def _read(dossier: Dossier, row: Row, points: int) -> tuple[Entry, bytes]:
+def _ahead(dossier: Dossier, row: Row, known: Known, points: int) -> tuple[Entry, bytes] | None:
+    """What was read ahead, if it still holds."""
+    entry, rows = known.get(row.case.id, (_NOTHING, b""))
     path = kpi_path(dossier.folder, row.case.id, row.end)
-    stamp = caching.stamp(path, row.end.kpi_sha256)  # before: a later change is noticed
-    table, rows = committed_rows(dossier.folder, row.case.id, row.end)
+    holds = rows and entry.stamp == caching.stamp(path, row.end.kpi_sha256)
+    return (entry, rows) if holds and points in (0, entry.points) else None
+
+
+def read_case(folder: Path, name: str, end: CaseOutcome, points: int) -> tuple[Entry, bytes]:
+    """The KPI file of a case, its curve thinned to ``points`` (0: none), and its canonical byte
+    stream.
+
+    Raises:
+        InfrastructureError: it is missing, damaged, or not the one that was committed.
+    """
+    path = kpi_path(folder, name, end)
+    stamp = caching.stamp(path, end.kpi_sha256)  # before: a later change is noticed
+    table, rows = committed_rows(folder, name, end)
     curve = caching.packed(thin(table, points)) if points else b""
     return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve), rows
 
