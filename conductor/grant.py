@@ -244,8 +244,9 @@ def _fill(
     """Up to ``count`` cases of one lane, each from the campaign that is due."""
     cases: list[CaseState] = []
     lanes = [(rank(c), c, c.backlog.take(rig, group)) for c in ranked]
-    config, begins = asker.state.config, not asker.request.held and count > 1
-    if config.spread and not config.by_batch and begins and group == SHARED:
+    config = asker.state.config
+    begins = not asker.request.held and count > 1 and group == SHARED
+    if begins and config.spread and not config.by_batch:
         lanes = [(place, c, _spread(lane, count)) for place, c, lane in lanes]
     heap = [(place, index) for index, (place, _, _) in enumerate(lanes)]
     heapq.heapify(heap)

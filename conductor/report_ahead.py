@@ -55,16 +55,18 @@ class ReportAhead:
         from conductor.report.content import points_of
         from conductor.report.reading import read_case
 
-        with contextlib.suppress(TwinError):
+        try:
             outcomes = read_outcomes(self._folder)
-            points = points_of(len(outcomes.cases))
-            for name, end in outcomes.cases.items():
-                if self._over.is_set() or self._bytes >= ROWS_BYTES_MAX:
-                    return
-                if end.kpi_sha256 and name not in self._known:
-                    with contextlib.suppress(TwinError):
-                        self._known[name] = read_case(self._folder, name, end, points)
-                        self._bytes += len(self._known[name][1])
+        except TwinError:
+            return
+        points = points_of(len(outcomes.cases))
+        for name, end in outcomes.cases.items():
+            if self._over.is_set() or self._bytes >= ROWS_BYTES_MAX:
+                return
+            if end.kpi_sha256 and name not in self._known:
+                with contextlib.suppress(TwinError):
+                    self._known[name] = read_case(self._folder, name, end, points)
+                    self._bytes += len(self._known[name][1])
 
     def _run(self) -> None:
         with contextlib.suppress(Exception):

@@ -30,15 +30,13 @@ def await_arguments(device: str) -> list[str]:
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(lines,), name="arguments", daemon=True).start()
     waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
-    if lines.empty():
-        waking.start()
+    waking.start()
     for name in LOADED:
         if not lines.empty():
             break
         with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
             importlib.import_module(name)
-    if waking.ident is not None:
-        waking.join()
+    waking.join()
     try:
         arguments: list[str] = decode_json(lines.get(), list[str])
     except JsonError as error:

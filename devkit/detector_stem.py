@@ -127,7 +127,7 @@ class _Graph:
             return None
         pooling = self._reader(made[-1], "MaxPool")
         pool = pooling is not None and _halves(pooling)
-        if pool and pooling is not None:
+        if pool:
             made.append(pooling.output[0])
         return Layer(kernels, biases, stride[0], slope, pool), made
 

@@ -73,14 +73,16 @@ def read_cases(
     read = 0
     for row in sorted(dossier.rows, key=lambda row: row.case.id):
         name = row.case.id
+        limit = points if name in drawn else 0
         rows = b""
         try:
-            entry = _kept(dossier, row, old, points if name in drawn else 0)
+            entry = _kept(dossier, row, old, limit)
             if entry is None or (total is not None and row.end.kpi_sha256):
-                limit = points if name in drawn else 0
-                entry, rows = _ahead(dossier, row, known, limit) or read_case(
-                    dossier.folder, name, row.end, limit
-                )
+                ahead = known.get(name)
+                if ahead is not None and _holds(dossier, row, ahead[0], limit):
+                    entry, rows = ahead
+                else:
+                    entry, rows = read_case(dossier.folder, name, row.end, limit)
                 read += bool(rows)
         except InfrastructureError as error:
             broken[name] = str(error)
@@ -110,19 +112,15 @@ def _kept(dossier: Dossier, row: Row, old: Cache, points: int) -> Entry | None:
         if row.end.outcome == "verdict":
             raise InfrastructureError(f"case {row.case.id}: a verdict without KPI rows")
         return _NOTHING
-    path = kpi_path(dossier.folder, row.case.id, row.end)
     entry = old.entries.get(row.case.id)
-    if entry is None or entry.stamp != caching.stamp(path, row.end.kpi_sha256):
-        return None
-    return None if points and entry.points != points else entry
+    return entry if entry is not None and _holds(dossier, row, entry, points) else None
 
 
-def _ahead(dossier: Dossier, row: Row, known: Known, points: int) -> tuple[Entry, bytes] | None:
-    """What was read ahead, if it still holds."""
-    entry, rows = known.get(row.case.id, (_NOTHING, b""))
+def _holds(dossier: Dossier, row: Row, entry: Entry, points: int) -> bool:
+    """Whether the file is as it was when it was read, and its curve, if one is wanted, fits."""
     path = kpi_path(dossier.folder, row.case.id, row.end)
-    holds = rows and entry.stamp == caching.stamp(path, row.end.kpi_sha256)
-    return (entry, rows) if holds and points in (0, entry.points) else None
+    same = entry.stamp == caching.stamp(path, row.end.kpi_sha256)
+    return same and points in (0, entry.points)
 
 
 def read_case(folder: Path, name: str, end: CaseOutcome, points: int) -> tuple[Entry, bytes]:

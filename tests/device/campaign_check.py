@@ -7,11 +7,11 @@ holds the same bytes. ``same``: the fingerprint of chaos-16 and of a campaign wi
 cameras and a LiDAR, however frames travel and whatever the number of slots. ``engine``: the engine
 alone, by laps. ``full``: aeb-256 with networks, two cameras at 20 Hz and a LiDAR at 10 Hz, with
 one, four and six workers that share a GPU; the first run compiles kernels, unless ``same`` or
-``engine`` did. ``lockstep``: the same,
-64 cases in 64 slots, with the stack in a process of its own and in the simulator's. ``paper``:
-aeb-256 as it is, with one worker and with four. ``scaling``: the cases of ``full`` at four times as
-many hours on one GPU, on two and so on. Writes ``FOLDER/campaign_check.json`` after every part and
-long run. Exit code 1: something differs that must not.
+``engine`` did. ``lockstep``: the same, 64 cases in 64 slots, with the stack in a process of its own
+and in the simulator's. ``paper``: aeb-256 as it is, with one worker and with four. ``scaling``: the
+cases of ``full`` at four times as many hours on one GPU, on two and so on. Writes
+``FOLDER/campaign_check.json`` after every part and long run. Exit code 1: something differs that
+must not.
 
 On a CPU (``--device cpu --cases 4 --slots 4``) it is the same with small pictures, a rehearsal.
 """
@@ -47,7 +47,6 @@ from twin.worker.simulator import TRANSPORT_VARIABLE
 
 LABELS = ["car", "truck", "pedestrian", "traffic_sign"]
 NETWORK_PX = (320, 192)
-PARTS = ("handles", "same", "engine", "full", "lockstep", "paper", "scaling")
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 LOCKSTEP_SLOTS = 64
 
@@ -353,6 +352,11 @@ def scaling(check: Check) -> None:
     }
 
 
+PARTS: dict[str, Callable[[Check], None]] = {
+    part.__name__: part for part in (handles, same, engine, full, lockstep, paper, scaling)
+}
+
+
 def main() -> None:
     """Run the parts and print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -368,8 +372,7 @@ def main() -> None:
     check = Check(options)
     for part in options.parts.split(","):
         started = time.monotonic()
-        run = (handles, same, engine, full, lockstep, paper, scaling)
-        {each.__name__: each for each in run}[part](check)
+        PARTS[part](check)
         check.found[f"{part}_s"] = round(time.monotonic() - started, 1)
         check.write()
     print(json.dumps(check.found, indent=1))

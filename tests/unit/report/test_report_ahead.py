@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from pathlib import Path
 
 import pytest
 from unit.report.synthetic_campaign import make_campaign
-from unit.report.test_report_cache import CASE, kpi, text_of
+from unit.report.test_report_cache import CASE, kpi, restore, text_of
 from waiting import wait_for
 
 from conductor import report_ahead
@@ -57,11 +56,6 @@ def test_every_file_is_read_once_and_the_report_is_the_same(tmp_path: Path, file
     assert (content.read, content.unchanged, len(files)) == (0, 8, 8)
     assert content.evidence.fingerprint == fingerprint(run)
     assert text_of(run) == text_of(tmp_path / "other")
-
-
-def restore(stamps) -> None:
-    for path, stat in stamps.items():  # made again, byte for byte
-        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
 
 def test_a_file_that_changes_afterwards_is_looked_at_again(tmp_path: Path) -> None:

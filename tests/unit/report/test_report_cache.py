@@ -32,6 +32,12 @@ def kpi(folder: Path, case: str = CASE) -> Path:
     return folder / "cases" / case / "attempt-1" / "kpi.parquet"
 
 
+def restore(stamps: dict[Path, os.stat_result]) -> None:
+    """Files that were made again, byte for byte, get the times that they had."""
+    for path, stat in stamps.items():
+        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
 def text_of(folder: Path) -> str:
     """The page without what may differ from report to report."""
     page = (folder / "report.html").read_text()
@@ -61,12 +67,10 @@ def test_only_cases_that_have_ended_since_are_read(tmp_path: Path) -> None:
     assert read(tmp_path).read == 4
     stamps = {path: path.stat() for path in tmp_path.glob("cases/*/*/kpi.parquet")}
     make_campaign(tmp_path, change=most)
-    for path, stat in stamps.items():  # made again, byte for byte
-        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    restore(stamps)
     assert read(tmp_path).read == 3
     make_campaign(tmp_path)
-    for path, stat in stamps.items():
-        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    restore(stamps)
     found = read(tmp_path)
     assert found.read == 8, "a fingerprint takes every file, once"
     assert found.evidence.fingerprint == fingerprint(tmp_path)
