@@ -8,7 +8,7 @@ is cheap; a heap of lane heads, cleaned when it is read, finds the first of all 
 from __future__ import annotations
 
 import heapq
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -72,9 +72,12 @@ class Backlog:
             return top
         return min((hit for key in self.lanes for hit in self._usable(key, usable)), default=None)
 
-    def take(self, rig: str, group: int) -> Iterator[int]:
-        """The cases of a lane, in order; do not change the backlog meanwhile."""
-        return (-order for order in reversed(self.lanes.get(rig, {}).get(group, ())))
+    def take(self, rig: str, group: int, begin: int = 0) -> Iterator[int]:
+        """The cases of a lane from position ``begin`` on, in order, and then those before it; do
+        not change the backlog meanwhile."""
+        lane = self.lanes.get(rig, {}).get(group, [])
+        before = len(lane) - bisect_right(lane, -begin)
+        return (-lane[-1 - (before + index) % len(lane)] for index in range(len(lane)))
 
     def __len__(self) -> int:
         return self.count

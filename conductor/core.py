@@ -153,6 +153,7 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         walltime_end_s=request.walltime_end_s,
         memory_bytes=request.memory_bytes,
         tags=request.tags,
+        share=request.share,
     )
     known = state.workers.get(request.worker)
     if known is None:

@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from conductor.case_table import CaseTable
 from schemas.campaign import Case
-from schemas.messages import Release, Reply, Result
+from schemas.messages import Release, Reply, Result, Share
 
 SHARED = 0
 """Group of a case that may share a rig with any other."""
@@ -74,6 +74,7 @@ class WorkerJoined(_Fact, frozen=True):
     walltime_end_s: float | None = None
     memory_bytes: int | None = None
     tags: list[str] = []
+    share: Share | None = None
 
 
 class WorkerLeft(_Fact, frozen=True):

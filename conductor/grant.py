@@ -1,9 +1,9 @@
 """Which waiting cases a worker gets.
 
 Campaigns by priority, among equals the one with the fewest cases under way, then in submission
-order, or, if so configured, for a worker that begins from all over the campaign; a running rig is
-refilled with what fits it, and cases are granted only if they are expected to end within the
-asker's walltime.
+order: for a worker that has a share of the campaign its own share first, and if so configured for
+one that begins without a share from all over the campaign. A running rig is refilled with what fits
+it, and cases are granted only if they are expected to end within the asker's walltime.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from itertools import islice
 from conductor.facts import SHARED, WorkerJoined
 from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
 from schemas.campaign import Requirements
-from schemas.messages import Next
+from schemas.messages import Next, Share
 
 SPREAD_MAX = 4096
-"""Most waiting cases of a lane that a mixture is taken from."""
+"""Most waiting cases of a lane that a mixture or a share is taken from."""
 
 _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 """The golden ratio's part below 1: its multiples, modulo 1, are spread evenly however many."""
@@ -243,11 +243,7 @@ def _fill(
 ) -> list[CaseState]:
     """Up to ``count`` cases of one lane, each from the campaign that is due."""
     cases: list[CaseState] = []
-    lanes = [(rank(c), c, c.backlog.take(rig, group)) for c in ranked]
-    config = asker.state.config
-    begins = not asker.request.held and count > 1 and group == SHARED
-    if begins and config.spread and not config.by_batch:
-        lanes = [(place, c, _spread(lane, count)) for place, c, lane in lanes]
+    lanes = [(rank(c), c, _lane(asker, c, rig, group, count)) for c in ranked]
     heap = [(place, index) for index, (place, _, _) in enumerate(lanes)]
     heapq.heapify(heap)
     while heap and len(cases) < count:
@@ -261,6 +257,32 @@ def _fill(
         cases.append(campaign.ordered[position])
         heapq.heapreplace(heap, ((priority, leased + 1, order), index))
     return cases
+
+
+def _lane(asker: Asker, campaign: CampaignState, rig: str, group: int, count: int) -> Iterator[int]:
+    """Waiting cases of one lane as the asker would like to have ``count`` of them."""
+    config, share = asker.state.config, asker.worker.joined.share
+    if group == SHARED and not config.by_batch:
+        if share is not None:
+            return _preferred(campaign, share, rig, count)
+        if config.spread and not asker.request.held and count > 1:
+            return _spread(campaign.backlog.take(rig, group), count)
+    return campaign.backlog.take(rig, group)
+
+
+def _preferred(campaign: CampaignState, share: Share, rig: str, count: int) -> Iterator[int]:
+    """At most ``count`` positions: of the share, then of the rest of its stretch, and so on from
+    stretch to stretch."""
+    cases, stretches, devices = len(campaign.ordered), share.stretches, share.devices
+
+    def strangeness(order: int) -> tuple[int, bool]:
+        stretch = order * stretches // cases
+        dealt_to = int(order * _GOLDEN % 1.0 * devices)  # however long the axes of a matrix are
+        return (stretch - share.stretch) % stretches, dealt_to != share.device
+
+    begin = -(-share.stretch * cases // stretches)
+    seen = islice(campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX))
+    return iter(heapq.nsmallest(count, seen, key=strangeness))
 
 
 def _spread(lane: Iterator[int], count: int) -> Iterator[int]:

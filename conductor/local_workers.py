@@ -88,7 +88,8 @@ class LocalWorkers:
         path = self.folder / "logs" / f"worker-{child.number}.log"
         child.log.close()
         child.log = path.open("w+b")
-        told = msgspec.structs.replace(self.told, log=str(path))
+        share = self.places[child.place].share
+        told = msgspec.structs.replace(self.told, log=str(path), share=share)
         assert child.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
             child.process.stdin.write(msgspec.json.encode(told) + b"\n")

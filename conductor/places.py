@@ -7,6 +7,7 @@ import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from schemas.messages import Share
 from twin.fabric.errors import UsageError
 from twin.fabric.nvml import visible_gpus
 
@@ -34,6 +35,8 @@ class Place:
     device: str
     cores: tuple[int, ...] = ()
     """Empty: wherever the system likes."""
+    share: Share | None = None
+    """Which cases it prefers."""
 
     def options(self) -> tuple[str, ...]:
         """Of ``twin worker``."""
@@ -72,7 +75,7 @@ def where(asked: Asked, device: str) -> tuple[Asked, str]:
 
 
 def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) -> list[Place]:
-    """``per_gpu`` workers on each GPU, with cores of their own near it.
+    """``per_gpu`` workers on each GPU, with cores of their own near it, and cases.
 
     Args:
         gpus: devices, ``cuda:N``.
@@ -88,7 +91,9 @@ def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) 
         first, last = turn * len(cores) // count, (turn + 1) * len(cores) // count
         # A simulator, a stack and a worker: with one core they would only wait for each other.
         enough = len(cores) >= 2 * count
-        places.append(Place(device, cores[first:last] if enough else ()))
+        gpu, stretch = divmod(index, per_gpu)
+        share = Share(stretch, per_gpu, gpu, len(gpus)) if len(devices) > 1 else None
+        places.append(Place(device, cores[first:last] if enough else (), share))
     return places
 
 

@@ -62,8 +62,8 @@ class Config:
     by_batch: bool = False
     """Grant only cases of a campaign's lowest batch that has not ended."""
     spread: bool = False
-    """A worker that holds none gets cases from all over what waits instead of neighbours; not with
-    ``by_batch``."""
+    """A worker that holds none and has no share gets cases from all over what waits instead of
+    neighbours; not with ``by_batch``."""
     view: ViewMode | None = None
     """Takes the place of what submitted campaigns say."""
     walltime_margin_s: float = 10.0

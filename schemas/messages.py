@@ -449,6 +449,27 @@ def noop_result(lease: Lease) -> Result:
     )
 
 
+class Share(Struct, frozen=True):
+    """Which cases of a campaign a worker prefers, among several that work side by side.
+
+    Campaigns are cut into as many stretches as there are workers on a device: neighbours in a
+    matrix are alike, and networks like many pictures of one case each. Every stretch is dealt out
+    to the devices case by case, so that all have the same to do.
+    """
+
+    stretch: int
+    stretches: int
+    device: int
+    devices: int
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.stretch < self.stretches and 0 <= self.device < self.devices):
+            raise ValueError(
+                f"stretch {self.stretch} of {self.stretches}, device {self.device} of "
+                f"{self.devices}: both count from 0"
+            )
+
+
 class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """A worker introduces itself: one incarnation, never reused."""
 
@@ -466,6 +487,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """Most that its rig may use [bytes]; None: no limit."""
     tags: list[str] = []
     """What campaigns may ask for, see :class:`schemas.campaign.Requirements`."""
+    share: Share | None = None
+    """None: it prefers none."""
 
 
 class Next(Struct, frozen=True, tag_field="verb", tag="next"):

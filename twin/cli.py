@@ -132,10 +132,10 @@ def worker(
 
         print("\n".join(explanation(device)))
         return
-    loading = None
+    loading, share = None, None
     if connect == LATER:
         told, loading = await_told(device, load=load_simulator)
-        connect, slots = told.connect, told.slots
+        connect, slots, share = told.connect, told.slots, told.share
         key = Path(told.key) if told.key else None
     if state is not None and not connect:
         spool = spool or state / "spool"
@@ -158,6 +158,7 @@ def worker(
         walltime_s=walltime_s,
         memory_gb=memory_gb,
         tags=tuple(tag or ()),
+        share=share,
         spool=spool,
     )
     raise typer.Exit(Worker(options, loading).serve())

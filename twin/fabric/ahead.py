@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.messages import Share
+
 LATER = "-"
 """As ``--connect`` of a worker or of a stack's host: it will be told."""
 
@@ -20,3 +22,5 @@ class Told(Struct, frozen=True):
     """Path of its key file; empty: none."""
     log: str = ""
     """File to which it writes from then on; empty: where it did before."""
+    share: Share | None = None
+    """Which cases it prefers."""

@@ -19,7 +19,7 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.doors import door
-from schemas.messages import Beat, Hello, Lease, Next, Reply, Request
+from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Share
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
@@ -82,6 +82,8 @@ class WorkerOptions:
     """Most memory that the processes of a rig may use together; None: no limit [GB]."""
     tags: tuple[str, ...] = ()
     """What campaigns may ask for."""
+    share: Share | None = None
+    """Which cases are preferred."""
     spool: Path | None = None
     """Folder for results that the conductor has not got yet."""
 
@@ -137,6 +139,7 @@ class Worker:
                 else time.time() + options.walltime_s,
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
+                share=options.share,
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,7 @@ from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDra
 from conductor.grant import SPREAD_MAX, _spread
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Lease, Submit
+from schemas.messages import Lease, Share, Submit
 
 
 def _prioritised(name: str, priority: int, cases: int = 4, width: int = 640) -> Submit:
@@ -23,6 +24,20 @@ def _prioritised(name: str, priority: int, cases: int = 4, width: int = 640) -> 
         campaign={"campaign": name, "camera": camera, "matrix": {"repeat": list(range(cases))}},
         priority=priority,
     )
+
+
+def _two_models(config: Config) -> Bench:
+    """64 cases, 32 of each model."""
+    matrix = {"model": ["slow", "quick"], "repeat": list(range(32))}
+    perception = {name: {"type": "ground_truth"} for name in matrix["model"]}
+    data = {"campaign": "alpha", "autonomy": {"perception": perception}, "matrix": matrix}
+    bench = Bench(config)
+    bench.ask(Submit(v=V, campaign=data))
+    return bench
+
+
+def _models(leases: Sequence[Lease]) -> dict[str, int]:
+    return dict(Counter(lease.case.id.partition("-")[0] for lease in leases))
 
 
 def _campaigns(leases: list[Lease]) -> list[str]:
@@ -232,18 +247,14 @@ def test_time_is_no_argument_for_cancelled_and_unknown_cases() -> None:
 
 
 def test_workers_that_begin_get_mixtures_where_that_is_wished() -> None:
-    matrix = {"model": ["slow", "quick"], "repeat": list(range(32))}
-    perception = {name: {"type": "ground_truth"} for name in matrix["model"]}
-    data = {"campaign": "alpha", "autonomy": {"perception": perception}, "matrix": matrix}
-    bench = Bench(Config(folder="/state", spread=True))
-    bench.ask(Submit(v=V, campaign=data))
+    bench = _two_models(Config(folder="/state", spread=True))
     seen: list[str] = []
     for number in range(4):
         worker = f"w{number}"
         bench.ask(hello(worker, slots=16))
         leases = bench.lease(worker, k=16)
         seen += [lease.case.id for lease in leases]
-        models = Counter(lease.case.id.partition("-")[0] for lease in leases)
+        models = _models(leases)
         assert len(models) == 2
         assert min(models.values()) >= 6
     assert len(set(seen)) == 64
@@ -287,3 +298,58 @@ def test_a_mixture_is_taken_from_so_many_and_no_more() -> None:
     assert (len(found), found) == (16, sorted(found))
     assert next(waiting) == SPREAD_MAX
     assert list(_spread(iter([3, 7]), 16)) == [3, 7]
+
+
+def test_workers_of_a_device_get_stretches_and_devices_get_the_same() -> None:
+    """Whoever comes first."""
+    bench = _two_models(Config(folder="/state", spread=True))
+    shares = [Share(stretch, 2, device, 2) for device in range(2) for stretch in range(2)]
+    seen: dict[str, set[str]] = {}
+    for number in (2, 0, 3, 1):
+        worker = f"w{number}"
+        bench.ask(hello(worker, slots=16, share=shares[number]))
+        leases = bench.lease(worker, k=16)
+        model = "slow" if shares[number].stretch == 0 else "quick"
+        assert _models(leases)[model] >= 15  # dealt out by a sequence that is even, not exact
+        seen[worker] = {lease.case.id for lease in leases}
+    assert len(set.union(*seen.values())) == 64
+    repeats = sorted(int(name.rpartition("_")[2]) for name in seen["w0"])
+    assert min(repeats) < 4
+    assert max(repeats) > 27
+
+
+def test_a_rig_is_refilled_from_its_share_and_then_from_others() -> None:
+    bench = _two_models(Config(folder="/state"))
+    bench.ask(hello(slots=4, share=Share(1, 2, 1, 2)))
+    leases = bench.lease(k=4)
+    names = [lease.case.id for lease in leases]
+    while leases:
+        ended = leases.pop()
+        held = [lease.token for lease in leases]
+        more = bench.lease(k=1, held=held, results=[result(ended)])
+        names += [lease.case.id for lease in more]
+        leases += more
+    assert len(set(names)) == 64
+    assert [name.partition("-")[0] for name in names] == ["quick"] * 32 + ["slow"] * 32
+
+
+def test_shares_leave_batches_in_order() -> None:
+    bench = Bench(Config(folder="/state", by_batch=True))
+    bench.ask(submit(cases=40))
+    bench.ask(hello(slots=8, share=Share(1, 2, 0, 1)))
+    ids = [lease.case.id for lease in bench.lease(k=8)]
+    assert ids == [f"repeat_{i}" for i in range(8)]
+
+
+def test_a_share_looks_at_so_many_cases_and_no_more() -> None:
+    """A conductor has one thread; what a worker says of itself must not hold it up."""
+    bench = Bench(Config(folder="/state"))
+    bench.ask(submit(cases=40))
+    bench.ask(hello(slots=8, share=Share(10**18, 10**18 + 1, 10**18, 10**18 + 1)))
+    assert len(bench.lease(k=8)) == 8
+
+
+@pytest.mark.parametrize("share", [(0, 0, 0, 1), (2, 2, 0, 1), (-1, 2, 0, 1), (0, 1, 1, 1)])
+def test_a_share_that_cannot_be_is_refused(share: tuple[int, int, int, int]) -> None:
+    with pytest.raises(ValueError, match="both count from 0"):
+        Share(*share)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from conductor.local_workers import LocalWorkers
 from conductor.places import (
     GPU_SLOTS_MAX,
     Asked,
@@ -13,7 +12,7 @@ from conductor.places import (
     parse_workers,
     ranges,
 )
-from conductor.run import _spreads
+from schemas.messages import Share
 from twin.fabric.errors import UsageError
 
 
@@ -36,9 +35,9 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
     sockets = [range(8), range(8), range(8, 15)]
     places = on_gpus(["cuda:0", "cuda:1", "cuda:2"], sockets, 1)
     assert places == [
-        Place("cuda:0", (0, 1, 2, 3)),
-        Place("cuda:1", (4, 5, 6, 7)),
-        Place("cuda:2", (8, 9, 10, 11, 12, 13, 14)),
+        Place("cuda:0", (0, 1, 2, 3), Share(0, 1, 0, 3)),
+        Place("cuda:1", (4, 5, 6, 7), Share(0, 1, 1, 3)),
+        Place("cuda:2", (8, 9, 10, 11, 12, 13, 14), Share(0, 1, 2, 3)),
     ]
     twice = on_gpus(["cuda:0", "cuda:1"], [range(9), range(9)], 2)
     assert [place.device for place in twice] == ["cuda:0", "cuda:0", "cuda:1", "cuda:1"]
@@ -46,23 +45,21 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
     assert places[0].options() == ("--device", "cuda:0", "--cores", "0-3")
 
 
-@pytest.mark.parametrize(
-    ("places", "spreads"),
-    [
-        ([], True),  # whoever joins
-        ([Place("cpu")] * 2, False),
-        ([Place("cuda:0", (0, 1)), Place("cuda:0", (2, 3))], False),
-        ([Place("cuda:0"), Place("cuda:1")], True),
-    ],
-)
-def test_workers_of_several_devices_get_mixtures(tmp_path, places, spreads):
-    assert _spreads(LocalWorkers([], tmp_path, places)) == spreads
+def test_workers_of_a_gpu_have_stretches_that_all_gpus_share():
+    places = on_gpus(["cuda:0", "cuda:1"], [range(16)] * 2, 2)
+    assert [place.share for place in places] == [
+        Share(0, 2, 0, 2),
+        Share(1, 2, 0, 2),
+        Share(0, 2, 1, 2),
+        Share(1, 2, 1, 2),
+    ]
+    assert on_gpus(["cuda:0"], [range(16)], 1)[0].share is None
 
 
 def test_too_few_cores_are_not_divided():
     assert on_gpus(["cuda:0", "cuda:1"], [range(3), range(3)], 1) == [
-        Place("cuda:0"),
-        Place("cuda:1"),
+        Place("cuda:0", (), Share(0, 1, 0, 2)),
+        Place("cuda:1", (), Share(0, 1, 1, 2)),
     ]
     assert Place("cuda:0").options() == ("--device", "cuda:0")
 
