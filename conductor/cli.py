@@ -128,6 +128,7 @@ def run_command(
     yourself (`twin worker --state OUT`) do the work.
     """
     from conductor.gpu_sharing import side_by_side
+    from conductor.gpu_turns import turns
     from conductor.models import models_checked
     from conductor.places import parse_workers, where
     from conductor.source import load, only_case, with_drive, with_render
@@ -147,6 +148,7 @@ def run_command(
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
+        at_end.enter_context(turns(device))
         with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
             # Here, because importing it takes nearly as long as loading a network.
             from conductor.run import RunOptions, local_workers, run_campaign

@@ -20,6 +20,7 @@ import msgspec
 
 from conductor.places import Place
 from twin.fabric.ahead import LATER, Told
+from twin.fabric.gpu_start import PLACE_VARIABLE
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 STOP_S = 12.0
@@ -69,7 +70,8 @@ class LocalWorkers:
             # Until it is told it has no log on disk, and nothing to say.
             log = tempfile.TemporaryFile()  # noqa: SIM115
             options = ("--connect", LATER, *self.options, *self.places[index].options())
-            process = spawn([sys.executable, "-m", "twin", "worker", *options], log=log)
+            command = [sys.executable, "-m", "twin", "worker", *options]
+            process = spawn(command, environment={PLACE_VARIABLE: str(index)}, log=log)
             self.children.append(Child(index, self.started, process, log))
             self._tell(self.children[-1])
 

@@ -75,15 +75,16 @@ def where(asked: Asked, device: str) -> tuple[Asked, str]:
 
 
 def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) -> list[Place]:
-    """``per_gpu`` workers on each GPU, with cores of their own near it, and cases.
+    """``per_gpu`` workers on each GPU, with cores of their own near it, and cases; the
+    first of every GPU, then the second of every GPU, and so on.
 
     Args:
         gpus: devices, ``cuda:N``.
         near: cores near each of them that may be used; GPUs of a socket have the same ones.
         per_gpu: workers on each.
     """
-    wishes = [tuple(sorted(cores)) for cores in near for _ in range(per_gpu)]
-    devices = [gpu for gpu in gpus for _ in range(per_gpu)]
+    wishes = [tuple(sorted(cores)) for cores in near] * per_gpu
+    devices = [*gpus] * per_gpu
     places = []
     for index, (device, cores) in enumerate(zip(devices, wishes, strict=True)):
         sharers = [other for other, wish in enumerate(wishes) if wish == cores]
@@ -91,7 +92,7 @@ def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) 
         first, last = turn * len(cores) // count, (turn + 1) * len(cores) // count
         # A simulator, a stack and a worker: with one core they would only wait for each other.
         enough = len(cores) >= 2 * count
-        gpu, stretch = divmod(index, per_gpu)
+        stretch, gpu = divmod(index, len(gpus))
         share = Share(stretch, per_gpu, gpu, len(gpus)) if len(devices) > 1 else None
         places.append(Place(device, cores[first:last] if enough else (), share))
     return places

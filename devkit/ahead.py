@@ -11,6 +11,7 @@ import threading
 
 from schemas.json_text import JsonError, decode_json
 from twin.fabric.errors import UsageError
+from twin.fabric.gpu_start import begin, begun
 from twin.fabric.process import PARENT_VARIABLE, die_with_parent, leave_signals_to_the_parent
 
 LOADED = ("devkit.host", "devkit.aeb", "devkit.detector", "onnx")
@@ -27,6 +28,7 @@ def await_arguments(device: str) -> list[str]:
     if parent:
         die_with_parent(parent)
         leave_signals_to_the_parent()
+    begin(device)
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(lines,), name="arguments", daemon=True).start()
     waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
@@ -49,8 +51,10 @@ def _wake(device: str) -> None:
     ONNX Runtime, whose import leaves a file in the temporary folder."""
     if device.startswith("cuda"):
         with contextlib.suppress(Exception):
-            importlib.import_module("devkit.detector_resize").wake(device)
+            resize = importlib.import_module("devkit.detector_resize")
             importlib.import_module("devkit.detector_runtime").load_libraries()
+            begun(device)
+            resize.wake(device)
 
 
 def _read(lines: queue.SimpleQueue[bytes]) -> None:

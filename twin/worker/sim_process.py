@@ -17,6 +17,7 @@ from pathlib import Path
 
 from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
+from twin.fabric.gpu_start import begun
 from twin.fabric.process import leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
 from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
@@ -81,6 +82,7 @@ def _first(device: str, orders: Orders) -> Build:
 
 
 def _wake(device: str) -> None:
+    begun(device)
     with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
         importlib.import_module("twin.world.kernel_cache").wake(device)
 

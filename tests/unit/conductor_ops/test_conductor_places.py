@@ -40,7 +40,7 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
         Place("cuda:2", (8, 9, 10, 11, 12, 13, 14), Share(0, 1, 2, 3)),
     ]
     twice = on_gpus(["cuda:0", "cuda:1"], [range(9), range(9)], 2)
-    assert [place.device for place in twice] == ["cuda:0", "cuda:0", "cuda:1", "cuda:1"]
+    assert [place.device for place in twice] == ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]
     assert sorted(core for place in twice for core in place.cores) == list(range(9))
     assert places[0].options() == ("--device", "cuda:0", "--cores", "0-3")
 
@@ -49,8 +49,8 @@ def test_workers_of_a_gpu_have_stretches_that_all_gpus_share():
     places = on_gpus(["cuda:0", "cuda:1"], [range(16)] * 2, 2)
     assert [place.share for place in places] == [
         Share(0, 2, 0, 2),
-        Share(1, 2, 0, 2),
         Share(0, 2, 1, 2),
+        Share(1, 2, 0, 2),
         Share(1, 2, 1, 2),
     ]
     assert on_gpus(["cuda:0"], [range(16)], 1)[0].share is None

@@ -1,0 +1,137 @@
+"""conductor.gpu_turns: who may begin to use a GPU, and that nobody waits for the dead."""
+
+from __future__ import annotations
+
+import array
+import fcntl
+import os
+import signal
+import socket
+import subprocess
+import sys
+import termios
+from contextlib import ExitStack, suppress
+from functools import partial
+
+import pytest
+from waiting import wait_for
+
+from conductor.gpu_turns import TURNS, Queue, turns
+from twin.fabric.gpu_start import TURNS_VARIABLE, _turn
+
+
+class Guest:
+    """A process that would like to begin."""
+
+    def __init__(self, at_end: ExitStack, line: str) -> None:
+        self.socket = at_end.enter_context(socket.socket(socket.AF_UNIX))
+        self.socket.connect(f"\0{os.environ[TURNS_VARIABLE]}")
+        self.socket.sendall(line.encode())
+        wait_for(self._is_read, "the line is read")
+
+    def _is_read(self) -> bool:
+        unread = array.array("i", [0])
+        fcntl.ioctl(self.socket, termios.TIOCOUTQ, unread)
+        return unread[0] == 0
+
+    def waits(self) -> bool:
+        """Nothing has come, not even the end."""
+        self.socket.settimeout(0)
+        try:
+            self.socket.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:
+            return True
+        return False
+
+    def get(self) -> bytes:
+        """The turn; nothing: there is none any more."""
+        self.socket.settimeout(60.0)
+        with suppress(ConnectionResetError):
+            return self.socket.recv(1)
+        return b""
+
+    def end(self) -> None:
+        """It has begun, or died."""
+        self.socket.close()
+
+
+@pytest.fixture
+def guest():
+    with ExitStack() as at_end:
+        yield partial(Guest, at_end)
+
+
+def test_so_many_at_once_then_by_place(guest, monkeypatch):
+    monkeypatch.setenv(TURNS_VARIABLE, f"drivetwin-turns-test-{os.getpid()}")
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(f"\0{os.environ[TURNS_VARIABLE]}")
+        door.listen()
+        queue = Queue(door)
+        first = [guest("70\n") for _ in range(TURNS)]
+        assert [one.get() for one in first] == [b"\n"] * TURNS
+        late = {place: guest(f"{place}\n") for place in (9, 10, 8)}
+        wait_for(lambda: len(queue.waiting) == len(late), "all wait")
+        order = []
+        first[0].end()
+        while late:
+            wait_for(lambda: not all(one.waits() for one in late.values()), "the next turn")
+            (place,) = (place for place, one in late.items() if not one.waits())
+            order.append(place)
+            one = late.pop(place)
+            assert one.get() == b"\n"
+            one.end()
+        assert order == [8, 9, 10]
+        queue.close()
+
+
+def test_who_left_the_queue_holds_nobody_up(guest):
+    with turns("cuda:0"):
+        first = [guest("0\n") for _ in range(TURNS)]
+        assert [one.get() for one in first] == [b"\n"] * TURNS
+        gone, last = guest("1\n"), guest("2\n")
+        gone.end()
+        assert last.waits()
+        first[0].end()
+        assert last.get() == b"\n"
+
+
+@pytest.mark.parametrize("line", ["", "\n", "first\n", "x" * 100_000])
+def test_who_says_nothing_sensible_gets_no_turn_and_takes_none(guest, line):
+    with turns("cuda:0"):
+        strange = [guest(line) for _ in range(TURNS)]
+        fine = guest("3\n")
+        assert fine.get() == b"\n"
+        for one in strange:
+            one.end()
+
+
+def test_at_the_end_nobody_waits_any_more(guest):
+    with turns("cuda:0"):
+        guests = [guest("0\n") for _ in range(TURNS + 1)]
+        assert [one.get() for one in guests[:-1]] == [b"\n"] * TURNS
+    assert guests[-1].get() == b""
+    assert TURNS_VARIABLE not in os.environ
+
+
+def test_a_killed_run_lets_everybody_go(guest):
+    code = (
+        "import os, time\nfrom conductor.gpu_turns import turns\n"
+        f"with turns('cuda:0'):\n    print(os.environ['{TURNS_VARIABLE}'], flush=True)\n"
+        "    time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as run:
+        os.environ[TURNS_VARIABLE] = run.stdout.readline().strip()
+        try:
+            guests = [guest("0\n") for _ in range(TURNS + 1)]
+            assert [one.get() for one in guests[:-1]] == [b"\n"] * TURNS
+            run.send_signal(signal.SIGKILL)
+            assert guests[-1].get() == b""
+            with _turn():
+                pass  # whoever comes now goes on
+        finally:
+            os.environ.pop(TURNS_VARIABLE)
+
+
+def test_a_cpu_has_no_turns():
+    with turns("cpu"):
+        assert TURNS_VARIABLE not in os.environ
