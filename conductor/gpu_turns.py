@@ -17,7 +17,7 @@ from collections.abc import Iterator
 
 from twin.fabric.gpu_start import TURNS_VARIABLE
 
-TURNS = int(os.environ.get("TRY_TURNS", "2"))
+TURNS = 2
 """Processes that may begin at once: a simulator and its stack."""
 
 _PLACE_BYTES_MAX = 16

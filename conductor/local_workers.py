@@ -21,6 +21,7 @@ import msgspec
 from conductor.places import Place
 from twin.fabric.ahead import LATER, Told
 from twin.fabric.gpu_start import PLACE_VARIABLE
+from twin.fabric.memory_count import MemoryCount
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 STOP_S = 12.0
@@ -50,6 +51,8 @@ class LocalWorkers:
     """Campaign folder; what workers say goes to its ``logs``."""
     places: Sequence[Place]
     """Where each of them computes; one that died is replaced at its place."""
+    memory: MemoryCount | None = None
+    """How many slots they may have, where that is to be counted."""
     told: Told | None = None
     """Whom they serve; None: that is not known yet. The log is each worker's own."""
     children: list[Child] = field(default_factory=list)
@@ -134,6 +137,8 @@ class LocalWorkers:
         """Ask all at once, then wait for each; they give their leases back."""
         _end(self.children)
         self.children = []
+        if self.memory is not None:
+            self.memory.discard()
 
 
 def _ask(children: Sequence[Child]) -> None:

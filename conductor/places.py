@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from schemas.messages import Share
 from twin.fabric.errors import UsageError
-from twin.fabric.nvml import visible_gpus
+from twin.fabric.nvml import VisibleGpu, visible_gpus
 
 WORKERS_MAX = 8
 """Local workers started by default on the CPU, at most."""
@@ -26,6 +26,8 @@ class Asked:
     """So many; None: by the cores."""
     per_gpu: int = 0
     """So many on every GPU; 0: not on GPUs."""
+    gpus: tuple[VisibleGpu, ...] = ()
+    """What is here; without any, GPUs are not asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +69,9 @@ def where(asked: Asked, device: str) -> tuple[Asked, str]:
     says so."""
     if not asked.per_gpu:
         return asked, device
-    gpus = visible_gpus()
+    gpus = tuple(visible_gpus())
     if gpus:
-        return asked, gpus[0].device
+        return replace(asked, gpus=gpus), gpus[0].device
     print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
     return Asked(), "cpu"
 

@@ -52,8 +52,7 @@ from twin.fabric.errors import (
     UsageError,
 )
 from twin.fabric.key_file import Key, shared
-from twin.fabric.memory_count import slots_that_fit
-from twin.fabric.nvml import visible_gpus
+from twin.fabric.memory_count import MemoryCount
 from twin.fabric.software import device_class, software_digest
 
 POLL_S = 0.1
@@ -106,7 +105,7 @@ def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
         *("--spool", str(folder / "spool")),
     ]
     places = _places(options, len(expand(campaign)))
-    workers = LocalWorkers(worker_options, folder, places)
+    workers = LocalWorkers(worker_options, folder, places, _memory_count(campaign, options))
     if loads and _is_new(folder):
         workers.start()
     return workers
@@ -129,7 +128,7 @@ def run_campaign(
 
     ``computed`` is called when they have ended.
     """
-    if options.workers.count != 0:
+    if options.workers.count != 0 and not options.workers.gpus:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
     console = Console(stderr=True)
@@ -192,7 +191,7 @@ def _execute(
             )
         _check_software(row, options)
         places = _places(options, row["left"])
-        slots = _slots(options, row["left"], len(places), campaign)
+        slots = _slots(options, row["left"], len(places), workers.memory)
         if options.workers.per_gpu:
             devices = ", ".join(place.device for place in places)
             console.print(f"workers on {devices} with {slots} slots each", markup=False)
@@ -378,19 +377,26 @@ def _check_software(row: dict[str, Any], options: RunOptions) -> None:
 def _places(options: RunOptions, left: int) -> list[Place]:
     """Where workers compute."""
     if options.workers.per_gpu:
-        gpus = visible_gpus()
+        gpus = options.workers.gpus
         return on_gpus([g.device for g in gpus], [g.cores for g in gpus], options.workers.per_gpu)
     cores = len(os.sched_getaffinity(0))
     return on_cpu(options.device, options.workers.count, cores, left, options.slots or 1)
 
 
-def _slots(options: RunOptions, left: int, workers: int, campaign: Campaign) -> int:
-    """Slots per worker."""
+def _memory_count(campaign: Campaign, options: RunOptions) -> MemoryCount | None:
+    """Begin to count how many slots fit on the GPUs; None where that does not matter."""
     if options.slots or not options.workers.per_gpu:
-        return options.slots or 1
-    free = min(gpu.free_bytes for gpu in visible_gpus()) // options.workers.per_gpu
+        return None
+    free = min(gpu.free_bytes for gpu in options.workers.gpus) // options.workers.per_gpu
     asked = ("--campaign", "-", "--free-gb", str(free / 1e9))
-    return gpu_slots(left, workers, slots_that_fit(msgspec.json.encode(campaign), asked))
+    return MemoryCount(msgspec.json.encode(campaign), asked)
+
+
+def _slots(options: RunOptions, left: int, workers: int, count: MemoryCount | None) -> int:
+    """Slots per worker."""
+    if count is None:
+        return options.slots or 1
+    return gpu_slots(left, workers, count.slots())
 
 
 def _progress(console: Console) -> Progress:

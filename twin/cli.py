@@ -117,11 +117,6 @@ def worker(
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
     from twin.fabric.ahead import LATER
-    from twin.fabric.discovery import await_conductor, choose_target
-    from twin.fabric.roles import Role
-    from twin.worker.ahead import await_told
-    from twin.worker.fitting import GPU_SLOTS
-    from twin.worker.shell import Worker, WorkerOptions
 
     if cores:
         from twin.worker.cores import stay_on
@@ -134,7 +129,16 @@ def worker(
         return
     loading, share = None, None
     if connect == LATER:
-        told, loading = await_told(device, load=load_simulator)
+        from twin.worker.ahead import await_told, begin_loading
+
+        loading = begin_loading(device) if load_simulator else None
+    from twin.fabric.discovery import await_conductor, choose_target
+    from twin.fabric.roles import Role
+    from twin.worker.fitting import GPU_SLOTS
+    from twin.worker.shell import Worker, WorkerOptions
+
+    if connect == LATER:
+        told = await_told(loading)
         connect, slots, share = told.connect, told.slots, told.share
         key = Path(told.key) if told.key else None
     if state is not None and not connect:

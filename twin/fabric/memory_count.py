@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 
 TIMEOUT_S = 60.0
 """Longest time to build the scene and add up [s]."""
 
 
-def slots_that_fit(of: bytes, options: Sequence[str]) -> int | None:
-    """What ``twin memory`` with ``options`` says of a campaign or a case, JSON on its input.
+class MemoryCount:
+    """``twin memory`` with ``options``, of a campaign or a case, JSON on its input; it counts while
+    the caller does something else."""
 
-    Returns:
-        None if the simulator does not say: a rig that does not fit says it itself then.
-    """
-    command = [sys.executable, "-m", "twin", "memory", *options, "--output", "json"]
-    try:
-        done = subprocess.run(command, input=of, capture_output=True, timeout=TIMEOUT_S)
-        fits = json.loads(done.stdout)["slots_max"]
-    except (OSError, subprocess.TimeoutExpired, ValueError, KeyError):
-        return None
-    return fits if isinstance(fits, int) else None
+    def __init__(self, of: bytes, options: Sequence[str]) -> None:
+        command = [sys.executable, "-m", "twin", "memory", *options, "--output", "json"]
+        self._process: subprocess.Popen[bytes] | None = None
+        with contextlib.suppress(OSError), tempfile.TemporaryFile() as given:
+            given.write(of)
+            given.seek(0)
+            self._process = subprocess.Popen(
+                command, stdin=given, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
+
+    def slots(self) -> int | None:
+        """What it says; None if it does not: a rig that does not fit says it itself then."""
+        if self._process is None:
+            return None
+        try:
+            said, _ = self._process.communicate(timeout=TIMEOUT_S)
+            fits = json.loads(said)["slots_max"]
+        except (subprocess.TimeoutExpired, ValueError, KeyError):
+            return None
+        finally:
+            self.discard()
+        return fits if isinstance(fits, int) else None
+
+    def discard(self) -> None:
+        """Nobody asks any more."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -84,17 +85,22 @@ def device_class(device: str) -> str:
         return f"cpu:{_instruction_set()}"
     if not re.fullmatch(r"cuda:[0-9]{1,3}", device):
         raise UsageError(f"device '{device[:40]}': allowed are cpu and cuda:N, e.g. cuda:0")
+    return f"cuda:{_gpu_name(device)}"
+
+
+@functools.cache  # the driver keeps others waiting while processes begin to use GPUs
+def _gpu_name(device: str) -> str:
     import pynvml
 
     try:
         pynvml.nvmlInit()
         try:
-            name = pynvml.nvmlDeviceGetName(gpu_handle(pynvml, device))
+            name: str = pynvml.nvmlDeviceGetName(gpu_handle(pynvml, device))
         finally:
             pynvml.nvmlShutdown()
     except pynvml.NVMLError as error:
         raise UsageError(f"device '{device}': not here ({error}); use --device cpu") from None
-    return f"cuda:{name}"
+    return name
 
 
 def _instruction_set() -> str:

@@ -28,18 +28,18 @@ class Loading:
         self.stack.discard()
 
 
-def await_told(device: str, *, load: bool) -> tuple[Told, Loading | None]:
+def begin_loading(device: str) -> Loading:
+    """Have the processes of a rig that computes on ``device`` load."""
+    return Loading(start_simulator(device), load_stack(device))
+
+
+def await_told(loading: Loading | None) -> Told:
     """Wait to be told whom to serve; from then on standard output and error go to the log.
 
-    Args:
-        device: where the worker computes.
-        load: have the processes of a rig load meanwhile.
-
     Raises:
-        SystemExit: there is nobody to serve.
+        SystemExit: there is nobody to serve; ``loading`` is ended.
         UsageError: standard input says something else.
     """
-    loading = Loading(start_simulator(device), load_stack(device)) if load else None
     line = sys.stdin.buffer.readline()
     if not line:
         if loading is not None:
@@ -56,4 +56,4 @@ def await_told(device: str, *, load: bool) -> tuple[Told, Loading | None]:
         os.dup2(log, 1)
         os.dup2(log, 2)
         os.close(log)
-    return told, loading
+    return told

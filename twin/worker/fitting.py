@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from schemas.campaign import Case
-from twin.fabric.memory_count import slots_that_fit
+from twin.fabric.memory_count import MemoryCount
 
 GPU_SLOTS = 128
 """Slots of a worker on a GPU unless the user says otherwise, where they fit: with more it gets
@@ -15,5 +15,5 @@ little faster, and other workers get less to do."""
 def fitting(device: str, slots: int, case: Case) -> int:
     """At most ``slots``, and no more than fit into what is free on ``device``."""
     options = ("--case", "-", "--slots", str(slots), "--device", device)
-    fits = slots_that_fit(msgspec.json.encode(case), options)
+    fits = MemoryCount(msgspec.json.encode(case), options).slots()
     return slots if fits is None else min(slots, fits)

@@ -15,7 +15,6 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from twin.fabric.drive import STACK_BYTES_MAX
 from twin.fabric.errors import TwinError
 from twin.fabric.gpu_start import begun
 from twin.fabric.process import leave_signals_to_the_parent, spawn
@@ -88,6 +87,7 @@ def _wake(device: str) -> None:
 
 
 def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
+    from twin.fabric.drive import STACK_BYTES_MAX
     from twin.fabric.endpoint import allow_plain, is_exposed
     from twin.fabric.key_file import load_key
     from twin.fabric.refusals import refusals_logged
