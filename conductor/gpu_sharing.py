@@ -18,12 +18,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
+from twin.fabric.gpu_start import PIPES_VARIABLE
 from twin.fabric.process import end, spawn
 
 PROGRAM = "nvidia-cuda-mps-control"
 
-PIPES_VARIABLE, LOGS_VARIABLE = "CUDA_MPS_PIPE_DIRECTORY", "CUDA_MPS_LOG_DIRECTORY"
-"""Environment variables of CUDA: where its service is, and what it writes."""
+LOGS_VARIABLE = "CUDA_MPS_LOG_DIRECTORY"
+"""Environment variable of CUDA: where its service writes what it does."""
 
 SWITCH_VARIABLE = "TWIN_MPS"
 """Environment variable: ``off`` for processes that take turns, to compare."""

@@ -115,9 +115,13 @@ def trouble(check: Check) -> None:
         ended = "failed" if kind == "nan" else "unresolved"
         check.expect(f"{kind}: {said[kind]}", holds=case.outcome == ended)
     others = [name for name in names if name not in troubled.values()]
-    same = sum(before[name].kpi_sha256 == after[name].kpi_sha256 != "" for name in others)
-    check.found["trouble"] = {"said": said, "others": len(others), "same": same}
-    check.expect(f"{same} of {len(others)} others are the same", holds=same == len(others))
+    changed = {
+        name: [after[name].outcome, " ".join(after[name].reasons)[:200]]
+        for name in others
+        if not before[name].kpi_sha256 == after[name].kpi_sha256 != ""
+    }
+    check.found["trouble"] = {"said": said, "others": len(others), "changed": changed}
+    check.expect(f"of {len(others)} others none is changed: {changed}", holds=not changed)
     check.write()
 
 

@@ -14,11 +14,16 @@ import socket
 import threading
 from collections.abc import Iterator
 
+from twin.fabric.nvml import takes_several
+
 TURNS_VARIABLE = "TWIN_GPU_TURNS"
 """Environment variable: the abstract Unix socket of whoever gives turns; not set: nobody does."""
 
 PLACE_VARIABLE = "TWIN_GPU_PLACE"
 """Environment variable: place of this process in the queue, from 0; the first comes first."""
+
+PIPES_VARIABLE = "CUDA_MPS_PIPE_DIRECTORY"
+"""Environment variable of CUDA: where NVIDIA's Multi-Process Service (MPS) listens."""
 
 TURN_S = 30.0
 """Longest wait for a turn; it saves time, nothing depends on it [s]."""
@@ -39,6 +44,17 @@ def begun(device: str) -> None:
     """Wait until what :func:`begin` began is done; whoever uses the GPU says what is wrong."""
     if device in _begun:
         _begun[device].join()
+
+
+def apart(device: str) -> dict[str, str]:
+    """Environment of a process that computes on ``device`` by itself: what MPS serves together ends
+    together when one of them writes where it must not.
+
+    Empty on a CPU, and where the GPU takes nobody but the service.
+    """
+    if not device.startswith("cuda:") or not takes_several(device):
+        return {}
+    return {PIPES_VARIABLE: "/nonexistent"}
 
 
 def _use(device: str) -> None:

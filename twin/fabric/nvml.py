@@ -72,6 +72,23 @@ def visible_gpus() -> list[VisibleGpu]:
     return found
 
 
+def takes_several(device: str) -> bool:
+    """Whether several processes may compute on ``cuda:N`` without a service between them."""
+    import pynvml
+
+    try:
+        pynvml.nvmlInit()
+    except pynvml.NVMLError:
+        return False
+    try:
+        mode = pynvml.nvmlDeviceGetComputeMode(gpu_handle(pynvml, device))
+    except pynvml.NVMLError:
+        return False
+    finally:
+        pynvml.nvmlShutdown()
+    return bool(mode == pynvml.NVML_COMPUTEMODE_DEFAULT)
+
+
 def _near(nvml: Any, handle: Any) -> set[int]:
     """Cores near a GPU; none if the driver does not tell."""
     words = -(-(os.cpu_count() or 1) // 64)

@@ -28,6 +28,7 @@ from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
+from twin.fabric.gpu_start import apart
 from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
 from twin.fabric.rig_keys import RigKeys
 from twin.worker.announcement import Announcement
@@ -117,7 +118,10 @@ class RigProcess:
         self._recorder: subprocess.Popen[bytes] | None = None
         self._announced: Announcement | None = None
         self._fetches, self._fetch_seen_ns = False, 0
-        stack = loaded and _usable(loaded.stack, may_run(lease.case))
+        # A case with which a rig died must not end what others compute on the GPU, nor they it.
+        self._environment = apart(options.device) if lease.alone else {}
+        joins = not self._environment
+        stack = loaded and _usable(loaded.stack, joins and may_run(lease.case))
         self._stack = stack.process if stack else None
         self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
@@ -130,8 +134,10 @@ class RigProcess:
         if lease.case.keep == "none":
             view = view.unrecorded
         inline = lease.case.placement == "inline"
-        simulator = loaded and _usable(loaded.simulator, not inline)
-        simulator = simulator or start_simulator(options.device, threads() if inline else None)
+        simulator = loaded and _usable(loaded.simulator, joins and not inline)
+        simulator = simulator or start_simulator(
+            options.device, {**(threads() if inline else {}), **self._environment}
+        )
         self._simulator, self._log = simulator.process, simulator.log
         build = Build(
             lease=lease,
@@ -267,7 +273,7 @@ class RigProcess:
             self._stack.kill()
             end(self._stack)
             self._stack = None
-        self._stack = self._stack or start_stack(arguments, self._stack_log)
+        self._stack = self._stack or start_stack(arguments, self._stack_log, self._environment)
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
     def start_recorder(self, endpoint: str) -> None:

@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO
 
 from msgspec import json
@@ -33,10 +33,12 @@ def threads() -> dict[str, str]:
     return {name: os.environ.get(name, "1") for name in THREADS}
 
 
-def start_stack(arguments: Sequence[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+def start_stack(
+    arguments: Sequence[str], log: IO[bytes], environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
     """Start one with the options ``arguments``. Only from the main thread."""
     command = [sys.executable, "-m", "devkit", "host", *arguments]
-    return spawn(command, environment=threads(), log=log)
+    return spawn(command, environment={**threads(), **(environment or {})}, log=log)
 
 
 def load_stack(device: str) -> RigChild:

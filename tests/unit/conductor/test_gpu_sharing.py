@@ -12,7 +12,8 @@ from types import SimpleNamespace
 import pytest
 from waiting import wait_for
 
-from conductor.gpu_sharing import LOGS_VARIABLE, PIPES_VARIABLE, PROGRAM, side_by_side
+from conductor.gpu_sharing import LOGS_VARIABLE, PROGRAM, side_by_side
+from twin.fabric.gpu_start import PIPES_VARIABLE
 
 
 @pytest.fixture
