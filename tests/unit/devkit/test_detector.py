@@ -12,7 +12,7 @@ from onnx import TensorProto, helper
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.detector import Detector, ModelError
+from devkit.detector import MODEL_BYTES_MAX, Detector, ModelError
 from devkit.detector_decode import Selection, decode
 from devkit.detector_description import (
     METADATA_KEY,
@@ -140,6 +140,9 @@ def test_files_that_are_no_model(models, tmp_path):
     for data in (b"", b"no model", b"\x00" * 100, whole[: len(whole) // 2], whole[:-1]):
         path.write_bytes(data)
         assert "not an ONNX file, or damaged" in refused(path)
+    with path.open("wb") as file:
+        file.truncate(MODEL_BYTES_MAX + 1)  # takes no room
+    assert f"at most {MODEL_BYTES_MAX} are read" in refused(path)
 
 
 def changed(models, tmp_path, change) -> object:
