@@ -38,9 +38,9 @@ _SCRIPT = f"""
 unset CUDA_VISIBLE_DEVICES
 timeout {QUIT_S} {PROGRAM} -d > "$0/start" 2>&1 || exit 1
 echo started
-echo "start_server -uid $(id -u)" | timeout {QUIT_S} {PROGRAM} > "$0/server" 2>&1
+echo "start_server -uid $(id -u)" | {PROGRAM} > "$0/server" 2>&1 &
 cat > "$0/lifeline"
-echo "quit -t {QUIT_S}" | {PROGRAM} > "$0/quit" 2>&1
+echo "quit -t {QUIT_S}" | timeout {QUIT_S + 5} {PROGRAM} > "$0/quit" 2>&1
 rm -rf "$0"
 """
 # The server of this user would else be started when the first process begins to compute.

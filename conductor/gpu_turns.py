@@ -7,7 +7,6 @@ Those of the first worker of every GPU come first, and so on: all GPUs have work
 from __future__ import annotations
 
 import contextlib
-import heapq
 import os
 import secrets
 import socket
@@ -51,8 +50,8 @@ class Queue:
         self._door = door
         self._changed = threading.Condition()
         self._guests: set[socket.socket] = set()
-        self.waiting: list[tuple[int, int]] = []
-        """Place and arrival of each, a heap."""
+        self.waiting: set[tuple[int, int]] = set()
+        """Place and arrival of each."""
         self._arrivals = 0
         self._free = TURNS
         self._open = True
@@ -68,7 +67,8 @@ class Queue:
             self._changed.notify_all()
 
     def _welcome(self) -> None:
-        with contextlib.suppress(OSError):  # closed
+        # Closed; or there is no room for one more, and whoever comes then must not wait for us.
+        with contextlib.suppress(OSError, RuntimeError), self._door:
             while True:
                 guest, _ = self._door.accept()
                 threading.Thread(target=self._greet, args=(guest,), daemon=True).start()
@@ -95,12 +95,11 @@ class Queue:
         with self._changed:
             self._arrivals += 1
             own = (place, self._arrivals)
-            heapq.heappush(self.waiting, own)
+            self.waiting.add(own)
             self._changed.wait_for(
-                lambda: not self._open or (self._free and self.waiting[0] == own)
+                lambda: not self._open or (self._free and own == min(self.waiting))
             )
             self.waiting.remove(own)
-            heapq.heapify(self.waiting)
             self._free -= 1
             self._changed.notify_all()
         try:

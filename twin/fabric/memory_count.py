@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+
+from twin.fabric.process import PARENT_VARIABLE
 
 TIMEOUT_S = 60.0
 """Longest time to build the scene and add up [s]."""
@@ -15,7 +18,7 @@ TIMEOUT_S = 60.0
 
 class MemoryCount:
     """``twin memory`` with ``options``, of a campaign or a case, JSON on its input; it counts while
-    the caller does something else."""
+    the caller does something else. Only from the main thread, with which it ends."""
 
     def __init__(self, of: bytes, options: Sequence[str]) -> None:
         command = [sys.executable, "-m", "twin", "memory", *options, "--output", "json"]
@@ -24,7 +27,11 @@ class MemoryCount:
             given.write(of)
             given.seek(0)
             self._process = subprocess.Popen(
-                command, stdin=given, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+                command,
+                stdin=given,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
             )
 
     def slots(self) -> int | None:
@@ -43,5 +50,5 @@ class MemoryCount:
     def discard(self) -> None:
         """Nobody asks any more."""
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+            with self._process:
+                self._process.kill()

@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
+
+
+@contextlib.contextmanager
+def library() -> Iterator[Any]:
+    """NVML, initialized meanwhile.
+
+    Raises:
+        pynvml.NVMLError: there is no driver.
+    """
+    import pynvml
+
+    pynvml.nvmlInit()
+    try:
+        yield pynvml
+    finally:
+        pynvml.nvmlShutdown()
 
 
 def visible_device(index: int, visible: str | None) -> int | str:
@@ -50,25 +68,18 @@ def visible_gpus() -> list[VisibleGpu]:
     import pynvml
 
     allowed = os.sched_getaffinity(0)
-    try:
-        pynvml.nvmlInit()
-    except pynvml.NVMLError:
-        return []
     found = []
-    try:
+    # What it does not find, CUDA does not see either.
+    with contextlib.suppress(pynvml.NVMLError), library() as nvml:
         visible = os.environ.get("CUDA_VISIBLE_DEVICES")
         count = len([n for n in visible.split(",") if n.strip()]) if visible is not None else None
         if count is None:
-            count = pynvml.nvmlDeviceGetCount()
+            count = nvml.nvmlDeviceGetCount()
         for index in range(count):
-            handle = gpu_handle(pynvml, f"cuda:{index}")
-            near = allowed & _near(pynvml, handle)
-            free = int(pynvml.nvmlDeviceGetMemoryInfo(handle).free)
+            handle = gpu_handle(nvml, f"cuda:{index}")
+            near = allowed & _near(nvml, handle)
+            free = int(nvml.nvmlDeviceGetMemoryInfo(handle).free)
             found.append(VisibleGpu(f"cuda:{index}", frozenset(near or allowed), free))
-    except pynvml.NVMLError:
-        pass  # what CUDA does not see either
-    finally:
-        pynvml.nvmlShutdown()
     return found
 
 
@@ -76,17 +87,10 @@ def takes_several(device: str) -> bool:
     """Whether several processes may compute on ``cuda:N`` without a service between them."""
     import pynvml
 
-    try:
-        pynvml.nvmlInit()
-    except pynvml.NVMLError:
-        return False
-    try:
-        mode = pynvml.nvmlDeviceGetComputeMode(gpu_handle(pynvml, device))
-    except pynvml.NVMLError:
-        return False
-    finally:
-        pynvml.nvmlShutdown()
-    return bool(mode == pynvml.NVML_COMPUTEMODE_DEFAULT)
+    with contextlib.suppress(pynvml.NVMLError), library() as nvml:
+        mode = nvml.nvmlDeviceGetComputeMode(gpu_handle(nvml, device))
+        return bool(mode == nvml.NVML_COMPUTEMODE_DEFAULT)
+    return False
 
 
 def _near(nvml: Any, handle: Any) -> set[int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from schemas.identity import digest
 from twin.fabric.errors import UsageError
-from twin.fabric.nvml import gpu_handle
+from twin.fabric.nvml import gpu_handle, library
 
 _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
@@ -93,11 +93,8 @@ def _gpu_name(device: str) -> str:
     import pynvml
 
     try:
-        pynvml.nvmlInit()
-        try:
-            name: str = pynvml.nvmlDeviceGetName(gpu_handle(pynvml, device))
-        finally:
-            pynvml.nvmlShutdown()
+        with library() as nvml:
+            name: str = nvml.nvmlDeviceGetName(gpu_handle(nvml, device))
     except pynvml.NVMLError as error:
         raise UsageError(f"device '{device}': not here ({error}); use --device cpu") from None
     return name

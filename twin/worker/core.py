@@ -138,6 +138,8 @@ class Rig:
     key: str
     slots: int
     """Cases that it drives at once."""
+    apart: bool = False
+    """It shares its GPU in turns, for the sake of one case; others get another rig."""
     ready: bool = False
 
 
@@ -315,11 +317,14 @@ class Core:
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
         """The rig ended by itself: one case alone is charged, several are suspects.
 
+        On a GPU a rig may end because of another one, unless it is apart.
+
         ``released``: it was the host that had no room for a rig, and no case is to blame.
         """
         several = sum(not held.over for held in self.held.values()) > 1
         for token, held in self.held.items():
-            why: Release = "suspect" if several and reason != "released" else reason
+            suspect = several or (self._on_gpu and not held.lease.alone)
+            why: Release = "suspect" if suspect and reason != "released" else reason
             if held.over:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:
@@ -524,12 +529,12 @@ class Core:
                 self.ask_at_ns = now_ns
                 continue
             key = rig_key(lease.case)
-            if self.rig is not None and (self.rig.key != key or lease.alone):
+            if self.rig is not None and (self.rig.key != key or lease.alone or self.rig.apart):
                 assert not self.held, "a lease of another rig came while cases were running"
                 effects.append(StopRig())
                 self.rig = None
             if self.rig is None:
-                self.rig = Rig(key, self._slots_of(lease.case))
+                self.rig = Rig(key, self._slots_of(lease.case), lease.alone and self._on_gpu)
                 effects.append(StartRig(lease, self.rig.slots))
             elif len(self.held) >= self.rig.slots:
                 # Asked for before its rig was known: it may hold fewer cars than were offered.
@@ -541,6 +546,10 @@ class Core:
                 effects.append(AssignLease(lease))
             self.held[lease.token] = Held(lease, moved_ns=now_ns)
         return effects
+
+    @property
+    def _on_gpu(self) -> bool:
+        return self.hello.device_class.startswith("cuda")
 
     def _slots_of(self, case: Case) -> int:
         slots = case.rig_slots(self.hello.slots)

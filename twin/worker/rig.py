@@ -120,8 +120,10 @@ class RigProcess:
         self._fetches, self._fetch_seen_ns = False, 0
         # A case with which a rig died must not end what others compute on the GPU, nor they it.
         self._environment = apart(options.device) if lease.alone else {}
-        joins = not self._environment
-        stack = loaded and _usable(loaded.stack, joins and may_run(lease.case))
+        if self._environment and loaded:
+            loaded.discard()
+            loaded = None
+        stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
         self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
@@ -134,7 +136,7 @@ class RigProcess:
         if lease.case.keep == "none":
             view = view.unrecorded
         inline = lease.case.placement == "inline"
-        simulator = loaded and _usable(loaded.simulator, joins and not inline)
+        simulator = loaded and _usable(loaded.simulator, not inline)
         simulator = simulator or start_simulator(
             options.device, {**(threads() if inline else {}), **self._environment}
         )

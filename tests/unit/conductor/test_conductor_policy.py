@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
+from conductor.backlog import Backlog
 from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDraining
-from conductor.grant import SPREAD_MAX, _spread
+from conductor.grant import SPREAD_MAX, _preferred, _spread
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Share, Submit
@@ -341,11 +342,24 @@ def test_shares_leave_batches_in_order() -> None:
     assert ids == [f"repeat_{i}" for i in range(8)]
 
 
-def test_a_share_looks_at_so_many_cases_and_no_more() -> None:
+@pytest.mark.parametrize("huge", [2, 10**18])
+def test_a_share_looks_at_so_many_cases_and_no_more(huge: int) -> None:
     """A conductor has one thread; what a worker says of itself must not hold it up."""
     bench = Bench(Config(folder="/state"))
     bench.ask(submit(cases=40))
-    bench.ask(hello(slots=8, share=Share(10**18, 10**18 + 1, 10**18, 10**18 + 1)))
+    bench.ask(hello(slots=8, share=Share(huge - 1, huge, huge - 1, huge)))
+    campaign = bench.state.campaigns["alpha"]
+    share = bench.state.workers["w1"].joined.share
+    assert share is not None
+    seen: list[int] = []
+
+    class Endless(Backlog):
+        def take(self, rig: str, group: int, begin: int = 0) -> Iterator[int]:
+            return (seen.append(order) or order for order in itertools.count(begin))
+
+    lane = _preferred(replace(campaign, backlog=Endless()), share, "rig", 8)
+    assert len(list(lane)) == 8
+    assert len(seen) <= SPREAD_MAX
     assert len(bench.lease(k=8)) == 8
 
 

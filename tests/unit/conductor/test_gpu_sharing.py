@@ -51,6 +51,7 @@ def test_processes_find_the_service_while_it_lasts(service, tmp_path, monkeypatc
         assert os.environ[PIPES_VARIABLE] == os.environ[LOGS_VARIABLE] == str(folder)
         # Its clients count devices by this variable; with it the service would count them, too.
         assert service.told().startswith(f"-d devices= at={folder}\n")
+        wait_for(lambda: "start_server" in service.told(), "the server is started")
         computed()
         wait_for(lambda: "quit" in service.told(), "the service was told to end")
     assert PIPES_VARIABLE not in os.environ
@@ -72,6 +73,7 @@ def test_it_ends_with_a_run_that_is_killed(service, tmp_path):
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as run:
         assert run.stdout.readline() == b"on\n"
         assert len(folders(tmp_path)) == 1
+        wait_for(lambda: "start_server" in service.told(), "the server is started")
         run.send_signal(signal.SIGKILL)
     wait_for(lambda: folders(tmp_path) == [], "the service's folder is gone")
     assert service.told().endswith("quit -t 10\n")

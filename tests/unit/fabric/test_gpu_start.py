@@ -4,12 +4,14 @@ it is asked stands for the driver, which is not on every machine."""
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 
 import pytest
 
 from conductor.gpu_turns import turns
+from twin.fabric.gpu_start import begin, begun
 
 DRIVER = """
 #include <stdio.h>
@@ -35,6 +37,8 @@ for _ in range(2):
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory):
+    if shutil.which("gcc") is None:
+        pytest.skip("needs gcc")
     folder = tmp_path_factory.mktemp("driver")
     (folder / "driver.c").write_text(DRIVER)
     command = ["gcc", "-shared", "-fPIC", "-o", folder / "libcuda.so.1", folder / "driver.c"]
@@ -67,7 +71,16 @@ def test_in_a_turn_where_there_are_turns(driver, tmp_path):
 
 def test_one_that_does_not_work_is_left_to_who_needs_it(driver, tmp_path):
     assert run(driver, tmp_path, "cuda:0", BROKEN="1") == "init 0\n"
-    assert run(tmp_path, tmp_path / "none", "cuda:0") == ""  # no driver at all
+
+
+def test_without_a_driver_nothing_happens(monkeypatch):
+    """And nothing is raised, in the thread or by it."""
+    monkeypatch.setattr("ctypes.CDLL", lambda name: (_ for _ in ()).throw(OSError(name)))
+    monkeypatch.setattr("threading.excepthook", lambda raised: failed.append(raised))
+    failed: list = []
+    begin("cuda:7")
+    begun("cuda:7")
+    assert failed == []
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda:x"])

@@ -186,6 +186,35 @@ def test_a_dead_rig_charges_only_a_case_that_was_alone():
     assert [(e.token, e.reason, e.detail) for e in core.ended] == [(1, "crash", "boom")]
 
 
+@pytest.mark.parametrize(("device_class", "apart"), [("cuda:H200", True), ("cpu:avx2", False)])
+def test_on_a_gpu_a_case_that_runs_alone_leaves_its_rig_to_nobody(device_class, apart):
+    """It takes turns with others there, which costs both; on a CPU nobody is in its way."""
+    core = working(slots=1, tokens=(1,))
+    core.hello = msgspec.structs.replace(core.hello, device_class=device_class)
+    core.on_done(result(1), 5)
+    (ask,) = core.on_time(5)
+    core.on_reply(ask.request, reply(seq=2, leases=[lease(2, alone=True)]), 6)
+    core.on_rig_ready()
+    core.on_done(result(2), 8)
+    (ask,) = core.on_time(8)
+    shared = lease(3)
+    effects = core.on_reply(ask.request, reply(seq=3, leases=[shared]), 9)
+    assert effects == ([StopRig(), StartRig(shared, 1)] if apart else [AssignLease(shared)])
+
+
+def test_on_a_gpu_only_a_case_that_runs_apart_is_charged():
+    """Another rig of the GPU may have been the reason."""
+    core = working(slots=1, tokens=(1,))
+    core.hello = msgspec.structs.replace(core.hello, device_class="cuda:H200")
+    core.on_rig_died("crash", "boom", 5)
+    assert [(e.token, e.reason) for e in core.ended] == [(1, "suspect")]
+    core.ended.clear()
+    (ask,) = core.on_time(6 + RETRY_NS)
+    core.on_reply(ask.request, reply(seq=2, leases=[lease(2, alone=True)]), 7 + RETRY_NS)
+    core.on_rig_died("crash", "boom", 8 + RETRY_NS)
+    assert [(e.token, e.reason) for e in core.ended] == [(2, "crash")]
+
+
 def test_a_case_that_was_over_is_no_victim_of_its_rig():
     core = working()
     core.on_progress([2], [4], 5 * SECOND_NS - 1, over=[1])

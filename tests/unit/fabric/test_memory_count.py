@@ -1,0 +1,29 @@
+"""twin.fabric.memory_count: asks a real `twin memory`, and waits for none that is not needed."""
+
+import msgspec
+import psutil
+import pytest
+
+from conductor.source import load
+from twin.fabric.memory_count import MemoryCount
+
+CAMPAIGN = msgspec.json.encode(load("chaos-16"))
+
+
+def test_it_counts():
+    few, many = (MemoryCount(CAMPAIGN, ("--campaign", "-", "--free-gb", gb)) for gb in ("1", "10"))
+    assert 0 < few.slots() < many.slots()
+
+
+@pytest.mark.parametrize("of", [b"", b"{}", b"\xff" * 200_000])
+def test_what_it_cannot_count_is_left_open(of):
+    assert MemoryCount(of, ("--campaign", "-", "--free-gb", "1")).slots() is None
+
+
+def test_one_that_nobody_asks_leaves_nothing():
+    before = set(psutil.Process().children())
+    count = MemoryCount(CAMPAIGN, ("--campaign", "-", "--free-gb", "1"))
+    (child,) = set(psutil.Process().children()) - before
+    count.discard()
+    count.discard()
+    assert not child.is_running()
