@@ -89,11 +89,11 @@ def test_late_commits_of_a_node_that_was_cut_off_are_fenced(marked, cluster, tmp
     assert {row["outcome"] for row in rows.values()} == {"verdict"}
     assert all(row["charges"] == [] for row in rows.values())
     late = [(row, each) for row in rows.values() for each in row["late"]]
-    assert late, "nobody came late"
-    for row, each in late:
-        assert each["agrees"]
-        assert each["worker"].startswith(lost)
-        assert not row["worker"].startswith(lost)
+    assert all(each["agrees"] for _, each in late)
+    # With so short a time to live a busy machine may make others late, too.
+    cut = [row for row, each in late if each["worker"].startswith(lost)]
+    assert cut, "nobody of the cut-off node came late"
+    assert not any(row["worker"].startswith(lost) for row in cut)
 
 
 def test_a_node_is_switched_off(marked, cluster, quiet, tmp_path):

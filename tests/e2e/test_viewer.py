@@ -51,6 +51,11 @@ def note(folder, case):
     return json.loads(path.read_text() or "null") if path.exists() else None
 
 
+def notes_in(folder):
+    """All that are there by now."""
+    return folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}")
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """chaos-16, recorded by 2 workers x 2 slots."""
@@ -95,6 +100,12 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
     folder = tmp_path / "c"
     child = start(marked, folder, "--workers", "1", "--slots", "2", "--view", "record")
     wait_for(lambda: committed(folder) >= 3, "three cases")
+
+    def complete():
+        said = [json.loads(path.read_text() or "null") for path in notes_in(folder)]
+        return any(each and each["complete"] for each in said)
+
+    wait_for(complete, "a recording")  # its writer loads longer than a case takes
     marked.one("viewer", "record").send_signal(number)
     assert finish(child)["fingerprint"] == quiet["fingerprint"]
     notes = {case: note(folder, case) for case in outcomes(folder)}
