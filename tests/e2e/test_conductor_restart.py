@@ -1,6 +1,7 @@
 """A conductor that is killed and started again goes on; commands by hand in three terminals."""
 
 import json
+import time
 from collections import Counter
 
 from processes import committed, outcomes, wait_for
@@ -132,6 +133,14 @@ def test_results_outlive_both_conductor_and_worker(marked, quiet, tmp_path):
     first.wait()
     wait_for(lambda: list(state.glob("spool/*.result")), "a result in the spool")
     marked.one("sim").suspend()  # so that what is spooled stays what there is
+
+    def written():
+        """Nothing that was on its way is still being written."""
+        before = sorted(state.glob("spool/*"))
+        time.sleep(1.0)
+        return before == sorted(state.glob("spool/*"))
+
+    wait_for(written, "the worker has spooled what it has")
     spooled = {int(path.stem) for path in state.glob("spool/*.result")}
     worker.kill()
     worker.wait()
