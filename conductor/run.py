@@ -39,6 +39,7 @@ from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.view import ViewMode
 from twin.fabric.ahead import Told
+from twin.fabric.cli import heed_signals
 from twin.fabric.endpoint import LOOPBACK, is_exposed
 from twin.fabric.errors import (
     EXIT_FAILED,
@@ -454,6 +455,7 @@ def _signals() -> Iterator[list[Interrupted]]:
 
     previous = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
+        heed_signals()
         yield pending
     finally:
         for number, handler in previous.items():

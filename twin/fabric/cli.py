@@ -124,9 +124,20 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
+_interrupted: list[int] = []
+"""Signals that have come."""
+
+
+def heed_signals() -> None:
+    """Raise again what a signal raised, if what it hit has swallowed it: an import, a callback."""
+    if _interrupted:
+        raise Terminated if signal.SIGTERM in _interrupted else KeyboardInterrupt
+
+
 def run(app: Callable[[], object], name: str) -> None:
     """Run an app; user errors become one line on stderr and their exit code."""
-    interrupted = []
+    interrupted = _interrupted
+    interrupted.clear()
 
     def on_interrupt(number: int, _frame: object) -> None:
         interrupted.append(number)
