@@ -48,12 +48,11 @@ def note(folder, case):
     An empty one is none: its writer was killed.
     """
     path = folder / outcomes(folder)[case]["attempt_dir"] / naming.RECORDING_NOTE
-    return json.loads(path.read_text() or "null") if path.exists() else None
+    return read_note(path) if path.exists() else None
 
 
-def notes_in(folder):
-    """All that are there by now."""
-    return folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}")
+def read_note(path):
+    return json.loads(path.read_text() or "null")
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +101,8 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
     wait_for(lambda: committed(folder) >= 3, "three cases")
 
     def complete():
-        said = [json.loads(path.read_text() or "null") for path in notes_in(folder)]
-        return any(each and each["complete"] for each in said)
+        paths = folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}")
+        return any(said and said["complete"] for said in map(read_note, paths))
 
     wait_for(complete, "a recording")  # its writer loads longer than a case takes
     marked.one("viewer", "record").send_signal(number)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 
-from twin.fabric.process import PARENT_VARIABLE
+from twin.fabric.process import spawn
 
 TIMEOUT_S = 60.0
 """Longest time to build the scene and add up [s]."""
@@ -26,13 +25,7 @@ class MemoryCount:
         with contextlib.suppress(OSError), tempfile.TemporaryFile() as given:
             given.write(of)
             given.seek(0)
-            self._process = subprocess.Popen(
-                command,
-                stdin=given,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
-            )
+            self._process = spawn(command, given=given, pipe_output=True)
 
     def slots(self) -> int | None:
         """What it says; None if it does not: a rig that does not fit says it itself then."""

@@ -29,6 +29,7 @@ def spawn(
     log: IO[bytes] | None = None,
     pipe_output: bool = False,
     folder: Path | None = None,
+    given: IO[bytes] | None = None,
 ) -> subprocess.Popen[bytes]:
     """Start a child in a process group of its own, bound to this process.
 
@@ -41,11 +42,12 @@ def spawn(
         log: receives standard error (and standard output unless ``pipe_output``).
         pipe_output: standard output is a pipe to the caller.
         folder: working folder.
+        given: standard input, in place of the lifeline: for a child that ends by itself.
     """
     variables = {**os.environ, **(environment or {}), PARENT_VARIABLE: str(os.getpid())}
     return subprocess.Popen(
         list(arguments),
-        stdin=subprocess.PIPE,
+        stdin=given or subprocess.PIPE,
         stdout=subprocess.PIPE if pipe_output else (log or subprocess.DEVNULL),
         stderr=log or subprocess.DEVNULL,
         env=variables,

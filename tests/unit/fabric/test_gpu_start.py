@@ -4,11 +4,11 @@ it is asked stands for the driver, which is not on every machine."""
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 
 import pytest
+from c_library import compiled
 
 from conductor.gpu_turns import turns
 from twin.fabric.gpu_start import begin, begun
@@ -37,13 +37,7 @@ for _ in range(2):
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory):
-    if shutil.which("gcc") is None:
-        pytest.skip("needs gcc")
-    folder = tmp_path_factory.mktemp("driver")
-    (folder / "driver.c").write_text(DRIVER)
-    command = ["gcc", "-shared", "-fPIC", "-o", folder / "libcuda.so.1", folder / "driver.c"]
-    subprocess.run(command, check=True)
-    return folder
+    return compiled(tmp_path_factory.mktemp("driver"), "libcuda.so.1", DRIVER)
 
 
 def run(driver, tmp_path, device, **variables):

@@ -5,13 +5,13 @@ shows; a library that answers as the driver does stands for it here."""
 import json
 import os
 import queue
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pynvml
 import pytest
+from c_library import compiled
 from msgspec import structs
 from waiting import PATIENCE_S
 
@@ -44,13 +44,7 @@ const char *nvmlErrorString(int error) { return "no"; }
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory):
-    if shutil.which("gcc") is None:
-        pytest.skip("needs gcc")
-    folder = tmp_path_factory.mktemp("driver")
-    (folder / "driver.c").write_text(DRIVER)
-    command = ["gcc", "-shared", "-fPIC", "-o", folder / "libnvidia-ml.so.1", folder / "driver.c"]
-    subprocess.run(command, check=True)
-    return folder
+    return compiled(tmp_path_factory.mktemp("driver"), "libnvidia-ml.so.1", DRIVER)
 
 
 @pytest.mark.parametrize(
