@@ -94,7 +94,9 @@ def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) 
         first, last = turn * len(cores) // count, (turn + 1) * len(cores) // count
         # A simulator, a stack and a worker: with one core they would only wait for each other.
         enough = len(cores) >= 2 * count
-        stretch, gpu = divmod(index, len(gpus))
+        nth, gpu = divmod(index, len(gpus))
+        # Networks are mostly listed from small to large, and the first worker is ready first.
+        stretch = per_gpu - 1 - nth
         share = Share(stretch, per_gpu, gpu, len(gpus)) if len(devices) > 1 else None
         places.append(Place(device, cores[first:last] if enough else (), share))
     return places

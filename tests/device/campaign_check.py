@@ -34,6 +34,7 @@ import numpy as np
 import onnx
 from darknet_oracle import random_weights
 
+from conductor.places import gpu_slots
 from conductor.source import find, load
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
@@ -276,19 +277,21 @@ def engine(check: Check) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A run: ``check.slots`` slots per GPU, shared by ``per_gpu`` workers."""
+    """A run with ``per_gpu`` workers on each GPU."""
 
     name: str
     path: str
     per_gpu: int
     gpus: int = 1
+    slots: int | None = None
+    """Of each worker; None: the workers of a GPU share ``check.slots``."""
 
 
 def compare(check: Check, part: str, plans: Sequence[Plan]) -> dict[str, dict[str, Any]]:
     """Run these; their rows, which must have one fingerprint. On a CPU there is one worker."""
     rows: dict[str, dict[str, Any]] = {}
     for plan in plans:
-        slots = -(-check.slots // plan.per_gpu)
+        slots = plan.slots or -(-check.slots // plan.per_gpu)
         workers = "1" if check.cpu else f"{plan.per_gpu}xcuda"
         with visible(plan.gpus):
             rows[plan.name] = check.run(f"{part}-{plan.name}", plan.path, slots, workers=workers)
@@ -358,10 +361,16 @@ def hours(check: Check) -> list[str]:
 
 
 def scale(check: Check, part: str, path: str) -> None:
-    """A campaign on one GPU, two and so on: by wall time, and from the first tick to the last."""
+    """A campaign on one GPU, two and so on, with the slots that `conductor run` chooses: by wall
+    time, and from the first tick to the last."""
     gpus = 1 if check.cpu else len(visible_gpus())
-    counts = [count for count in (1, 2, 4, 8) if count <= gpus]
-    rows = compare(check, part, [Plan(f"gpus-{n}", path, 4, n) for n in counts])
+    cases = len(expand(load(path)))
+    plans = [
+        Plan(f"gpus-{n}", path, 4, n, None if check.cpu else gpu_slots(cases, 4 * n, None))
+        for n in (1, 2, 4, 8)
+        if n <= gpus
+    ]
+    rows = compare(check, part, plans)
     first = rows["gpus-1"]
     check.found[f"{part}_speedup"] = {
         name: [first["wall_s"] / row["wall_s"], first["loop_s"] / row["loop_s"]]

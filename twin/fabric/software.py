@@ -93,8 +93,8 @@ def _gpu_name(device: str) -> str:
     import pynvml
 
     try:
-        with library() as nvml:
-            name: str = nvml.nvmlDeviceGetName(gpu_handle(nvml, device))
+        nvml = library()
+        name: str = nvml.nvmlDeviceGetName(gpu_handle(nvml, device))
     except pynvml.NVMLError as error:
         raise UsageError(f"device '{device}': not here ({error}); use --device cpu") from None
     return name

@@ -101,10 +101,6 @@ class Meter:
             for each in work
         ]
 
-    def close(self) -> None:
-        """Let go of the GPU's counters."""
-        self._gpu.close()
-
 
 def used(
     before: Sequence[Reading] | None, now: Sequence[Reading], elapsed_s: float

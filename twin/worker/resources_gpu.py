@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from twin.fabric.nvml import gpu_handle
+from twin.fabric.nvml import gpu_handle, library
 
 T = TypeVar("T")
 
@@ -39,11 +39,10 @@ class Gpu:
         import pynvml
 
         try:
-            pynvml.nvmlInit()
+            self._nvml = library()
         except pynvml.NVMLError:
             return
-        self._nvml = pynvml
-        self._handle = self._ask(lambda: gpu_handle(pynvml, device))
+        self._handle = self._ask(lambda: gpu_handle(self._nvml, device))
 
     def read(self) -> GpuReading:
         """The counters; each is None where the GPU or its driver does not tell it."""
@@ -61,12 +60,6 @@ class Gpu:
             memory_total_bytes=None if memory is None else int(memory.total),
             power_w=None if power_mw is None else power_mw / 1000,
         )
-
-    def close(self) -> None:
-        """Let go of NVML."""
-        if self._nvml is not None:
-            self._ask(self._nvml.nvmlShutdown)
-            self._nvml = self._handle = None
 
     def _ask(self, question: Callable[[], T]) -> T | None:
         try:

@@ -60,7 +60,6 @@ class ResourceLog:
                 work, meter.sample(work, time.time_ns(), time.monotonic_ns()), strict=False
             ):
                 self._append(Path(each.out), sample)
-        meter.close()
 
     def _append(self, out: Path, sample: Sample) -> None:
         path = out / PARTS_FOLDER / f"{self._worker}{PART_SUFFIX}"

@@ -48,10 +48,10 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
 def test_workers_of_a_gpu_have_stretches_that_all_gpus_share():
     places = on_gpus(["cuda:0", "cuda:1"], [range(16)] * 2, 2)
     assert [place.share for place in places] == [
-        Share(0, 2, 0, 2),
-        Share(0, 2, 1, 2),
         Share(1, 2, 0, 2),
         Share(1, 2, 1, 2),
+        Share(0, 2, 0, 2),
+        Share(0, 2, 1, 2),
     ]
     assert on_gpus(["cuda:0"], [range(16)], 1)[0].share is None
 

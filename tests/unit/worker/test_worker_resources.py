@@ -64,7 +64,6 @@ def test_the_gpu_is_the_one_that_cuda_sees(index, visible, expected):
 def test_no_gpu_is_unknown_and_not_zero(device):
     gpu = Gpu(device)
     assert gpu.read() == GpuReading()
-    gpu.close()
 
 
 def test_a_real_tree_is_measured():
