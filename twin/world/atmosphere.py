@@ -23,6 +23,8 @@ import math
 
 import numpy as np
 
+from twin.world.kept import kept
+
 SUN_LX = 133_100.0
 """Illuminance of the sun above the atmosphere [lx]."""
 SUN_RGB = np.array([1.1127, 0.9755, 0.9122])
@@ -34,6 +36,8 @@ HAZES_PER_M = tuple(float(h) for h in np.geomspace(0.4e-4, 3.2e-4, 7))
 """Aerosol extinctions at the ground that there are tables for [1/m]."""
 ELEVATION_STEP_RAD = math.radians(0.1)
 """Tables are made for elevations on this grid."""
+SKIES_MAX = 2048
+"""Skies that are kept on the disk, of 19 kB each: a first one takes 12 ms, a kept one 0.2."""
 
 _GROUND, _TOP = 6_360_000.0, 6_460_000.0
 _EYE_M = 200.0
@@ -74,6 +78,13 @@ def sunlight_left(elevation_rad: float, level: int) -> np.ndarray:
 
 @functools.lru_cache(maxsize=1024)
 def _sky_for(elevation_steps: int, level: int) -> np.ndarray:
+    key = b"%d %d" % (elevation_steps, level)
+    table = kept("skies", key, lambda: _sky(elevation_steps, level), SKIES_MAX)
+    table.flags.writeable = False
+    return table
+
+
+def _sky(elevation_steps: int, level: int) -> np.ndarray:
     transmittance, multiple = _tables(level)
     elevation = elevation_steps * ELEVATION_STEP_RAD
     sine = (np.arange(_ROWS) / (_ROWS - 1)) ** 2
@@ -83,9 +94,7 @@ def _sky_for(elevation_steps: int, level: int) -> np.ndarray:
     along = np.sqrt(1.0 - sine * sine)[:, None] * cos_azimuth[None, :]
     cosine = (along * math.cos(elevation) + sine[:, None] * math.sin(elevation)).ravel()
     light = _march(mu, cosine, math.sin(elevation), level, transmittance, multiple, 40)
-    table = light.reshape(_ROWS, _COLUMNS, 3)
-    table.flags.writeable = False
-    return table
+    return light.reshape(_ROWS, _COLUMNS, 3)
 
 
 def _march(
@@ -139,6 +148,10 @@ _M_HEIGHTS, _M_ANGLES = 10, 32
 @functools.lru_cache(maxsize=len(HAZES_PER_M))
 def _tables(level: int) -> tuple[np.ndarray, np.ndarray]:
     """Transmittance [heights, angles, 3] and multiple scattering [heights, angles, 3]."""
+    return kept("air", b"%d" % level, lambda: _air(level))
+
+
+def _air(level: int) -> tuple[np.ndarray, np.ndarray]:
     # Bruneton's mapping: distance to the horizon, and distance to the top along the ray.
     rho = np.linspace(0.0, 1.0, _T_HEIGHTS) * math.sqrt(_TOP**2 - _GROUND**2)
     r = np.sqrt(rho * rho + _GROUND**2)

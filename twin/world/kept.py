@@ -23,20 +23,21 @@ from twin.fabric.software import software_digest
 from twin.world.kernel_cache import kept_folder, prepare_kernels
 
 ENTRIES_MAX = 8
-"""Entries of one kind; the oldest ones go."""
+"""Entries of one kind unless it says otherwise; the oldest ones go."""
 
 _SUM_BYTES = 32
 
 T = TypeVar("T")
 
 
-def kept(kind: str, key: bytes, make: Callable[[], T]) -> T:
+def kept(kind: str, key: bytes, make: Callable[[], T], entries_max: int = ENTRIES_MAX) -> T:
     """What ``make`` returns, from the disk if it was made for ``key`` by this software before.
 
     Args:
         kind: names a folder.
         key: all that the result follows from beside the software.
         make: must depend on ``key`` alone; what it raises passes through.
+        entries_max: most entries of this kind.
     """
     if not wp.config.kernel_cache_dir:
         prepare_kernels()
@@ -46,7 +47,7 @@ def kept(kind: str, key: bytes, make: Callable[[], T]) -> T:
     if found is not None:
         return found[0]  # type: ignore[no-any-return]
     made = make()
-    _write(path, made)
+    _write(path, made, entries_max)
     return made
 
 
@@ -66,11 +67,15 @@ def _read(path: Path) -> tuple[Any] | None:
     return (pickle.loads(body),)
 
 
-def _write(path: Path, value: object) -> None:
+def _write(path: Path, value: object, entries_max: int) -> None:
     body = pickle.dumps(value, protocol=5)
     with contextlib.suppress(OSError):  # what cannot be kept only costs time
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, hashlib.sha256(body).digest() + body, mode=0o600)
+        whole = hashlib.sha256(body).digest() + body
+        write_atomic(path, whole, mode=0o600, sync=False)  # half of it would be found out
         entries = [e for e in path.parent.iterdir() if not e.name.startswith(".")]
-        for old in sorted(entries, key=lambda e: e.stat().st_mtime)[:-ENTRIES_MAX]:
-            old.unlink(missing_ok=True)
+        if len(entries) > entries_max:
+            oldest = sorted(entries, key=lambda e: e.stat().st_mtime)
+            # A few more, so that this is not done every time.
+            for old in oldest[: len(entries) - entries_max + entries_max // 16]:
+                old.unlink(missing_ok=True)
