@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from twin.world import atmosphere
 from twin.world import kept as module
 from twin.world.kept import ENTRIES_MAX, kept
 from twin.world.scene import load_scene
@@ -69,6 +70,29 @@ def test_the_oldest_entries_go(folder):
     for i in range(ENTRIES_MAX + 3):
         kept("things", b"%d" % i, lambda: 1)
     assert len(list(folder.iterdir())) == ENTRIES_MAX
+
+
+def test_of_many_entries_some_go_at_a_time(folder):
+    counts = []
+    for i in range(70):
+        kept("things", b"%d" % i, lambda: 1, 32)
+        counts.append(len(list(folder.iterdir())))
+    assert max(counts) == 32
+    assert min(counts[32:]) == 30
+    make, calls = counted(1)
+    kept("things", b"69", make, 32)
+    assert not calls
+
+
+def test_a_kept_sky_is_the_sky(folder):
+    fresh = atmosphere._sky(251, 3)
+    for _ in range(2):
+        atmosphere._sky_for.cache_clear()
+        atmosphere._tables.cache_clear()
+        again = atmosphere.sky_for(251 * atmosphere.ELEVATION_STEP_RAD, 3)
+        assert again.tobytes() == fresh.tobytes()
+        assert not again.flags.writeable
+    assert [entry.name for entry in sorted(folder.parent.iterdir())] == ["air", "skies"]
 
 
 def test_a_kept_world_is_the_world(folder):
