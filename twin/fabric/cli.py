@@ -26,7 +26,8 @@ from twin.fabric.software import check_packages
 
 EXIT_CODES = (
     "Exit codes: 0 all passed, 1 a verdict is not a pass, 2 usage or bad input, "
-    "3 infrastructure lost, 75 unfinished (run again to resume), 130 interrupted."
+    "3 infrastructure lost, 75 unfinished (run again to resume), 130 interrupted, "
+    "141 nobody read the output."
 )
 """Stands below every command's help."""
 
@@ -160,9 +161,11 @@ def run(app: Callable[[], object], name: str) -> None:
     except (KeyboardInterrupt, Terminated):
         _stopped(name, interrupted)
     except BrokenPipeError:
-        # The reader of our output left (``| head``); Python would complain once more at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(128 + signal.SIGPIPE)
+        _unheard()
+    except SystemExit as stop:
+        if isinstance(stop.__context__, BrokenPipeError):  # typer makes a 1 of it
+            _unheard()
+        raise
     except OSError as error:
         failure = storage_error(error, error.filename or name)
         _fail(name, str(failure), failure.exit_code)
@@ -173,6 +176,12 @@ def run(app: Callable[[], object], name: str) -> None:
         if not interrupted:
             raise
         _stopped(name, interrupted)
+
+
+def _unheard() -> None:
+    """The reader of our output left (``| head``); Python would complain once more at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    sys.exit(128 + signal.SIGPIPE)
 
 
 def _stopped(name: str, signals: list[int]) -> None:
