@@ -1,13 +1,15 @@
 """Looking at a campaign, recording it, and freezing whoever does: the KPIs do not notice."""
 
+import itertools
 import json
 import signal
 
 import cv2
 import numpy as np
 import pytest
-from processes import PATIENCE_S, Marked, committed, nothing_left, outcomes, wait_for
+from processes import PATIENCE_S, Marked, committed, complete, nothing_left, outcomes, wait_for
 from recordings import begun, read_recording
+from served_campaign import ServedCampaign
 
 from twin.fabric.kpi_file import read_kpi
 from viewer import naming, native
@@ -117,6 +119,39 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
             # A recorder that died while it opened the file has left one of nobody.
             assert not begun(path) or read_recording(path).application_id == naming.CASE_APP
     assert not list(folder.rglob("*.tmp"))
+
+
+def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_path):
+    """On the same rig: campaigns that come later are recorded."""
+    served = ServedCampaign(marked, tmp_path)
+    served.start()
+    text = (quiet["folder"] / "campaign.yaml").read_text()
+    assert "campaign: chaos-16" in text
+
+    def whole(number):
+        """Recordings of campaign ``number`` that are complete once its cases have ended."""
+        name = f"chaos-{number}"
+        (tmp_path / f"{name}.yaml").write_text(text.replace("chaos-16", name))
+        submit = ("conductor", "submit", str(tmp_path / f"{name}.yaml"))
+        assert marked.run(*submit, "--state", str(served.state)).returncode == 0
+        folder = served.state / name
+        wait_for(lambda: complete(folder), name)
+        notes = map(read_note, folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}"))
+        return sum(bool(said and said["complete"]) for said in notes)
+
+    options = ("--state", str(served.state), "--slots", "2", "--view", "record")
+    worker = marked.start("twin", "worker", *options)
+    numbers = itertools.count()
+    assert any(whole(number) for number in itertools.islice(numbers, 9))
+    simulator, recorder = marked.one("twin", "sim"), marked.one("viewer", "record")
+    recorder.kill()
+    assert any(whole(number) for number in itertools.islice(numbers, 9))
+    assert marked.one("twin", "sim") == simulator
+    assert marked.one("viewer", "record") != recorder
+    worker.terminate()
+    _, err = worker.communicate()
+    assert err.count("another recorder takes the next ones") == 1
+    served.finish()
 
 
 @needs_vulkan

@@ -224,7 +224,7 @@ class Fabric:
         name = f"faults-{len(self.campaigns) + 1}"
         path = self.folder / f"{name}.yaml"
         if "recorder" in self.extras and not self.find("recorder"):
-            self._view = 1 - self._view  # a rig gets no second recorder: another rig is needed
+            self._view = 1 - self._view  # a rig gets only so many: another is needed
         copy = {**CAMPAIGN, "campaign": name, "view": VIEWS[self._view]}
         path.write_text(yaml.safe_dump(copy))
         role = Role(("conductor", "submit", str(path), "--state", str(self.state)), self.hosts[0])

@@ -65,6 +65,9 @@ FETCH = "-m hpc fetch repository "
 FETCH_PERIOD_NS = 1_000_000_000
 """How often it is looked for [ns]."""
 
+RECORDERS_MAX = 5
+"""Recorders of one rig, one in place of the other, before its cases go on without."""
+
 LOG_PERIOD_S = 0.2
 """How often the size of a stack's log is looked at [s]."""
 
@@ -87,9 +90,11 @@ class RigDied:
 
 @dataclass(frozen=True, slots=True)
 class RecorderEnded:
-    """The recorder ended before its rig; nothing but the recordings suffers."""
+    """The recorder ended before its rig; nothing but recordings of running cases suffers."""
 
     detail: str
+    endpoint: str
+    """Where it read."""
 
 
 class RigProcess:
@@ -116,6 +121,8 @@ class RigProcess:
         self._drained = threading.Event()
         self._lock = threading.Lock()
         self._recorder: subprocess.Popen[bytes] | None = None
+        self._recorders = 0
+        """So many were started."""
         self._announced: Announcement | None = None
         self._fetches, self._fetch_seen_ns = False, 0
         # A case with which a rig died must not end what others compute on the GPU, nor they it.
@@ -278,8 +285,12 @@ class RigProcess:
         self._stack = self._stack or start_stack(arguments, self._stack_log, self._environment)
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
-    def start_recorder(self, endpoint: str) -> None:
-        """The simulator's view feed listens: start a recorder beside it."""
+    def start_recorder(self, endpoint: str) -> bool:
+        """The simulator's view feed listens: start a recorder beside it, or another one in place of
+        one that ended. False: that has happened too often."""
+        if self._recorders >= RECORDERS_MAX:
+            return False
+        self._recorders += 1
         self._recorder = spawn(
             [
                 *(sys.executable, "-m", "viewer", "record", "--connect", endpoint),
@@ -287,17 +298,20 @@ class RigProcess:
             ],
             log=self._recorder_log,
         )
-        threading.Thread(target=self._watch_recorder, name="recorder", daemon=True).start()
+        watch = threading.Thread(
+            target=self._watch_recorder, args=(self._recorder, endpoint), daemon=True
+        )
+        watch.start()
+        return True
 
-    def _watch_recorder(self) -> None:
-        assert self._recorder is not None
-        code = self._recorder.wait()
+    def _watch_recorder(self, recorder: subprocess.Popen[bytes], endpoint: str) -> None:
+        code = recorder.wait()
         with self._lock:
             if self._stopped:
                 return
             tail = last_lines(self._recorder_log)
         detail = how_it_ended(code)
-        self._inbox.put((self, RecorderEnded(f"{detail}: {tail}" if tail else detail)))
+        self._inbox.put((self, RecorderEnded(f"{detail}: {tail}" if tail else detail, endpoint)))
 
     def _finish_recordings(self) -> None:
         """A short grace for the recorder; a frozen one loses its recordings, nothing else."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import secrets
@@ -283,8 +284,8 @@ class Worker:
             case (_, Refused(line)):
                 _log(line)
                 return []
-            case (_, RecorderEnded(detail)):
-                _log(f"recorder ended: {detail}; cases go on, this rig's are not recorded")
+            case (_, RecorderEnded(detail, endpoint)):
+                _log(f"recorder ended: {detail}; {self._record_on(endpoint)}")
                 return []
             case (_, Built(transport)):
                 _log(f"rig ready, frames by {transport}")
@@ -326,6 +327,14 @@ class Worker:
         except OSError as error:
             return self._core.on_rig_died("released", f"no stack: {error.strerror}", now)
         return []
+
+    def _record_on(self, endpoint: str) -> str:
+        """Another recorder in place of one that ended; what comes of it."""
+        assert self._rig is not None
+        with contextlib.suppress(OSError):
+            if self._rig.start_recorder(endpoint):
+                return "running cases lose their recordings, another recorder takes the next ones"
+        return "cases go on, this rig's are not recorded any more"
 
     def _stack_words(self) -> str:
         """What a stack of another process said last, to be added to a reason."""
