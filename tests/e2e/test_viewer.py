@@ -12,6 +12,7 @@ from recordings import begun, read_recording
 from served_campaign import ServedCampaign
 
 from twin.fabric.kpi_file import read_kpi
+from twin.worker.rig import RECORDERS_MAX
 from viewer import naming, native
 
 needs_vulkan = pytest.mark.skipif(
@@ -122,7 +123,7 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
 
 
 def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_path):
-    """On the same rig: campaigns that come later are recorded."""
+    """On the same rig: campaigns that come later are recorded; but not for ever."""
     served = ServedCampaign(marked, tmp_path)
     served.start()
     text = (quiet["folder"] / "campaign.yaml").read_text()
@@ -147,10 +148,20 @@ def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_pat
     recorder.kill()
     assert any(whole(number) for number in itertools.islice(numbers, 9))
     assert marked.one("twin", "sim") == simulator
-    assert marked.one("viewer", "record") != recorder
+    seen = {recorder.pid}
+
+    def end_them():
+        for process in marked.processes("viewer", "record"):
+            seen.add(process.pid)
+            process.kill()
+        return len(seen) == RECORDERS_MAX
+
+    wait_for(end_them, "the last recorder")
+    assert whole(next(numbers)) == 0
     worker.terminate()
     _, err = worker.communicate()
-    assert err.count("another recorder takes the next ones") == 1
+    assert err.count("another recorder takes the next ones") == RECORDERS_MAX - 1
+    assert err.count("not recorded any more") == 1
     served.finish()
 
 
