@@ -316,7 +316,7 @@ def validate(
     ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Check a campaign file and explain every mistake in one line; lists its cases.
+    """Check a campaign file, and tell in one line what is wrong with it; lists its cases.
 
     Nothing of it is run: a repository's set-up is only told.
     """
@@ -521,7 +521,7 @@ def campaigns_command() -> None:
 
     for name in shipped():
         loaded = load(name)
-        print(f"{name:12} {len(expand(loaded)):5} cases  {loaded.description}")
+        print(f"{name:14} {len(expand(loaded)):5} cases  {loaded.description}")
 
 
 def main() -> None:

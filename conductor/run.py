@@ -60,6 +60,10 @@ POLL_S = 0.1
 """How often progress is looked at [s]."""
 DISMISS_S = 10.0
 """Longest wait for workers of other hosts to leave [s]."""
+AFTER_DEMO = (
+    "; next, try `conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
+)
+"""For whoever runs something for the first time."""
 RESTARTS_MAX = 5
 """Workers that died without a case ending in between, before the run gives up."""
 
@@ -328,8 +332,8 @@ def _tell(
         print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
         return code
     print(
-        f"report: {options.out / 'report.html'} - open it in a browser; next, try "
-        f"`conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
+        f"report: {options.out / 'report.html'} - open it in a browser"
+        + (AFTER_DEMO if options.out.name == "aeb-demo" else "")
     )
     return code
 

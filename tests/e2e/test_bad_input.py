@@ -37,6 +37,16 @@ def test_missing_file(marked):
     one_line(marked.run("conductor", "run", "no/such.yaml"), 2, "no/such.yaml", "no such file")
 
 
+def test_a_file_in_place_of_the_folder(marked, tmp_path):
+    """It is not the machine's fault."""
+    file = tmp_path / "notes"
+    file.write_text("mine")
+    for out in (file, file / "below"):
+        done = marked.run("conductor", "run", "chaos-16", "--out", str(out))
+        one_line(done, 2, str(out), "a file is where a folder should be")
+    assert file.read_text() == "mine"
+
+
 def test_unknown_weather(marked, tmp_path):
     path = campaign_file(tmp_path, matrix={"weather": ["hevy_fog"]})
     done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))

@@ -58,15 +58,20 @@ class UnfinishedError(TwinError):
 
 def storage_error(error: OSError, what: str) -> TwinError:
     """An ``OSError`` about the path ``what`` as one line with what to do."""
-    hints = {
+    elsewhere = "choose a folder that can be written, with --out"
+    in_the_way = "a file is where a folder should be; choose another with --out"
+    misused = {
+        errno.EROFS: elsewhere,
+        errno.EACCES: elsewhere,
+        errno.EPERM: elsewhere,
+        errno.EEXIST: in_the_way,
+        errno.ENOTDIR: in_the_way,
+    }
+    hints = misused | {
         errno.ENOSPC: "free some space and run the same command again",
         errno.EDQUOT: "the quota is used up; free some space and run the same command again",
-        errno.EROFS: "choose a folder that can be written, with --out",
-        errno.EACCES: "choose a folder that can be written, with --out",
-        errno.EPERM: "choose a folder that can be written, with --out",
     }
     reason = error.strerror or str(error)
     hint = hints.get(error.errno or 0, "")
-    kind = UsageError if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) else None
-    line = f"{what}: {reason}" + (f"; {hint}" if hint else "")
-    return (kind or InfrastructureError)(line)
+    kind = UsageError if error.errno in misused else InfrastructureError
+    return kind(f"{what}: {reason}" + (f"; {hint}" if hint else ""))

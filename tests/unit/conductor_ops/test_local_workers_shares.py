@@ -49,16 +49,16 @@ def test_shares_reach_the_conductor(tmp_path):
 
 
 def test_one_that_takes_the_place_of_a_dead_one_has_its_turn(tmp_path):
+    def place_of(pid):
+        """None: it is still a copy of this process, which has no place."""
+        for each in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
+            if each.startswith(f"{PLACE_VARIABLE}=".encode()):
+                return each.partition(b"=")[2]
+        return None
+
     def places():
-        found = {}
-        for child in workers.children:
-            variables = Path(f"/proc/{child.process.pid}/environ").read_bytes().split(b"\0")
-            found[child.process.pid] = next(
-                int(each.partition(b"=")[2])
-                for each in variables
-                if each.startswith(f"{PLACE_VARIABLE}=".encode())
-            )
-        return found
+        pids = [child.process.pid for child in workers.children]
+        return {pid: int(wait_for(lambda pid=pid: place_of(pid), "its place")) for pid in pids}
 
     workers = LocalWorkers((), tmp_path, [Place("cpu", (), share) for share in SHARES])
     try:
