@@ -411,9 +411,12 @@ def main() -> None:
         run(app, "viewer")
     except SystemExit as leaving:
         hub = sys.modules.get("viewer.hub")
-        if hub is None or not hub.STUCK:
-            raise
         # A viewer is frozen, and Rerun's own exit hooks would wait for it.
+        stuck = hub is not None and hub.STUCK
+        # All of it is closed, but threads of libraries may still call a Python that is going: then
+        # it aborts (seen once in hundreds of ends).
+        if not stuck and "viewer.browser.serve" not in sys.modules:
+            raise
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(leaving.code if isinstance(leaving.code, int) else 0)

@@ -152,7 +152,7 @@ def web(marked, *arguments):
 
 def end(child):
     child.send_signal(signal.SIGINT)
-    assert child.wait(PATIENCE_S) == 0
+    assert child.wait(PATIENCE_S) == 0, child.stderr.read()
 
 
 @pytest.fixture(scope="module")
