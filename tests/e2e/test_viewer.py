@@ -58,6 +58,12 @@ def read_note(path):
     return json.loads(path.read_text() or "null")
 
 
+def whole(folder):
+    """How many recordings below a campaign folder say that they are complete."""
+    notes = map(read_note, folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}"))
+    return sum(bool(said and said["complete"]) for said in notes)
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """chaos-16, recorded by 2 workers x 2 slots."""
@@ -102,12 +108,7 @@ def test_a_recorder_frozen_or_killed_in_the_middle(marked, quiet, tmp_path, numb
     folder = tmp_path / "c"
     child = start(marked, folder, "--workers", "1", "--slots", "2", "--view", "record")
     wait_for(lambda: committed(folder) >= 3, "three cases")
-
-    def complete():
-        paths = folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}")
-        return any(said and said["complete"] for said in map(read_note, paths))
-
-    wait_for(complete, "a recording")  # its writer loads longer than a case takes
+    wait_for(lambda: whole(folder), "a recording")  # its writer loads longer than a case takes
     marked.one("viewer", "record").send_signal(number)
     assert finish(child)["fingerprint"] == quiet["fingerprint"]
     notes = {case: note(folder, case) for case in outcomes(folder)}
@@ -129,7 +130,7 @@ def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_pat
     text = (quiet["folder"] / "campaign.yaml").read_text()
     assert "campaign: chaos-16" in text
 
-    def whole(number):
+    def recorded_of(number):
         """Recordings of campaign ``number`` that are complete once its cases have ended."""
         name = f"chaos-{number}"
         (tmp_path / f"{name}.yaml").write_text(text.replace("chaos-16", name))
@@ -137,16 +138,15 @@ def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_pat
         assert marked.run(*submit, "--state", str(served.state)).returncode == 0
         folder = served.state / name
         wait_for(lambda: complete(folder), name)
-        notes = map(read_note, folder.glob(f"cases/*/*/{naming.RECORDING_NOTE}"))
-        return sum(bool(said and said["complete"]) for said in notes)
+        return whole(folder)
 
     options = ("--state", str(served.state), "--slots", "2", "--view", "record")
     worker = marked.start("twin", "worker", *options)
     numbers = itertools.count()
-    assert any(whole(number) for number in itertools.islice(numbers, 9))
+    assert any(recorded_of(number) for number in itertools.islice(numbers, 9))
     simulator, recorder = marked.one("twin", "sim"), marked.one("viewer", "record")
     recorder.kill()
-    assert any(whole(number) for number in itertools.islice(numbers, 9))
+    assert any(recorded_of(number) for number in itertools.islice(numbers, 9))
     assert marked.one("twin", "sim") == simulator
     seen = {recorder.pid}
 
@@ -157,7 +157,7 @@ def test_another_recorder_takes_the_place_of_a_killed_one(marked, quiet, tmp_pat
         return len(seen) == RECORDERS_MAX
 
     wait_for(end_them, "the last recorder")
-    assert whole(next(numbers)) == 0
+    assert recorded_of(next(numbers)) == 0
     worker.terminate()
     _, err = worker.communicate()
     assert err.count("another recorder takes the next ones") == RECORDERS_MAX - 1

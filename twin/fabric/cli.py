@@ -137,16 +137,15 @@ def heed_signals() -> None:
 
 def run(app: Callable[[], object], name: str) -> None:
     """Run an app; user errors become one line on stderr and their exit code."""
-    interrupted = _interrupted
-    interrupted.clear()
+    _interrupted.clear()
 
     def on_interrupt(number: int, _frame: object) -> None:
-        interrupted.append(number)
+        _interrupted.append(number)
         raise KeyboardInterrupt
 
     def on_terminate(number: int, _frame: object) -> None:
         signal.signal(number, signal.SIG_IGN)
-        interrupted.append(number)
+        _interrupted.append(number)
         raise Terminated
 
     signal.signal(signal.SIGINT, on_interrupt)
@@ -159,7 +158,7 @@ def run(app: Callable[[], object], name: str) -> None:
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
     except (KeyboardInterrupt, Terminated):
-        _stopped(name, interrupted)
+        _stopped(name)
     except BrokenPipeError:
         _unheard()
     except SystemExit as stop:
@@ -173,9 +172,9 @@ def run(app: Callable[[], object], name: str) -> None:
         _fail(name, "out of memory; use fewer slots or workers", EXIT_INFRASTRUCTURE)
     except Exception:
         # An interrupt in the middle of an import or a callback comes out as something else.
-        if not interrupted:
+        if not _interrupted:
             raise
-        _stopped(name, interrupted)
+        _stopped(name)
 
 
 def _unheard() -> None:
@@ -184,8 +183,8 @@ def _unheard() -> None:
     sys.exit(128 + signal.SIGPIPE)
 
 
-def _stopped(name: str, signals: list[int]) -> None:
-    if signal.SIGTERM in signals:
+def _stopped(name: str) -> None:
+    if signal.SIGTERM in _interrupted:
         _fail(name, f"terminated; {_AGAIN}", EXIT_UNFINISHED)
     _fail(name, f"interrupted; {_AGAIN}", EXIT_INTERRUPTED)
 
