@@ -297,3 +297,20 @@ def test_an_absent_scripted_object_is_no_obstacle():
     made.movers[0, 0] = (CAR_FILE.centre_offset_m + 5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
     advance(made, 500)
     assert made.event_count[0] == 0
+
+
+def test_a_car_that_its_first_impact_froze_is_not_hit_again():
+    """It stands in a wall when a scripted object drives into it: still one collision."""
+    wall = np.array([[CAR_FILE.front_offset_m + 3.0, 0.0, 0.0, 2.0, 1.0]])
+    made = fleet(colliders=wall, stop_at_impact=True, movers=1)
+    made.place(0, 0.0, 10.0, ICE)
+    aside_m = CAR_FILE.width_m / 2 + 2.15
+    made.movers[0, 0] = (CAR_FILE.centre_offset_m + 1.0, -aside_m, 0.0, 0.15, 0.15, 0.0, 8.0, 0.0)
+    advance(made, 200)
+    frozen = made.state[0, 0].copy()
+    assert made.event_count[0] == 1
+    assert made.events[0, 0, EVENT.index("partner_kind")] == WALL
+    made.movers[0, 0, 1] += 8.0 * 0.4
+    advance(made, 200, first=200)
+    assert made.event_count[0] == 1
+    assert made.state[0, 0].tobytes() == frozen.tobytes()

@@ -15,7 +15,7 @@ from conductor.facts import Committed, Fact, Leased, is_durable
 from conductor.fold import fold
 from conductor.journal import JournalError
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Beat, Next, Reply, Request
+from schemas.messages import Beat, Next, Reply, Request, Stop
 from schemas.wire import decode, encode
 
 
@@ -168,8 +168,48 @@ def test_a_mistake_of_ours_costs_one_request_only(
     assert engine.state == fold(store.facts)
 
 
+def test_a_group_that_is_decided_one_by_one_still_tells_all_its_facts(
+    engine: Engine, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The timeline and the metrics are made from a turn's facts, not from the journal."""
+    decide = conductor.engine.decide
+
+    def mistaken(state: object, request: Request, now_ns: int) -> object:
+        if isinstance(request, Beat):
+            raise ZeroDivisionError
+        return decide(state, request, now_ns)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(conductor.engine, "decide", mistaken)
+    before = len(store.facts)
+    asked = (hello("w2"), Beat(v=V, worker="w1", held={}), Next(v=V, worker="w2", seq=1, k=1))
+    with caplog.at_level(logging.CRITICAL):
+        turn = engine.turn(messages(*asked))
+    assert [fact for fact in turn.facts if is_durable(fact)] == store.facts[before:]
+    assert any(isinstance(fact, Leased) for fact in turn.facts)
+
+
 def test_a_restart_raises_the_epoch_and_keeps_drain_out(engine: Engine, store: Store) -> None:
-    assert Engine(store, CONFIG, 0).state.epoch == engine.state.epoch + 1
+    """Draining is of the process that was told to: the next one grants again."""
+    ask(engine, Stop(v=V))
+    (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
+    assert (reply.drain, reply.leases) == (True, [])
+    restarted = Engine(store, CONFIG, 0)
+    assert restarted.state.epoch == engine.state.epoch + 1
+    (reply,) = ask(restarted, Next(v=V, worker="w1", seq=2, k=1))
+    assert not reply.drain
+    assert len(reply.leases) == 1
+
+
+def test_a_full_disk_does_not_make_the_conductor_forget_that_it_drains(
+    engine: Engine, store: Store
+) -> None:
+    ask(engine, Stop(v=V))
+    store.full = True
+    (reply,) = ask(engine, hello("w2"))
+    assert reply.error.startswith("storage: ")
+    store.full = False
+    (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
+    assert (reply.error, reply.drain, reply.leases) == ("", True, [])
 
 
 def test_a_hint_gets_no_reply(engine: Engine) -> None:

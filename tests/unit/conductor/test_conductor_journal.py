@@ -10,14 +10,18 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from conductor_bench import Bench, hello, result, submit
 
 from conductor.core import start
 from conductor.facts import CaseEnded, Draining, EpochRaised, Fact, Seen
 from conductor.fold import fold
-from conductor.journal import FolderLockedError, Journal, JournalError
+from conductor.journal import FolderLockedError, Journal, JournalError, TakenOverError
+from conductor.owner import FILE_NAME as OWNER_FILE
+from conductor.owner import Owner
 from conductor.state import State
 from twin.fabric.errors import UsageError
 
@@ -180,3 +184,48 @@ def test_the_epoch_grows_with_every_start(tmp_path: Path) -> None:
             journal.append(start(state))
             assert state.epoch == epoch
     assert start(State()) == [EpochRaised(epoch=1)]
+
+
+def _watched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Journal, sqlite3.Connection]:
+    """A journal and the connection that it opened."""
+    opened_here: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def connecting(*arguments: Any, **options: Any) -> sqlite3.Connection:
+        opened_here.append(connect(*arguments, **options))
+        return opened_here[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", connecting)
+    journal = Journal(folder)
+    (connection,) = opened_here
+    return journal, connection
+
+
+def test_a_commit_is_on_the_disk_when_it_is_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """FULL (2): with NORMAL a commit of a log that is written ahead outlives no power failure."""
+    journal, connection = _watched(tmp_path, monkeypatch)
+    assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
+    journal.close()
+
+
+def test_the_owner_is_asked_for_when_all_is_written_and_nothing_committed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A successor may take over while facts are written: none of them must come to count."""
+    journal, connection = _watched(tmp_path, monkeypatch)
+    journal.append([_some(1)])
+    thief = Owner(id="thief", host="there", pid=2)
+
+    def take_over(statement: str) -> None:
+        if statement.startswith("INSERT INTO facts"):
+            (tmp_path / OWNER_FILE).write_bytes(msgspec.json.encode(thief))
+
+    connection.set_trace_callback(take_over)
+    with pytest.raises(TakenOverError, match=r"pid 2 on there"):
+        journal.append([_some(2)])
+    connection.set_trace_callback(None)
+    assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
+    journal.close()

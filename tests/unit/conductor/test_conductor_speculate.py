@@ -140,3 +140,18 @@ def test_a_race_survives_a_restart_of_the_conductor() -> None:
     assert bench.beat("w1", first.token).lost == []
     assert bench.next("w2", k=0, results=[result(second)]).fenced == []
     assert bench.beat("w1", first.token).lost == [first.token]
+
+
+def test_a_restart_is_no_reason_to_race_what_has_just_been_leased() -> None:
+    """After a restart a case has run since then, as far as the conductor knows."""
+    bench = started(cases=2, workers=2)
+    done, running = bench.lease("w1", k=2)
+    bench.next("w1", k=0, results=[result(done)], held=[running.token])
+    bench.restart()
+    assert bench.lease("w2") == []
+    bench.now_ns += bench.config.speculate_min_ns
+    bench.beat("w1", running.token)
+    assert bench.lease("w2") == []
+    bench.now_ns += 1
+    bench.beat("w1", running.token)
+    assert [lease.case.id for lease in bench.lease("w2")] == [running.case.id]

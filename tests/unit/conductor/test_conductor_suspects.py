@@ -232,3 +232,32 @@ def test_attempts_max_is_the_limit_of_losses_as_well() -> None:
         _vanish(bench, f"v{number}")
         bench.now_ns += 4 * bench.config.ttl_ns + S
     assert len(bench.facts(CaseEnded)) == 1
+
+
+def test_new_suspects_never_join_a_group_that_still_waits() -> None:
+    """A half that is given back and dies later gets numbers that no other half has."""
+    bench = started(cases=8)
+    _die(bench, bench.lease(k=8))
+    first = bench.lease(k=8)
+    assert _names(first) == ["repeat_0", "repeat_1", "repeat_2", "repeat_3"]
+    bench.next(k=0, ended=[ended(lease, "walltime") for lease in first])
+    _die(bench, bench.lease(k=8))
+    sets = []
+    while leases := bench.lease(k=8):
+        sets.append([int(name[-1]) for name in _names(leases)])
+        bench.next(k=0, results=[result(lease) for lease in leases])
+    assert sorted(sets) == [[0, 1], [2, 3], [4, 5, 6, 7]]
+
+
+def test_a_flaky_worker_that_comes_back_is_one_witness_however_often() -> None:
+    """The same worker falls silent three times with a case while all others live."""
+    bench = started(cases=1, workers=1)
+    bench.ask(hello("watcher", software="beef"))
+    for number in range(1, 5):
+        (lease,) = bench.lease("w1")
+        _vanish(bench, "w1")
+        bench.beat("w1")  # it was only slow
+        assert [end.evidence for end in bench.facts(AttemptEnded)] == [True] * number
+    assert not bench.facts(CaseEnded)
+    (lease,) = bench.lease("w1")
+    assert bench.next("w1", k=0, results=[result(lease)]).fenced == []

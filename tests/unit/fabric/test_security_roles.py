@@ -19,7 +19,7 @@ from schemas import topics
 from twin.fabric import roles
 from twin.fabric.authority import load_authority, make_keys
 from twin.fabric.key_file import UnfitKeyError, WrongRoleError, load_key
-from twin.fabric.roles import MAY, Act, Role, may, pattern
+from twin.fabric.roles import MAY, Act, Role, access_control, may, pattern
 from twin.fabric.zenoh_bus import open_bus
 
 NAMESPACE = "twin/rig"
@@ -45,7 +45,10 @@ def keys(tmp_path_factory):
 
 
 def lawless(endpoint, key, namespace=NAMESPACE):
-    """A session that shows ``key`` and has no access list: it tries everything."""
+    """A session that shows ``key`` and has no access list: it tries everything.
+
+    ``namespace`` None: its keys are whole ones, of any namespace.
+    """
     config = zenoh.Config()
     own = {
         "connect_certificate_base64": base64.b64encode(key.certificate).decode(),
@@ -54,7 +57,7 @@ def lawless(endpoint, key, namespace=NAMESPACE):
     }
     for name, value in {
         "mode": "client",
-        "namespace": namespace,
+        **({"namespace": namespace} if namespace is not None else {}),
         "connect/endpoints": [endpoint],
         "scouting/multicast/enabled": False,
         "transport/link/tls": {"enable_mtls": True, "verify_name_on_connect": False, **own},
@@ -272,24 +275,48 @@ def test_a_namespace_of_another_rig_is_none_of_a_stacks(keys):
     router = open_bus(
         "router", listen=["tls/127.0.0.1:0"], key=keys[Role.worker], namespace=NAMESPACE
     )
-    ear = threading.Event()
+    command, tick = (t.key.format(rig="x") for t in (topics.COMMAND, topics.TICK))
+    other = "twin/other"
     try:
+        # What a stack and its simulator may do in their own namespace; without one of their own
+        # they name any, and messages of a link keep their order.
         with (
-            lawless(router.endpoints[0], keys[Role.stack], "twin/other") as one,
-            lawless(router.endpoints[0], keys[Role.stack], "twin/other") as two,
-            lawless(router.endpoints[0], keys[Role.stack]) as inside,
+            lawless(router.endpoints[0], keys[Role.stack], namespace=None) as stack,
+            lawless(router.endpoints[0], keys[Role.worker], namespace=None) as simulator,
         ):
-            command, tick = (t.key.format(rig="x") for t in (topics.COMMAND, topics.TICK))
-            two.declare_subscriber("**", lambda _: ear.set())
-            heard = threading.Event()
-            router.subscribe(command, lambda _: heard.set())
-            put(one, command)
-            put(one, tick)
-            put(inside, command)
-            assert heard.wait(PATIENCE_S)
-            assert not ear.is_set()
+            ears = {}
+            for speaker, hearer, key in ((stack, simulator, command), (simulator, stack, tick)):
+                ears[key] = keys_heard, own = set(), threading.Event()
+
+                def hear(sample, keys_heard=keys_heard, own=own):
+                    keys_heard.add(str(sample.key_expr))
+                    if str(sample.key_expr).startswith(NAMESPACE):
+                        own.set()
+
+                for space in (other, NAMESPACE):
+                    hearer.declare_subscriber(f"{space}/{key}", hear)
+                while not own.wait(0.05):  # until the subscription stands
+                    put(speaker, f"{NAMESPACE}/{key}")
+                own.clear()
+                put(speaker, f"{other}/{key}")
+                put(speaker, f"{NAMESPACE}/{key}")
+                assert own.wait(PATIENCE_S)
+                assert keys_heard == {f"{NAMESPACE}/{key}"}
     finally:
         router.close()
+
+
+@pytest.mark.parametrize("namespace", ["twin/rig", "a"])
+def test_every_rule_is_about_one_namespace(namespace):
+    """The conductor alone has none: a relay passes on for others."""
+    rules = access_control("ours", namespace, plain=False)["rules"]
+    below = {role: set() for role in Role}
+    for rule in rules:
+        below[Role(rule["id"].partition(" ")[0])].update(rule["key_exprs"])
+    assert below.pop(Role.conductor) == {"**"}
+    for role, key_expressions in below.items():
+        allowed = {f"{namespace}/{key}" for keys in MAY[role].values() for key in keys}
+        assert key_expressions == allowed, role
 
 
 def test_what_a_role_may_not_is_said_before_it_is_sent(keys):

@@ -34,8 +34,10 @@ def verdict(end: Any, *, passed: bool, **scalars: float | None) -> Any:
     return replace(end, verdict=name, passed=passed, scalars={**end.scalars, **scalars})
 
 
-def found(folder: Path, models: list[str], change: Any) -> list[Finding]:
-    make_campaign(folder, data(models), change)
+def found(
+    folder: Path, models: list[str], change: Any, campaign: dict[str, Any] | None = None
+) -> list[Finding]:
+    make_campaign(folder, campaign or data(models), change)
     return findings(open_dossier(folder))
 
 
@@ -143,3 +145,18 @@ def test_counts_by_value_and_model(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ]
     monkeypatch.setattr(losses, "AXIS_VALUES_MAX", 1)
     assert counts_by(dossier, "weather", "collision") == []
+
+
+def test_every_repeat_of_a_case_is_a_pair_of_its_own(tmp_path: Path) -> None:
+    """Eight repeats lost but for the last one: a difference that one pair per point would hide."""
+    several = data(["better", "worse"])
+    several["matrix"] = {"model": ["better", "worse"], "repeat": list(range(9))}
+
+    def change(case: Any, end: Any) -> Any:
+        lost = case.model == "worse" and case.repeat < 8
+        return verdict(end, passed=not lost, aeb_dtc_m=20.0, dtc_end_m=5.0)
+
+    (pair,) = of_kind(found(tmp_path, ["better", "worse"], change, several), "systems")
+    assert pair.text.startswith("better passed 8 cases that worse lost under the same conditions")
+    assert "(of 9 pairs" in pair.text
+    assert pair.p_value == pytest.approx(2 / 2**8)

@@ -101,3 +101,16 @@ def test_mistakes_are_one_line():
     assert "cameras[0].hz: given 3, allowed: a divisor of control_hz 20" in mistakes[0].line("f")
     with pytest.raises(ValueError, match=r"no camera 'rear'; .*front_right"):
         Engine(case(cameras=[{"name": "rear"}]), 1)
+
+
+@pytest.mark.parametrize(("camera_hz", "gnss_hz", "ticks"), [(10, 4, 10), (4, 10, 10), (5, 2, 20)])
+def test_slots_are_refilled_when_cameras_and_other_sensors_are_due_together(
+    camera_hz, gnss_hz, ticks
+):
+    """At 20 Hz of control: the least common multiple of both periods, not the longer one."""
+    one = case(
+        camera={"width": 32, "height": 18, "hz": camera_hz},
+        cameras=[],
+        sensors={"gnss": {"hz": gnss_hz}},
+    )
+    assert Engine(one, 1).refill_every == ticks

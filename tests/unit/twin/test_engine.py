@@ -1,6 +1,7 @@
 """The engine at its exact limits: latency, ends, isolation and independence of slots."""
 
 import math
+from collections import deque
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from schemas.campaign import Case, expand, parse_campaign
 from schemas.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
+from twin.command_delay import Delays
 from twin.engine import Engine
 from twin.vehicle.state import COLUMN
 
@@ -21,6 +23,7 @@ def case(
     camera=None,
     hz=20,
     environment=None,
+    autonomy=None,
     **scenario,
 ):
     camera = {"width": 32, "height": 18, "hz": 10, **(camera or {})}
@@ -30,7 +33,7 @@ def case(
         "control_hz": hz,
         "camera": camera,
         "scenario": {"ego_start_m": 60.0, "duration_s": 2.0, **scenario},
-        "autonomy": {"latency_ms": latency_ms},
+        "autonomy": autonomy or {"latency_ms": latency_ms},
         "environment": environment or {},
         "matrix": {"weather": [weather], "time_of_day": [time]},
     }
@@ -146,6 +149,32 @@ def test_latency_longer_than_many_periods_keeps_the_order():
             position += ((asked[given] if given >= 0 else 0.0) - position) * gain
         found = engine.state[0, COLUMN["throttle"]]
         assert found == pytest.approx(position, abs=1e-12)
+
+
+def test_of_commands_that_overtake_or_meet_in_a_period_the_newest_is_obeyed():
+    """Jitter of several periods: an older command that arrives after a newer one is void, and of
+    those that arrive within one control period only the newest takes effect, when it arrives."""
+    autonomy = {"latency_ms": 10, "latency_jitter_ms": 180}
+    one = case(autonomy=autonomy, hz=50, camera={"hz": 50}, duration_s=2.0)
+    engine = Engine(one, 1)
+    engine.reset(0, one)
+    asked = [((7 * tick) % 10) / 10 for tick in range(80)]
+    delays, arrival = Delays(one), []
+    for tick in range(len(asked)):
+        alone = deque()
+        delays.send(alone, 10 * tick, tick, Command(0, 1, tick, asked[tick], 0.0, 0.0))
+        arrival.append(alone[0][0])
+    obeyed = [t for t, at in enumerate(arrival) if all(at < later for later in arrival[t + 1 :])]
+    newest = {arrival[t] // 10: t for t in obeyed}  # of each period
+    assert len(newest) < len(obeyed) < len(asked), "some are void, and some meet"
+    position, force, gain = 0.0, 0.0, -math.expm1(-0.002 / 0.25)
+    for tick, value in enumerate(asked):
+        engine.step([ask(engine, 0, throttle=value)])
+        for step in range(10 * tick, 10 * tick + 10):
+            if tick in newest and step == arrival[newest[tick]]:
+                force = asked[newest[tick]]
+            position += (force - position) * gain
+        assert engine.state[0, COLUMN["throttle"]] == pytest.approx(position, abs=1e-12), tick
 
 
 def test_lamps_follow_the_command_with_its_latency():
