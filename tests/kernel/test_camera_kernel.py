@@ -53,7 +53,7 @@ def camera_before(boxes, size=(160, 90), noise=False, hfov_deg=90.0, image_out=N
 
 def boxes_of(camera):
     """Boxes and count in its last picture."""
-    sensor = BoxSensor(camera._geometry.classes, 1, CPU)
+    sensor = BoxSensor(camera.geometry.classes, 1, CPU)
     sensor.launch(camera.boxes)
     return sensor.read()
 

@@ -39,7 +39,7 @@ def car_ahead(lamps, brake, yaw, x=14.0):
 def shoot(world, **light):
     camera = camera_in(world, size=(128, 72), outputs=["instance"])
     light_slot(camera, 0, **{**NIGHT, **light})
-    camera._geometry.place(world.motion.at(np.zeros(1)))
+    camera.geometry.place(world.motion.at(np.zeros(1)))
     picture = camera.render(flat((0, 0, 0)))[0].astype(float)
     return picture, camera.outputs["instance"][0]
 

@@ -133,7 +133,7 @@ def moving_box(speed=6.0, yaw=0.0, yaw_rate=0.0, x=20.0):
 
 def test_flow_of_an_object_that_moves():
     camera = camera_in(moving_box(), outputs=["flow", "instance"], hz=20)
-    geometry = camera._geometry
+    geometry = camera.geometry
     geometry.place(geometry.world.motion.at(np.zeros(1)))
     camera.render(flat((0, 0, 0)))
     camera.render(flat((0, 0, 0)))
@@ -148,7 +148,7 @@ def test_flow_of_an_object_that_moves():
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_objects_are_met_where_they_are(yaw):
     camera = camera_in(moving_box(yaw=yaw), outputs=["depth", "normal", "instance"], size=(128, 72))
-    geometry = camera._geometry
+    geometry = camera.geometry
     geometry.place(geometry.world.motion.at(np.zeros(1)))
     camera.render(flat((0, 0, 0)))
     depth, normal = camera.outputs["depth"][0], camera.outputs["normal"][0]
@@ -180,7 +180,7 @@ def test_objects_shadow_the_ground(weather):
     camera = camera_in(moving_box(x=8.0), size=(128, 72))
     light_slot(camera, 0, weather, sun_direction=(0.0, 0.8, 0.6))
     open_ground = camera.render(flat((0, 0, 0)))[0].astype(float).mean(axis=2)
-    geometry = camera._geometry
+    geometry = camera.geometry
     geometry.place(geometry.world.motion.at(np.zeros(1)))
     change = camera.render(flat((0, 0, 0)))[0].astype(float).mean(axis=2) - open_ground
 
@@ -203,7 +203,7 @@ def test_bytes_do_not_depend_on_slot_batch_or_neighbours():
     poses = [(0.0, 0.0, 0.0), (1.0, 0.5, 0.1), (3.0, 0.0, -0.1), (5.0, 1.0, 0.0), (7.0, -1.0, 0.0)]
     for slot in range(5):
         light_slot(wide, slot, weathers[slot], minutes[slot], key=slot + 9, noise=1, tick=3)
-    geometry = wide._geometry
+    geometry = wide.geometry
     geometry.place(geometry.world.motion.at(np.zeros(5)))
     together = wide.render(flat(*poses)).copy()
     order = [3, 0, 4, 2, 1]
@@ -215,7 +215,7 @@ def test_bytes_do_not_depend_on_slot_batch_or_neighbours():
     for case in range(5):
         alone = camera_in(world, outputs=["depth", "flow"])
         light_slot(alone, 0, weathers[case], minutes[case], key=case + 9, noise=1, tick=3)
-        alone._geometry.place(world.motion.at(np.zeros(1)))
+        alone.geometry.place(world.motion.at(np.zeros(1)))
         assert alone.render(flat(poses[case]))[0].tobytes() == together[case].tobytes()
 
 
@@ -300,7 +300,7 @@ def test_effects_work_on_linear_light():
     full = camera_in(world, hfov_deg=30.0, effects=["all"])
     for camera in (plain, full):
         light_slot(camera, 0)
-        camera._geometry.place(world.motion.at(np.zeros(1)))
+        camera.geometry.place(world.motion.at(np.zeros(1)))
         camera.render(flat((0, 0, 0)))
     a, b = (camera.render(flat((0.05, 0, 0)))[0].astype(float) for camera in (plain, full))
     assert 0.5 < np.abs(a - b).mean() < 25.0

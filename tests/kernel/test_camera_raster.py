@@ -61,7 +61,7 @@ def test_the_district(name, district, monkeypatch):
             [("clear", 660), ("heavy_rain", 1300), ("cloudy", 900)]
         ):
             light_slot(camera, slot, weather, minute)
-        camera._geometry.place(district.motion.at(np.array([0.0, 3.0, 9.0])))
+        camera.geometry.place(district.motion.at(np.array([0.0, 3.0, 9.0])))
         pictures.append(camera.render(poses).astype(int))
     assert alike(drawn, traced) > 0.5
     apart = np.abs(pictures[0] - pictures[1]).max(axis=-1)
@@ -88,7 +88,7 @@ def test_faces_around_and_behind_the_camera(seed, monkeypatch):
     turn = rng.normal(size=4)
     turn /= np.linalg.norm(turn)
     for camera in (drawn, traced):
-        camera._geometry.place(script.at(np.zeros(1)))
+        camera.geometry.place(script.at(np.zeros(1)))
         camera.render(states([rng.normal(size=3) * 0.0], [turn]))
     assert alike(drawn, traced) > 0.5
 

@@ -154,7 +154,7 @@ def moving(script: Script, lidar: Lidar, kind, **mounted) -> LidarSensor:
         wall(150.0), kinds=(box_kind(),), motion=script, mover_classes=(0,) * script.count
     )
     eye = sensor(scene, kind, lidar, **mounted)
-    eye._geometry.place(script.at(np.zeros(1)))
+    eye.geometry.place(script.at(np.zeros(1)))
     return eye
 
 
@@ -187,7 +187,7 @@ def test_packets_and_single_rays_meet_the_same():
     packets = eye._hits.numpy()[0].copy()
     eye._hits.zero_()
     tiles = eye._tiles_x * eye._tiles_y * kind.sub_rays
-    inputs = [eye._geometry.scene, eye._beams, eye.air.device, eye._poses, eye._mask]
+    inputs = [eye.geometry.scene, eye._beams, eye.air.device, eye._poses, eye._mask]
     wp.launch(lidar_cast.cast_kernel, tiles * 32, inputs=inputs, outputs=[eye._hits], device=CPU)
     single = eye._hits.numpy()[0]
     assert len(np.unique(packets["owner"])) > 20
@@ -226,9 +226,7 @@ def test_the_shape_of_tiles_changes_no_hit(tile):
     street = World(mesh.build(), np.zeros((1, 5)), 0, (0, 0), (0, 0))
     kind = profile(theta_min_deg=0, theta_max_deg=359, theta_res_deg=0.9, phi_res_deg=0.45)
     usual = sensor(street, kind)
-    shaped = LidarSensor(
-        kind, LidarMount([0, 0, 0], inline=kind), usual._geometry, QUIET, tile=tile
-    )
+    shaped = LidarSensor(kind, LidarMount([0, 0, 0], inline=kind), usual.geometry, QUIET, tile=tile)
     points = look(usual)
     assert kind.columns % tile[0]
     assert kind.channels % tile[1]

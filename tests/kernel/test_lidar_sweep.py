@@ -185,12 +185,12 @@ def test_a_cleared_slot_holds_zeros():
 def test_points_go_into_the_given_buffer():
     eye = street(1)
     buffer = np.zeros(eye.shape, np.float32)
-    given = type(eye)(eye.profile, _mount(), eye._geometry, eye.lidar, buffer)
+    given = type(eye)(eye.profile, _mount(), eye.geometry, eye.lidar, buffer)
     given.reset(0, 3)
     scan(given, pose((60.0, 0.0, 0.0)))
     assert (buffer[0, :, KIND] == SURFACE).sum() == given.pull()[1][0]
     with pytest.raises(ValueError, match="points_out must be"):
-        type(eye)(eye.profile, _mount(), eye._geometry, eye.lidar, buffer[:, 1:])
+        type(eye)(eye.profile, _mount(), eye.geometry, eye.lidar, buffer[:, 1:])
 
 
 def _mount():
@@ -209,7 +209,7 @@ def test_points_one_by_one_are_those_of_rows():
     wp.launch(
         lidar_return.return_kernel,
         eye.shape[:2],
-        inputs=[eye._geometry.scene, *constant, *state],
+        inputs=[eye.geometry.scene, *constant, *state],
         outputs=[again, number],
         device=CPU,
     )

@@ -108,7 +108,7 @@ def measure(
     peer, order, differs = _peer(kind, world, positions, bare, device)
     # Objects as they are some seconds after the start.
     full = _sensor(kind, world, slots, Lidar(), warp_device)
-    full._geometry.place(world.motion.at(np.full(slots, 5.0)))
+    full.geometry.place(world.motion.at(np.full(slots, 5.0)))
     full.scan(_truth(positions, 0.0, warp_device))
     later = _truth(positions + np.array([1.2, 0.05, 0.0]), 0.02, warp_device)
     rate = _rate(lambda: full.scan(later), slots * kind.channels * kind.columns, warp_device)

@@ -70,7 +70,8 @@ class RayCamera:
             mount = CameraMount(position_m=list(mount))
         slots, device = geometry.slots, geometry.device
         self.shape = (slots, camera.height, camera.width, 3)
-        self._geometry = geometry
+        self.geometry = geometry
+        """What it sees; whoever made it places the objects."""
         self._device = device
         self._period_s = 1.0 / camera.hz
         self._lamps = street_lamps(world, furniture, geometry.device)
@@ -140,7 +141,7 @@ class RayCamera:
     ) -> None:
         device, size = self._device, self.shape[:3]
         out = Buffers()
-        empty = np.full((size[0], max(1, self._geometry.instances), BOX_FIELDS), 0, np.int32)
+        empty = np.full((size[0], max(1, self.geometry.instances), BOX_FIELDS), 0, np.int32)
         empty[:, :, [0, 1, 5]] = _FAR
         empty[:, :, [2, 3]] = -1
         self._empty = wp.array(empty, dtype=wp.int32, device=device)
@@ -213,7 +214,7 @@ class RayCamera:
             self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
-        scene, beams, seen = self._geometry.scene, self._beams, self._seen
+        scene, beams, seen = self.geometry.scene, self._beams, self._seen
         lights, poses, optics = self.lights.device, self._poses, self._optics
         sky = self.sky_table.device
         stride = 1 if self._device.is_cpu else STRIDE

@@ -96,7 +96,9 @@ class LidarSensor:
         """
         self.profile, self.lidar = profile, lidar or Lidar()
         self.hz = self.lidar.hz or profile.hz
-        self._geometry, self._device = geometry, geometry.device
+        self.geometry = geometry
+        """What it sees; whoever made it places the objects."""
+        self._device = geometry.device
         slots, device = geometry.slots, geometry.device
         rays = profile.channels * profile.columns
         self.shape = (slots, rays, len(lidar_columns(self.lidar)))
@@ -192,7 +194,7 @@ class LidarSensor:
         """
         slots, device = self.shape[0], self._device
         self.air.push()
-        air, scene = self.air.device, self._geometry.scene
+        air, scene = self.air.device, self.geometry.scene
         wp.launch(
             lidar_sweep.sweep_kernel,
             (slots, self.profile.columns),
@@ -240,7 +242,7 @@ class LidarSensor:
             lidar_packet.packet_kernel if cpu else lidar_cast.cast_kernel,
             self.shape[0] * tiles * threads,
             inputs=[
-                *(self._geometry.scene, self._beams, self.air.device, self._poses, self._mask),
+                *(self.geometry.scene, self._beams, self.air.device, self._poses, self._mask),
             ],
             outputs=[self._hits],
             device=self._device,

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sqlite3
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -62,6 +65,10 @@ def _open(folder: Path, owner: Owner) -> Journal:
     return Journal(folder, owner=owner)
 
 
+def _owner(folder: Path) -> Owner:
+    return msgspec.json.decode((folder / FILE_NAME).read_bytes(), type=Owner)
+
+
 def _age(folder: Path, seconds: float) -> None:
     then_s = time.time() - seconds
     os.utime(folder / FILE_NAME, (then_s, then_s))
@@ -79,6 +86,7 @@ def test_a_living_owner_of_another_host_is_named(tmp_path: Path) -> None:
 def test_a_clock_five_minutes_ahead_takes_nothing_over(tmp_path: Path) -> None:
     """To a host whose clock is ahead every heartbeat looks old, but it goes on beating."""
     first = _open(tmp_path, THERE)
+    _age(tmp_path, 300.0)  # or its first heartbeat would look young, and nobody would watch
     done = threading.Event()
 
     def beat() -> None:
@@ -132,30 +140,43 @@ def test_a_ghost_answers_nobody(tmp_path: Path) -> None:
     assert not successor.state.workers
 
 
-def test_an_idle_ghost_notices_too(tmp_path: Path) -> None:
+def test_an_idle_ghost_notices_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ghost = Engine(_open(tmp_path, THERE), CONFIG, 0)
     _age(tmp_path, 46.0)
     successor = _open(tmp_path, HERE)
-    ghost._journal._claim._beat_s = 0.0  # type: ignore[attr-defined]
+    monkeypatch.setattr("conductor.owner.BEAT_S", 0.0)  # as long as that ago
     with pytest.raises(TakenOverError):
         ghost.tick(S)
     successor.close()
 
 
-def test_the_heartbeat_is_renewed(tmp_path: Path) -> None:
+def test_the_heartbeat_is_renewed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = _open(tmp_path, HERE)
     _age(tmp_path, 100.0)
-    journal._claim._beat_s = 0.0
+    monkeypatch.setattr("conductor.owner.BEAT_S", 0.0)
     journal.append([])
     assert time.time() - (tmp_path / FILE_NAME).stat().st_mtime < 50
     journal.close()
 
 
 def test_a_crash_on_the_same_host_is_no_obstacle(tmp_path: Path) -> None:
-    _open(tmp_path, HERE)._connection.close()
-    _open(tmp_path, msgspec.structs.replace(HERE, id="c")).close()
+    program = (
+        "import os, signal\n"
+        "from pathlib import Path\n"
+        "from conductor.journal import Journal\n"
+        "from conductor.owner import Owner\n"
+        f"Journal(Path({str(tmp_path)!r}), owner=Owner('a', 'here', 1))\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program]).returncode == -signal.SIGKILL
+    assert (tmp_path / FILE_NAME).exists(), "it left no word"
+    successor = _open(tmp_path, msgspec.structs.replace(HERE, id="c"))
+    assert _owner(tmp_path).id == "c"
+    successor.close()
 
 
 def test_an_unreadable_file_is_no_owner(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).write_text("{")
-    _open(tmp_path, HERE).close()
+    journal = _open(tmp_path, HERE)
+    assert _owner(tmp_path) == HERE
+    journal.close()

@@ -44,8 +44,9 @@ def request(**changes):
         {"out": "/a folder/with 'quotes' \"and\" $(more)"},
     ],
 )
-def test_good(changes):
-    request(**changes)
+def test_what_is_allowed_is_taken_as_given(changes):
+    made = request(**changes)
+    assert {name: getattr(made, name) for name in changes} == changes
 
 
 @pytest.mark.parametrize(

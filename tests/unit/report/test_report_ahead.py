@@ -15,6 +15,7 @@ from conductor.fingerprint import fingerprint
 from conductor.outcomes import CaseOutcome
 from conductor.report import make_report, reading
 from conductor.report_ahead import ReportAhead
+from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import read_kpi, write_kpi
 
 
@@ -103,6 +104,9 @@ def test_a_folder_that_cannot_be_read_is_left_to_the_report(tmp_path: Path, outc
     ahead = ReportAhead(tmp_path)
     ahead.look()
     ahead.finish()
+    with pytest.raises(UsageError if outcomes is None else InfrastructureError) as error:
+        make_report(tmp_path)
+    assert str(tmp_path) in str(error.value)
 
 
 def test_a_damaged_file_is_left_to_the_report(tmp_path: Path) -> None:

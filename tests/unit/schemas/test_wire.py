@@ -45,9 +45,11 @@ def test_size_limit_is_exact():
 def test_garbage_never_escapes(data):
     for type_ in (Request, Tick, Commands):
         try:
-            decode(data, type_)
-        except WireError:
-            pass
+            value = decode(data, type_)
+        except WireError as error:
+            assert len(str(error).splitlines()) == 1
+        else:
+            assert decode(encode(value), type_) == value
 
 
 @pytest.mark.parametrize(

@@ -31,4 +31,8 @@ def test_it_is_refused_before_anything_is_made(tmp_path, monkeypatch, name, said
 
 
 def test_it_may_lie_in_the_folder_that_is_yet_to_be_made(tmp_path):
-    sheet.check_sheet(tmp_path / "data" / "sheet.JPG", tmp_path / "x" / ".." / "data")
+    """However that folder is spelled, but in no other one that is not there."""
+    path = tmp_path / "data" / "sheet.JPG"
+    assert sheet.check_sheet(path, tmp_path / "x" / ".." / "data") is None
+    with pytest.raises(UsageError, match="no folder"):
+        sheet.check_sheet(path, tmp_path / "date")

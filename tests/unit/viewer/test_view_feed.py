@@ -210,6 +210,7 @@ def test_samples_wait_for_others_for_a_while_only(hub):
     feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
     feed.begin(0, lease(), Sim())
     wait_for(lambda: len(listener.got) == 1, "the start, though nothing follows")
+    assert listener.batches == 1
     feed.close(10)
 
 
