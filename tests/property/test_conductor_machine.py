@@ -1,7 +1,7 @@
 """The core against a small model: who holds which token until when, and which case has ended.
 
-The bench folds the journal and checks the invariants after every request. A failure prints the steps
-that led to it, 40 at most; ``SHRINK=1`` looks for fewer, which takes Hypothesis five minutes.
+The bench folds the journal and checks the invariants after every request. A failure prints the
+steps that led to it, 40 at most; ``SHRINK=1`` looks for fewer, which takes minutes.
 """
 
 from __future__ import annotations
