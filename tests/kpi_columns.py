@@ -1,7 +1,7 @@
 """KPI columns and scalars of a few open-loop drives, as digests: which bytes a change has moved.
 
-``python tests/kpi_columns.py --out tests/golden/kpi_columns.json`` writes the golden file. Run it at
-the commit *before* a change that may only add columns, not after it.
+``python tests/kpi_columns.py --out tests/golden/kpi_columns.json`` writes the golden file. Run it
+at the commit *before* a change that may only add columns, not after it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""KPI columns and scalars keep their bytes: verdict labels and new columns may change, nothing else.
+"""KPI columns and scalars keep their bytes: only verdict labels and new columns may change.
 
 The golden file was made by ``python tests/kpi_columns.py`` at the commit before verdicts became
 strict (05e2fd0). It is not to be made again when this test fails: a column has changed its meaning.
