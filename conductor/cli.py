@@ -404,7 +404,8 @@ def report(
     """Write report.html, summary.parquet, summary.csv and plots of a campaign folder, also while
     the campaign runs.
 
-    Results that are damaged or disagree are shown in the page as alarms, and the exit code is 3.
+    Exit code 1: a verdict is not a pass; 75: cases have not ended; 3: cases are unresolved, or
+    results are damaged or disagree, which the page shows as alarms.
     """
     from conductor.report import make_report, tables_of, write_result_page
     from conductor.report_commands import report_folder
@@ -420,8 +421,7 @@ def report(
     for line in [made.plots_missing, *alarms]:
         if line:
             print(f"conductor: {line}", file=sys.stderr)
-    if alarms:
-        raise typer.Exit(EXIT_INFRASTRUCTURE)
+    raise typer.Exit(EXIT_INFRASTRUCTURE if alarms else made.content.dossier.exit_code)
 
 
 add_report_commands(app)

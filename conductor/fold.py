@@ -47,6 +47,7 @@ from conductor.state import (
     LiveLease,
     State,
     WorkerState,
+    end_name,
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
@@ -228,15 +229,6 @@ def _wait(campaign: CampaignState, case: CaseState) -> None:
     """The case may have come to wait."""
     if case.waits:
         campaign.backlog.add(case.rig, case.order, case.group)
-
-
-def end_name(end: Committed | CaseEnded) -> str:
-    """Under which name an ended case is counted."""
-    if isinstance(end, CaseEnded):
-        return end.outcome
-    if end.result.outcome == "failed":
-        return "failed"
-    return "passed" if end.result.passed else "not_passed"
 
 
 def _end(

@@ -7,8 +7,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from conductor.facts import ALONE, SHARED, Committed
-from conductor.fold import end_name
-from conductor.state import CampaignState, State, unsealed
+from conductor.state import CampaignState, State, end_name, unsealed
 
 LIVE_MAX = 2
 """Most live tokens of one case."""

@@ -18,8 +18,16 @@ from schemas.campaign import Clock
 from schemas.json_text import JsonError, decode_json
 from schemas.messages import PerceptionCost
 from schemas.realtime import Realtime
+from schemas.verdict import Judged
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_INFRASTRUCTURE,
+    EXIT_PASS,
+    EXIT_UNFINISHED,
+    InfrastructureError,
+    UsageError,
+)
 
 FILE_NAME = "outcomes.json"
 
@@ -37,13 +45,12 @@ class Late(msgspec.Struct, frozen=True):
     """With the committed result; None: nothing was committed, or it ran by the wall clock."""
 
 
-class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
+class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     """How one case ended."""
 
     outcome: str
     """``verdict``, ``failed``, ``unresolved``, ``cancelled``; empty: not ended yet."""
     verdict: str = ""
-    passed: bool = False
     reasons: list[str] = []
     scalars: dict[str, float | int | None] = {}
     attempt_dir: str = ""
@@ -88,6 +95,27 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     clock: Clock = "lockstep"
     """``realtime``: its results do not repeat."""
     cases: dict[str, CaseOutcome]
+
+    @property
+    def exit_code(self) -> int:
+        """What a command that concludes this campaign exits with."""
+        rows = self.cases.values()
+        return exit_code(
+            cases=len(rows),
+            passed=sum(row.passed for row in rows),
+            unresolved=sum(row.outcome == "unresolved" for row in rows),
+            left=sum(not row.outcome for row in rows),
+        )
+
+
+def exit_code(*, cases: int, passed: int, unresolved: int, left: int) -> int:
+    """The exit code of commands that conclude campaigns, by numbers of cases: 75 if some have not
+    ended, 3 if some could not be decided, 1 if some did not pass, else 0."""
+    if left:
+        return EXIT_UNFINISHED
+    if unresolved:
+        return EXIT_INFRASTRUCTURE
+    return EXIT_PASS if passed == cases else EXIT_FAILED
 
 
 def encode_campaign(campaign: CampaignState) -> bytearray:
@@ -193,7 +221,6 @@ def _case(case: CaseState) -> CaseOutcome:
         common,
         outcome=end.result.outcome,
         verdict=end.result.verdict,
-        passed=end.result.passed,
         reasons=end.result.reasons,
         scalars=end.result.scalars,
         attempt_dir=end.result.attempt_dir,

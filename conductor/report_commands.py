@@ -90,9 +90,9 @@ def compare_command(
 ) -> None:
     """Say what changed between two runs of the same cases; exit code 1 on a regression.
 
-    A regression is a case whose verdict has become worse: it passed in RUN_A and does not in RUN_B,
-    or its verdict was `pass` and is another one that passes, such as false braking. Cases that are
-    in one run only are listed and do not count.
+    A regression is a case whose verdict has become worse: `pass` before anything else, and a
+    verdict without a collision, such as false braking, before a collision or no verdict. Cases
+    that are in one run only are listed and do not count.
     """
     from conductor.report.compare_page import as_html, as_json, as_markdown
     from conductor.report.compare_text import print_comparison

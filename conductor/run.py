@@ -37,15 +37,13 @@ from conductor.state import Config
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
+from schemas.verdict import no_collision
 from schemas.view import ViewMode
 from twin.fabric.ahead import Told
 from twin.fabric.cli import heed_signals
 from twin.fabric.endpoint import LOOPBACK, is_exposed
 from twin.fabric.errors import (
-    EXIT_FAILED,
-    EXIT_INFRASTRUCTURE,
     EXIT_INTERRUPTED,
-    EXIT_PASS,
     EXIT_UNFINISHED,
     InfrastructureError,
     TwinError,
@@ -310,9 +308,7 @@ def _tell(
     wall_s: float,
 ) -> int:
     counts = count_outcomes(outcomes)
-    code = EXIT_PASS if counts["passed"] == counts["cases"] else EXIT_FAILED
-    if counts["unresolved"]:
-        code = EXIT_INFRASTRUCTURE
+    code = outcomes.exit_code
     if warning := too_slow(outcomes):
         print(warning, file=sys.stderr)
     if options.json:
@@ -339,12 +335,13 @@ def _tell(
 
 
 def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
-    """Cases, committed, passed, failed, unresolved and cancelled."""
+    """Cases, committed, passed, without a collision, failed, unresolved and cancelled."""
     rows = outcomes.cases.values()
     return {
         "cases": len(outcomes.cases),
         "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
         "passed": sum(row.passed for row in rows),
+        "no_collision": sum(no_collision(row.outcome, row.verdict) is True for row in rows),
         "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
         "unresolved": sum(row.outcome == "unresolved" for row in rows),
         "cancelled": sum(row.outcome == "cancelled" for row in rows),

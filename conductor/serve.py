@@ -13,11 +13,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from conductor.outcomes import exit_code
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import is_exposed
-from twin.fabric.errors import EXIT_INTERRUPTED, EXIT_PASS, EXIT_UNFINISHED
+from twin.fabric.errors import EXIT_INTERRUPTED
 from twin.fabric.key_file import Key, shared
 
 
@@ -63,8 +64,9 @@ def serve_folder(
         conductor.serve()
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
-    left = any(c["left"] for c in conductor.snapshot().get("campaigns", {}).values())
-    return EXIT_UNFINISHED if left else EXIT_PASS
+    rows = conductor.snapshot().get("campaigns", {}).values()
+    counts = ("cases", "passed", "unresolved", "left")
+    return exit_code(**{name: sum(row[name] for row in rows) for name in counts})
 
 
 @contextlib.contextmanager

@@ -22,7 +22,15 @@ from conductor.facts import (
     Submitted,
     WorkerJoined,
 )
-from conductor.state import IMAGE_CASES, CampaignState, CaseState, LiveLease, State, WorkerState
+from conductor.state import (
+    IMAGE_CASES,
+    CampaignState,
+    CaseState,
+    LiveLease,
+    State,
+    WorkerState,
+    end_name,
+)
 
 
 class _Head(Struct, frozen=True):
@@ -47,6 +55,8 @@ class _CampaignHead(Struct, frozen=True, array_like=True):
     attempts: int
     disagreements: int
     durations: dict[int, int]
+    counted: int = 1
+    """By which rule ``ended`` was counted; 1: cases without a collision as passed."""
 
 
 class _WorkerHead(Struct, frozen=True, array_like=True):
@@ -88,6 +98,9 @@ class _Cases(Struct, frozen=True):
     campaign: str
     rows: list[_CaseRow]
 
+
+_COUNTED = 2
+"""Only the verdict ``pass`` counts as passed."""
 
 _encode = msgspec.msgpack.Encoder().encode
 HEAD = "0"
@@ -156,6 +169,7 @@ def _campaign_head(campaign: CampaignState) -> _CampaignHead:
         campaign.attempts,
         campaign.disagreements,
         campaign.durations.counts,
+        _COUNTED,
     )
 
 
@@ -223,6 +237,9 @@ def _restore_campaign(campaign: CampaignState, head: _CampaignHead) -> None:
     campaign.paused, campaign.pinned = head.paused, head.pinned
     campaign.software, campaign.device_class = head.software, head.device_class
     campaign.ended, campaign.attempts = dict(head.ended), head.attempts
+    if head.counted != _COUNTED:
+        ends = (case.end for case in campaign.ordered)
+        campaign.ended = dict(Counter(end_name(end) for end in ends if end is not None))
     campaign.disagreements = head.disagreements
     campaign.durations.counts = dict(head.durations)
     campaign.durations.total = sum(head.durations.values())

@@ -113,6 +113,15 @@ class LiveLease:
         return self.group == ALONE
 
 
+def end_name(end: Committed | CaseEnded) -> str:
+    """Under which name an ended case is counted."""
+    if isinstance(end, CaseEnded):
+        return end.outcome
+    if end.result.outcome == "failed":
+        return "failed"
+    return "passed" if end.result.passed else "not_passed"
+
+
 @dataclass(slots=True)
 class CaseState:
     """One case. It waits while it has neither a live token nor an end, and is not paused.

@@ -17,6 +17,7 @@ from schemas.perception import Perception
 from schemas.pose import Pose as Pose
 from schemas.pose import pose_mistake
 from schemas.realtime import Realtime
+from schemas.verdict import Judged
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -389,7 +390,7 @@ class Touch(Struct, frozen=True):
     """Actions so far that cost the case its verdict; 0: it keeps it."""
 
 
-class Result(Struct, frozen=True):
+class Result(Judged, Struct, frozen=True):
     """A finished attempt, ready to be committed."""
 
     campaign: str
@@ -399,7 +400,6 @@ class Result(Struct, frozen=True):
     verdict: str
     """``pass``, ``collision``, ``false_braking``, ``lane_departure``, ``time_up``; the reason for
     ``failed``."""
-    passed: bool
     scalars: dict[str, float | int | None] = {}
     reasons: list[str] = []
     attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
@@ -445,7 +445,6 @@ def noop_result(lease: Lease) -> Result:
         token=lease.token,
         outcome="verdict",
         verdict="pass",
-        passed=True,
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from msgspec import Struct
 
 from schemas.messages import CameraSite, Detection, LidarSite, Lights
+from schemas.verdict import Judged
 from schemas.view_mode import Keep
 from schemas.view_mode import ViewMode as ViewMode
 
@@ -173,7 +174,7 @@ class SceneMesh(Struct, frozen=True):
     data: bytes
 
 
-class CaseEnd(Struct, frozen=True):
+class CaseEnd(Judged, frozen=True):
     """An attempt ended with a result, or (``outcome`` empty) without one."""
 
     v: int
@@ -182,7 +183,6 @@ class CaseEnd(Struct, frozen=True):
     sim_time_ns: int
     outcome: str
     verdict: str
-    passed: bool
     reasons: list[str]
     scalars: dict[str, float | int | None]
     samples: int
@@ -208,7 +208,7 @@ class RecorderBatch(Struct, frozen=True):
     samples: list[RecorderSample]
 
 
-class Thumbnail(Struct, frozen=True):
+class Thumbnail(Judged, frozen=True):
     """Attachment of a small picture of a running or just ended case; the payload is a JPEG.
 
     Complete in itself: who comes late knows the case from its next thumbnail.
@@ -230,7 +230,6 @@ class Thumbnail(Struct, frozen=True):
     outcome: str = ""
     """Empty: the case is running."""
     verdict: str = ""
-    passed: bool = False
     hand: str = ""
     """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 

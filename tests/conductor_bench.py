@@ -61,7 +61,6 @@ def result(lease: Lease, kpi: str = "", passed: bool = True, **fields: Any) -> R
         "token": lease.token,
         "outcome": "verdict",
         "verdict": "pass" if passed else "collision",
-        "passed": passed,
         "attempt_dir": f"cases/{lease.case.id}/attempt-{lease.attempt}",
         "kpi_sha256": kpi or f"kpi-{lease.case.id}",
     }

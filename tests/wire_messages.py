@@ -55,7 +55,7 @@ def case() -> Any:
 
 def result() -> Result:
     """A committed pass."""
-    return Result("c", "clear", 65537, "verdict", "pass", True, {"dtc_min_m": 12.5}, ["rest"])
+    return Result("c", "clear", 65537, "verdict", "pass", {"dtc_min_m": 12.5}, ["rest"])
 
 
 def control() -> list[Any]:

@@ -16,10 +16,12 @@ from schemas.assets import asset_digest
 from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, Pose, command_mistake
+from schemas.verdict import is_pass
 from twin.command_delay import Delays
 from twin.fabric.frames import Channel
 from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
+from twin.kpi.course import Course
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
@@ -59,10 +61,14 @@ class Finished:
     """``verdict``, or ``failed``: the case cannot be simulated, deterministically."""
     verdict: str
     """Empty when failed."""
-    passed: bool
     reasons: list[str]
     scalars: dict[str, float | int | None]
     table: KpiTable
+
+    @property
+    def passed(self) -> bool:
+        """See :func:`schemas.verdict.is_pass`."""
+        return is_pass(self.outcome, self.verdict)
 
 
 @dataclass(slots=True)
@@ -168,6 +174,7 @@ class Engine(Steerable):
         self._runs: list[_Run | None] = [None] * slots
         self._recorder = Recorder(slots)
         self._limits = judging.Limits.of(slots)
+        self._course = Course.of(self._world, vehicle)
         self._unmeasured = False  # no vehicle was placed since the state was measured last
 
     @property
@@ -450,12 +457,12 @@ class Engine(Steerable):
         assert run is not None
         self._record([slot], [None])
         rows = self._recorder.of(slot)
-        result = judging.judge(run.case.scenario, rows, state, run.lane)
+        result = judging.judge(run.case.scenario, rows, state, run.lane, self._course)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
         scalars = judging.scalars(rows, state, run.lane)
         table = rows.table()
         self.clear(slot)
-        return Finished(slot, "verdict", result.verdict, result.passed, reasons, scalars, table)
+        return Finished(slot, "verdict", result.verdict, reasons, scalars, table)
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._runs[slot], self._recorder.of(slot)
@@ -463,7 +470,7 @@ class Engine(Steerable):
         scalars = judging.scalars(rows, self.state[slot], run.lane)
         table = rows.table()
         self.clear(slot)
-        return Finished(slot, "failed", "", False, [reason], scalars, table)
+        return Finished(slot, "failed", "", [reason], scalars, table)
 
 
 def frame_channels(case: Case, slots: int) -> list[Channel]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
+from schemas.verdict import is_pass
 from twin.fabric.errors import UsageError
 from viewer.folder import (
     Found,
@@ -177,7 +178,7 @@ def _row(found: Found, moment: Moment, cover: RecordedCase) -> Row:
         recording_id=cover.recording_id,
         moment=moment,
         verdict=end.get("verdict") or end.get("outcome") or "",
-        passed=end.get("passed") is True,
+        passed=is_pass(end.get("outcome") or "", end.get("verdict") or ""),
         model=case.get("model") or "",
         weather=case.get("weather") or "",
         hour=case.get("time_of_day") or "",

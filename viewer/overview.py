@@ -37,7 +37,6 @@ class End:
     """Attempts up to this one run no more."""
     outcome: str
     verdict: str = ""
-    passed: bool = False
     final: bool = True
     """False: the case waits for another attempt."""
 
@@ -117,7 +116,7 @@ class Overview:
         match fact.get("fact"):
             case "committed":
                 result = fact["result"]
-                end = End(COMMITTED, result["outcome"], result["verdict"], result["passed"])
+                end = End(COMMITTED, result["outcome"], result["verdict"])
                 return (result["campaign"], result["case"]), end
             case "case_ended":
                 key = (fact["campaign"], fact["case"])
@@ -178,9 +177,7 @@ class Overview:
 
 
 def _ended(thumbnail: Thumbnail, end: End) -> Thumbnail:
-    return msgspec.structs.replace(
-        thumbnail, outcome=end.outcome, verdict=end.verdict, passed=end.passed
-    )
+    return msgspec.structs.replace(thumbnail, outcome=end.outcome, verdict=end.verdict)
 
 
 def _row(t: Thumbnail) -> str:

@@ -117,7 +117,8 @@ class Recording:
         )
         # Returns when all is written.
         self._stream.disconnect()
-        self._note(complete, kept=not (self.start.keep == "failed" and _passed(end)))
+        passed = end is not None and end.passed
+        self._note(complete, kept=not (self.start.keep == "failed" and passed))
         return complete
 
     def _note(self, complete: bool, *, kept: bool) -> None:
@@ -198,8 +199,3 @@ def _set_file(stream: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) 
 def _layout(stage: bytes) -> rrb.Blueprint:
     """Cases of a campaign share one."""
     return case_blueprint(decode(stage, Stage))
-
-
-def _passed(end: CaseEnd | None) -> bool:
-    """Without fail: a car that brakes for nothing has ``passed`` too, and is worth a look."""
-    return end is not None and (end.outcome, end.verdict) == ("verdict", "pass")

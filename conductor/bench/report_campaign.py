@@ -132,7 +132,6 @@ def _write_case(
     return CaseOutcome(
         outcome="verdict",
         verdict="collision" if hit else "pass",
-        passed=not hit,
         reasons=["collision at 3.00 m/s" if hit else rest],
         scalars=scalars,
         attempt_dir=attempt,

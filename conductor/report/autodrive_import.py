@@ -221,7 +221,6 @@ def _write_case(out: Path, case: Case, log: Log) -> CaseOutcome:
     return CaseOutcome(
         outcome="verdict",
         verdict=verdict,
-        passed=verdict != "collision",
         reasons=[reason],
         scalars=scalars(log.rows),
         attempt_dir=attempt,

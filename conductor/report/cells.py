@@ -35,7 +35,7 @@ def severity(row: Row) -> int:
     """Smaller is worse."""
     if row.status in _WORST_FIRST:
         return _WORST_FIRST.index(row.status)
-    return len(_WORST_FIRST) + (row.status == "pass") + (row.passed is True)
+    return len(_WORST_FIRST) + (row.passed is True)
 
 
 def worst(cell: list[Row]) -> Row:
@@ -59,5 +59,5 @@ def case_number(row: Row) -> str:
     error = row.scalar("lateral_error_rms_m")
     if error is not None:
         return f"{error:.2f}"
-    distance = row.scalar("dtc_min_m") if row.passed else None
+    distance = row.scalar("dtc_min_m") if row.no_collision else None
     return "" if distance is None else f"{distance:.1f}"

@@ -36,11 +36,6 @@ SHIFTS = (
 )
 """Scalars that are compared."""
 
-_RULE = (
-    "the fingerprints are equal, so verdicts and KPI values are the same to the last bit; what "
-    "counts as passed is not"
-)
-
 Change = Literal["worse", "better", "other"]
 
 _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
@@ -67,6 +62,7 @@ class Side:
     campaign: str
     cases: int
     passed: int
+    no_collision: int
     fingerprint: str
     software: str
     device_classes: list[str]
@@ -129,7 +125,7 @@ class Comparison:
     after: Side
     identical: bool
     """The fingerprints are equal, so every outcome, verdict and KPI value of every case is, to the
-    last bit; and the same cases passed, which no fingerprint holds."""
+    last bit."""
     pairs: int
     same_bytes: int
     """Pairs with equal KPI values, to the last bit."""
@@ -167,10 +163,9 @@ def compare(
     pairs = _pairs(before, after)
     counts = _counts([(a.passed is True, b.passed is True) for a, b in pairs])
     both, won, lost, _ = counts
-    flips = [_flip(a, b) for a, b in pairs if a.status != b.status or a.passed != b.passed]
+    flips = [_flip(a, b) for a, b in pairs if a.status != b.status]
     here, there = ({row.case.id for row in dossier.rows} for dossier in (before, after))
-    same_values = before_found.sha256 == after_found.sha256
-    identical = same_values and not flips
+    identical = before_found.sha256 == after_found.sha256
     return Comparison(
         before=_side(before, before_found),
         after=_side(after, after_found),
@@ -188,16 +183,14 @@ def compare(
         difference=newcombe_paired(*counts),
         axes=_axes(before, pairs),
         shifts=[shift for name, label in SHIFTS if (shift := _shift(name, label, pairs))],
-        notes=[
-            *_notes(before, after, pairs, identical=same_values),
-            *([_RULE] if same_values and flips else []),
-        ],
+        notes=_notes(before, after, pairs, identical=identical),
     )
 
 
 def rank(row: Row) -> int:
-    """2: verdict ``pass``; 1: passed with another one, such as false braking; 0: not passed."""
-    return (row.passed is True) + (row.passed is True and row.status == "pass")
+    """2: verdict ``pass``; 1: another one without a collision, such as false braking; 0: a
+    collision, or no verdict."""
+    return (row.passed is True) + (row.no_collision is True)
 
 
 def _pairs(before: Dossier, after: Dossier) -> list[tuple[Row, Row]]:
@@ -228,6 +221,7 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
         campaign=outcomes.campaign,
         cases=len(dossier.rows),
         passed=dossier.passed,
+        no_collision=dossier.no_collision,
         fingerprint=found.sha256,
         software=outcomes.software,
         device_classes=outcomes.device_classes,

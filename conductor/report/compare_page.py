@@ -120,6 +120,7 @@ def _runs(found: Comparison) -> TextTable:
         ["folder", *(side.folder for side in sides)],
         ["campaign", *(side.campaign for side in sides)],
         ["passed", *(f"{side.passed} of {side.cases}" for side in sides)],
+        ["no collision", *(f"{side.no_collision} of {side.cases}" for side in sides)],
         ["fingerprint", *(side.fingerprint for side in sides)],
         ["software", *(side.software or "none" for side in sides)],
         ["device class", *(", ".join(side.device_classes) or "none" for side in sides)],

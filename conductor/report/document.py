@@ -89,6 +89,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         "running": dossier.running,
         "cases_total": len(dossier.rows),
         "passed": dossier.passed,
+        "no_collision": dossier.no_collision,
         "not_ended": dossier.left,
         "digest": outcomes.digest,
         "seed": outcomes.seed,

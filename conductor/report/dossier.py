@@ -14,9 +14,10 @@ from conductor.report.autodrive_layout import Imported, read_imported
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
 from schemas.perception import file_fields
+from schemas.verdict import no_collision
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 
 NOT_ENDED = "not ended"
 """Status of a case without an outcome."""
@@ -42,6 +43,11 @@ class Row:
     def passed(self) -> bool | None:
         """None without a verdict: missing is never a pass."""
         return self.end.passed if self.end.outcome == "verdict" else None
+
+    @property
+    def no_collision(self) -> bool | None:
+        """The rule of the AutoDRIVE paper; None without a verdict."""
+        return no_collision(self.end.outcome, self.end.verdict)
 
     def scalar(self, name: str) -> float | int | None:
         """A scalar KPI; None where missing."""
@@ -77,8 +83,21 @@ class Dossier:
 
     @property
     def passed(self) -> int:
-        """Cases that passed by the rule of their scenario."""
+        """Cases with the verdict ``pass``."""
         return sum(row.passed is True for row in self.rows)
+
+    @property
+    def no_collision(self) -> int:
+        """Cases with a verdict in which the ego did not collide."""
+        return sum(row.no_collision is True for row in self.rows)
+
+    @property
+    def exit_code(self) -> int:
+        """What ``conductor report`` exits with, alarms apart. A log that decides nothing is no
+        pass; that no infrastructure was lost in it is known."""
+        if self.imported is not None:
+            return EXIT_PASS if self.passed == len(self.rows) else EXIT_FAILED
+        return self.outcomes.exit_code
 
 
 def open_dossier(folder: Path) -> Dossier:

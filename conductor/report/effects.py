@@ -34,7 +34,7 @@ class Level:
     """Bounds of the share at 95 % (Wilson), 0 to 1; None: no case has a verdict."""
     high: float | None
     closest_m: float | None
-    """Median of the smallest distances of passed cases [m]."""
+    """Median of the smallest distances of cases without a collision [m]."""
 
     @property
     def share(self) -> float | None:
@@ -67,7 +67,8 @@ def _level(value: str, rows: list[Row]) -> Level:
     decided = [row for row in rows if row.passed is not None]
     passed = [row for row in decided if row.passed]
     low, high = wilson(len(passed), len(decided)) if decided else (None, None)
-    known = [d for row in passed if (d := row.scalar("dtc_min_m")) is not None]
+    unhurt = [row for row in decided if row.no_collision]
+    known = [d for row in unhurt if (d := row.scalar("dtc_min_m")) is not None]
     return Level(
         value=value,
         passed=len(passed),

@@ -25,14 +25,15 @@ from conductor.report.statistics import (
     wilson,
 )
 
-FAR_M = 60.0
-"""A first AEB trigger further than this from the obstacle answers to something else [m]."""
+EARLY = 2.0
+"""A first AEB trigger further from the obstacle than so many times ``scenario.false_braking_m``
+answers to something else."""
 AXIS_VALUES_MAX = 64
 """An axis with more values is no axis of conditions, and is not tested."""
 SYSTEMS_MAX = 12
 """Most systems under test that are compared pair by pair."""
 
-Kind = Literal["passed", "systems", "axis", "hidden", "collision", "missing"]
+Kind = Literal["passed", "systems", "axis", "hidden", "early", "collision", "missing"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ def findings(dossier: Dossier) -> list[Finding]:
         *(_passed(dossier) if dossier.outcomes.complete else []),
         *_systems(dossier),
         *_axes(dossier),
-        *([] if dossier.lane_keeping else _hidden(dossier)),
+        *_hidden(dossier),
         *_collisions(rows),
     ]
 
@@ -92,8 +93,11 @@ def _missing(dossier: Dossier) -> list[Finding]:
             f"({', '.join(parts)}); none of them counts as passed."
         )
         found.append(Finding("missing", text, cases=_ids(undecided)))
-    blind = [r for r in dossier.rows if r.passed is not None and r.scalar("dtc_min_m") is None]
-    if blind and not dossier.lane_keeping:
+    decided = [row for row in dossier.rows if row.passed is not None]
+    blind = [row for row in decided if row.scalar("dtc_min_m") is None]
+    # Where nothing stands in the lane no case has a distance, and none is missing.
+    free = len(blind) == len(decided) and dossier.imported is None
+    if blind and not free and not dossier.lane_keeping:
         text = (
             f"Of {counted(len(blind), 'case', 'cases')} with a verdict the smallest distance is "
             "missing; the figures below leave them out."
@@ -221,33 +225,40 @@ def _axis(
 
 
 def _hidden(dossier: Dossier) -> list[Finding]:
-    """What passed or failed alone does not tell: braking at nothing, and staying there."""
-    limit_m = dossier.campaign.scenario.false_braking_m
-    passed = [row for row in dossier.rows if row.passed is True]
-    if not passed:
+    """What the paper's rule, no collision, does not tell: cases without one that did not pass, by
+    verdict; and passes that braked far away and then drove on."""
+    unhurt = [row for row in dossier.rows if row.no_collision is True]
+    if not unhurt:
         return []
-    far = [row for row in passed if _beyond(row, "aeb_dtc_m", FAR_M)]
-    stuck = [row for row in passed if _beyond(row, "dtc_end_m", limit_m)]
-    either = {row.case.id for row in (*far, *stuck)}
-    cases = tuple(row.case.id for row in passed if row.case.id in either)
-    # Whoever never came nearer than the trigger's limit has not driven on after a far trigger.
-    held = sum(_beyond(row, "dtc_min_m", FAR_M) for row in far)
-    unknown = sum(not row.aeb_logged for row in passed)
-    last = f" In {unknown} of these runs AEB was not logged." if unknown else ""
-    if unknown == len(passed):
-        text = (
-            f"Of {len(passed)} passed {'run' if len(passed) == 1 else 'runs'}, {len(stuck)} ended "
-            f"further than {limit_m:g} m away{_by_model(dossier, stuck)}; AEB was not logged."
-        )
-        return [Finding("hidden", text, cases=cases)]
+    short = [row for row in unhurt if row.passed is not True]
     text = (
-        f"Of {len(passed)} passed {'run' if len(passed) == 1 else 'runs'}, {len(either)} braked "
-        f"further than {FAR_M:g} m from the obstacle or never drove on to it: {len(far)} braked "
-        f"first further than {FAR_M:g} m away{_by_model(dossier, far)}, "
-        f"{len(far) - held} of them drove on afterwards; {len(stuck)} ended further than "
-        f"{limit_m:g} m away{_by_model(dossier, stuck)}.{last}"
+        f"Of {counted(len(unhurt), 'case', 'cases')} without a collision, {len(short)} did not pass"
     )
-    return [Finding("hidden", text, cases=cases)]
+    parts = []
+    for verdict in dict.fromkeys(row.status for row in short):
+        rows = [row for row in short if row.status == verdict]
+        parts.append(f"{len(rows)} {verdict.replace('_', ' ')}{_by_model(dossier, rows)}")
+    found = [
+        Finding("hidden", f"{text}{': ' if parts else ''}{', '.join(parts)}.", cases=_ids(short))
+    ]
+    return found + ([] if dossier.lane_keeping else _braked_early(dossier))
+
+
+def _braked_early(dossier: Dossier) -> list[Finding]:
+    """Passes that first braked so far from the obstacle that something else was the reason."""
+    limit_m = EARLY * dossier.campaign.scenario.false_braking_m
+    passed = [row for row in dossier.rows if row.passed is True]
+    early = [row for row in passed if _beyond(row, "aeb_dtc_m", limit_m)]
+    if not early:
+        return []
+    unknown = sum(not row.aeb_logged for row in passed)
+    last = f" In {unknown} of the passes AEB was not logged." if unknown else ""
+    text = (
+        f"Of {counted(len(passed), 'pass', 'passes')}, {len(early)} first triggered AEB further "
+        f"than {limit_m:g} m from the obstacle, {EARLY:g} times the limit of false braking, and "
+        f"drove on{_by_model(dossier, early)}.{last}"
+    )
+    return [Finding("early", text, cases=_ids(early))]
 
 
 def _by_model(dossier: Dossier, rows: list[Row]) -> str:

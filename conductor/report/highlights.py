@@ -27,8 +27,8 @@ class Highlights:
     false_braking_by: list[tuple[str, list[tuple[Any, dict[str, str]]]]]
     """By axis: per value and model how many of how many."""
     closest: list[Row]
-    """Passed cases with the smallest distance to the obstacle; of lane keeping those furthest from
-    the lane's centre."""
+    """Cases without a collision with the smallest distance to the obstacle; of lane keeping those
+    furthest from the lane's centre."""
     hardest: list[Row]
     slowest: list[Row]
     """Cases that took the most wall time."""
@@ -37,7 +37,7 @@ class Highlights:
 def highlights(dossier: Dossier) -> Highlights:
     """Of the cases with a verdict."""
     decided = [row for row in dossier.rows if row.passed is not None]
-    passed = [row for row in decided if row.passed]
+    unhurt = [row for row in decided if row.no_collision]
     braked = [row for row in decided if row.status == "false_braking"]
     braked.sort(key=lambda row: -(row.scalar("dtc_end_m") or 0.0))
     by = [(axis_label(axis), counts_by(dossier, axis, "false_braking")) for axis in _axes(dossier)]
@@ -48,7 +48,7 @@ def highlights(dossier: Dossier) -> Highlights:
         false_braking=braked[:FALSE_BRAKING_MAX],
         false_braking_more=max(0, len(braked) - FALSE_BRAKING_MAX),
         false_braking_by=[table for table in by if table[1]],
-        closest=extremes(passed, closest[0], largest=closest[1]),
+        closest=extremes(unhurt, closest[0], largest=closest[1]),
         hardest=extremes(decided, "impact_speed_mps", largest=True),
         slowest=sorted(timed, key=lambda row: -row.end.wall_s)[:SLOWEST_MAX],
     )

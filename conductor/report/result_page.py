@@ -70,7 +70,7 @@ class Section:
     model: str
     perception: str
     passed: int
-    clean: int
+    no_collision: int
     ended: int
     total: int
     text_name: str
@@ -118,7 +118,7 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
     jinja = environment(autoescape=False)
     jinja.filters["md"] = escaped
     rows = dossier.rows
-    passed = [row for row in rows if row.passed is True]
+    unhurt = [row for row in rows if row.no_collision is True]
     autonomy = dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)).strip()
     text = jinja.get_template("result.md.j2").render(
         dossier=dossier,
@@ -140,7 +140,7 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
         lane_departures=_counted(dossier, "lane_departure"),
         extremes={
             "hardest": extremes(rows, "impact_speed_mps", largest=True),
-            "nearest": extremes(passed, "dtc_min_m", largest=False),
+            "nearest": extremes(unhurt, "dtc_min_m", largest=False),
             "astray": extremes(rows, "lateral_error_max_m", largest=True),
             "longest": extremes(rows, "sim_time_s", largest=True),
         },
@@ -203,7 +203,7 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
                 model=model,
                 perception=perception_text(own[0].case),
                 passed=sum(row.passed is True for row in own),
-                clean=sum(row.status == "pass" for row in own),
+                no_collision=sum(row.no_collision is True for row in own),
                 ended=sum(bool(row.end.outcome) for row in own),
                 total=len(own),
                 text_name=model_block(model),

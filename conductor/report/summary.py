@@ -27,9 +27,9 @@ _SCALAR_TYPES = {"float64": pa.float64(), "int32": pa.int32()}
 def write_summary(folder: Path) -> pa.Table:
     """Write both files into the campaign ``folder``; returns the table.
 
-    One row per case in campaign order: id, axes, outcome, verdict, ``passed`` (null without a
-    verdict: missing is never a pass), reasons, the scalars of :data:`schemas.kpi.SCALARS`, and
-    where the result came from.
+    One row per case in campaign order: id, axes, outcome, verdict, ``passed`` and
+    ``no_collision`` (null without a verdict: missing is never a pass), reasons, the scalars of
+    :data:`schemas.kpi.SCALARS`, and where the result came from.
 
     Raises:
         UsageError: no campaign was run here, or nothing was simulated in it.
@@ -79,6 +79,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
     text("outcome", [row.end.outcome for row in rows])
     text("verdict", [row.end.verdict for row in rows])
     add("passed", [row.passed for row in rows], pa.bool_())
+    add("no_collision", [row.no_collision for row in rows], pa.bool_())
     add("reasons", [row.end.reasons for row in rows], pa.list_(pa.string()))
     for column in SCALARS:
         values = [row.scalar(column.name) for row in rows]

@@ -38,11 +38,14 @@ class SystemRow:
     """What the perception really is."""
     batches: list[int]
     passed: int
+    """Cases with the verdict ``pass``."""
+    no_collision: int
+    """Cases with a verdict in which the ego did not collide: the rule of the AutoDRIVE paper."""
     total: int
     counts: dict[str, int]
     """Status -> cases, in the order of :func:`statuses`; 0 where there is none."""
     stops_m: tuple[float, float, float] | None
-    """Smallest, median and largest of the smallest distances of passed cases [m]."""
+    """Smallest, median and largest of the smallest distances of cases without a collision [m]."""
     lateral_rms_m: tuple[float, float, float] | None
     """Smallest, median and largest lateral error (RMS) of decided cases; lane keeping [m]."""
 
@@ -85,9 +88,10 @@ def _system(dossier: Dossier, model: str, perception: str, rows: list[Row]) -> S
         perception=perception,
         batches=sorted({row.case.batch for row in rows if row.case.batch}),
         passed=sum(row.passed is True for row in rows),
+        no_collision=sum(row.no_collision is True for row in rows),
         total=len(rows),
         counts={s: sum(row.status == s for row in rows) for s in statuses(dossier)},
-        stops_m=_spread([row.scalar("dtc_min_m") for row in rows if row.passed]),
+        stops_m=_spread([row.scalar("dtc_min_m") for row in rows if row.no_collision]),
         lateral_rms_m=_spread(
             [row.scalar("lateral_error_rms_m") for row in rows if row.passed is not None]
         ),
@@ -130,6 +134,7 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
         "outcome": end.outcome or None,
         "verdict": end.verdict or None,
         "passed": row.passed,
+        "no_collision": row.no_collision,
         "reasons": end.reasons,
         **{column.name: row.scalar(column.name) for column in SCALARS},
         "realtime": msgspec.to_builtins(end.realtime),

@@ -111,7 +111,6 @@ def _conductor_files(folder: Path) -> None:
     passed = CaseOutcome(
         outcome="verdict",
         verdict="pass",
-        passed=True,
         attempt_dir="cases/clear/attempt-1",
         kpi_sha256="0" * 64,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from schemas.campaign import Scenario
 from schemas.kpi import SCALARS
+from twin.kpi.course import Course
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import CaseRows
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -22,11 +23,8 @@ class Verdict:
     """What a finished case comes to."""
 
     verdict: str
-    """``pass``, ``collision`` or ``false_braking``; of lane keeping also ``lane_departure`` and
-    ``time_up``."""
-    passed: bool
-    """Jump scare: no collision, false braking is told apart by ``verdict``. Lane keeping: the whole
-    distance, within the limits."""
+    """``pass``, ``collision``, ``false_braking`` or ``time_up``; of lane keeping also
+    ``lane_departure``. Only ``pass`` counts as passed (:mod:`schemas.verdict`)."""
     reasons: list[str]
     """Short sentences."""
 
@@ -108,16 +106,22 @@ def _rms(values: np.ndarray) -> float:
 
 
 def judge(
-    scenario: Scenario, recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None
+    scenario: Scenario,
+    recorder: CaseRows,
+    state: np.ndarray,
+    lane: LaneProgress | None,
+    course: Course,
 ) -> Verdict:
     """The verdict of an ended case; ``lane`` is given in lane keeping."""
     if state[COLUMN["collisions"]] > 0:
         speed = state[COLUMN["impact_speed_mps"]]
         at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9
-        return Verdict("collision", False, [f"collision at {speed:.2f} m/s after {at:.3f} s"])
+        return Verdict("collision", [f"collision at {speed:.2f} m/s after {at:.3f} s"])
     if lane is not None:
         return _judge_lane_keeping(scenario, recorder, lane)
-    return _judge_jump_scare(scenario, recorder, state)
+    if course.target is None:
+        return _judge_free_lane(recorder, state)
+    return _judge_jump_scare(scenario, recorder, state, course)
 
 
 def _judge_lane_keeping(scenario: Scenario, recorder: CaseRows, lane: LaneProgress) -> Verdict:
@@ -130,46 +134,75 @@ def _judge_lane_keeping(scenario: Scenario, recorder: CaseRows, lane: LaneProgre
             f"{abs(lane.lateral_m):.2f} m {side} of the lane's centre {driven}; "
             f"allowed: {scenario.lateral_limit_m:g} m"
         )
-        return Verdict("lane_departure", False, [reason])
+        return Verdict("lane_departure", [reason])
     rms_m = _rms(recorder.column("lateral_error_m"))
     kept = f"lateral error {rms_m:.3f} m RMS"
     if rms_m > scenario.lateral_rms_limit_m:
         reason = f"{kept} {driven}; allowed: {scenario.lateral_rms_limit_m:g} m"
-        return Verdict("lane_departure", False, [reason])
+        return Verdict("lane_departure", [reason])
     if lane.distance_m >= scenario.distance_m:
-        return Verdict("pass", True, [f"drove {lane.distance_m:.1f} m, {kept}"])
+        return Verdict("pass", [f"drove {lane.distance_m:.1f} m, {kept}"])
     speed_mps = recorder.column("speed_mps")[-1]
     if speed_mps == 0.0 and (recorder.column("speed_mps") > 0.0).any():
-        return Verdict("false_braking", False, [f"came to rest {driven}"])
-    return Verdict("time_up", False, [f"time is up at {speed_mps:.2f} m/s, {driven}"])
+        return Verdict("false_braking", [f"came to rest {driven}"])
+    return Verdict("time_up", [f"time is up at {speed_mps:.2f} m/s, {driven}"])
 
 
-def _judge_jump_scare(scenario: Scenario, recorder: CaseRows, state: np.ndarray) -> Verdict:
-    """The verdict without a collision.
+def _judge_jump_scare(
+    scenario: Scenario, recorder: CaseRows, state: np.ndarray, course: Course
+) -> Verdict:
+    """Does the ego stop for the obstacle? The verdict without a collision.
 
-    Any rest (standing still after having moved, at a control tick) further than
-    ``false_braking_m`` from the obstacle is false braking, even if the ego drove on later; so is
-    never having moved when time is up. Everything else passes, with a reason that says whether the
-    ego stopped or time ran out.
+    ``pass``: it came to rest within ``false_braking_m`` of the obstacle, or went round it.
+    ``false_braking``: any rest (standing still after having moved, at a control tick) further away
+    and before it went round, even if it drove on later; or it never moved, further away.
+    ``time_up``: neither: it still moves before the obstacle when time is up, or never moved though
+    it stood near from the start. Nobody knows what it would have done.
     """
-    dtc = recorder.column("dtc_m")
-    speed = recorder.column("speed_mps")
+    dtc, speed = recorder.column("dtc_m"), recorder.column("speed_mps")
     limit = scenario.false_braking_m
-    moving = np.flatnonzero(speed > 0.0)
-    if not len(moving) and state[COLUMN["moved"]] == 0:
+    began = _began_to_move(recorder, state)
+    if began is None:
         reasons = [f"the ego never moved, {dtc[-1]:.2f} m from the obstacle"]
-        return Verdict("false_braking" if dtc[-1] > limit else "pass", True, reasons)
-    first = int(moving[0]) if len(moving) else 0
-    far = first + np.flatnonzero((speed[first:] == 0.0) & (dtc[first:] > limit))
+        return Verdict("false_braking" if dtc[-1] > limit else "time_up", reasons)
+    past = course.past_from(recorder)
+    far = began + np.flatnonzero((speed[began:past] == 0.0) & (dtc[began:past] > limit))
     if len(far):
-        reasons = [
+        reason = (
             f"came to rest {dtc[far[0]]:.2f} m from the obstacle; further than {limit:g} m is "
             "false braking"
-        ]
-        return Verdict("false_braking", True, reasons)
+        )
+        return Verdict("false_braking", [reason])
+    if past is not None:
+        at_s = recorder.column("sim_time_ns")[past] / 1e9
+        return Verdict("pass", [f"went round the obstacle without touching it, by {at_s:.3f} s"])
     if speed[-1] == 0.0:
-        return Verdict("pass", True, [f"came to rest {dtc[-1]:.2f} m from the obstacle"])
+        return Verdict("pass", [f"came to rest {dtc[-1]:.2f} m from the obstacle"])
     reason = (
-        f"time is up at {speed[-1]:.2f} m/s, {dtc[-1]:.2f} m from the obstacle, without a collision"
+        f"time is up at {speed[-1]:.2f} m/s, {dtc[-1]:.2f} m from the obstacle: the ego has "
+        "neither stopped for it nor gone round it"
     )
-    return Verdict("pass", True, [reason])
+    return Verdict("time_up", [reason])
+
+
+def _judge_free_lane(recorder: CaseRows, state: np.ndarray) -> Verdict:
+    """The verdict without a collision where no obstacle stands: nothing is a reason to stop."""
+    speed = recorder.column("speed_mps")
+    began = _began_to_move(recorder, state)
+    if began is None:
+        return Verdict("false_braking", ["the ego never moved; nothing stood in its way"])
+    rests = began + np.flatnonzero(speed[began:] == 0.0)
+    if len(rests):
+        at_s = recorder.column("sim_time_ns")[rests[0]] / 1e9
+        return Verdict("false_braking", [f"at rest after {at_s:.3f} s; nothing stood in its way"])
+    reason = f"drove until time was up, at {speed[-1]:.2f} m/s; nothing stood in its way"
+    return Verdict("pass", [reason])
+
+
+def _began_to_move(recorder: CaseRows, state: np.ndarray) -> int | None:
+    """The first row at which the ego moves, forward or back; the last one if it moved only between
+    two rows; None: never."""
+    moving = np.flatnonzero(recorder.column("speed_mps") != 0.0)
+    if len(moving):
+        return int(moving[0])
+    return recorder.rows - 1 if state[COLUMN["moved"]] != 0 else None

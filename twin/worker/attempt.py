@@ -38,7 +38,6 @@ def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
         token=lease.token,
         outcome=finished.outcome,
         verdict=finished.verdict,
-        passed=finished.passed,
         scalars=finished.scalars,
         reasons=finished.reasons,
         attempt_dir=relative,

@@ -447,7 +447,7 @@ class Simulator:
 def steered(finished: Finished, changes: int) -> Finished:
     """How a case ends that a hand has steered: what came out says nothing about the stack."""
     line = f"steered by hand ({changes} changes in {JOURNAL_FILE}): no verdict of the case"
-    return replace(finished, passed=False, reasons=[line, *finished.reasons])
+    return replace(finished, reasons=[line, *finished.reasons])
 
 
 def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:

@@ -167,7 +167,6 @@ def _ending(item: Ended, seq: int) -> tuple[StateSample | None, CaseEnd]:
         sim_time_ns=item.sim_time_ns,
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
-        passed=bool(finished and finished.passed),
         reasons=finished.reasons if finished else [],
         scalars=finished.scalars if finished else {},
         samples=seq + 1 if numbered else 0,
@@ -241,6 +240,5 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Messag
         hand=seen.hand,
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
-        passed=bool(finished and finished.passed),
     )
     return Message(topics.VIEW_THUMBNAIL, shown.picture, encode(thumbnail))

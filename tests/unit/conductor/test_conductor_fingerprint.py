@@ -28,7 +28,6 @@ def _kpi(folder: Path, case: str, speed_mps: float) -> CaseOutcome:
     return CaseOutcome(
         outcome="verdict",
         verdict="pass",
-        passed=True,
         attempt_dir=attempt_dir,
         attempt=1,
         attempts=1,

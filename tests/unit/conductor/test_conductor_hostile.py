@@ -117,7 +117,7 @@ def test_a_worker_cannot_commit_another_folder(path: str) -> None:
     with pytest.raises(WireError) as caught:
         decode(bad, Request)
     assert "attempt_dir" in str(caught.value)
-    good = Next(V, "w", 1, 0, results=[Result(**changed, passed=True)])
+    good = Next(V, "w", 1, 0, results=[Result(**changed)])
     assert decode(encode(good), Request) == good
 
 

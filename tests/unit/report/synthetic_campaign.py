@@ -98,7 +98,6 @@ def drive(folder: Path, case: Case) -> CaseOutcome:
     return CaseOutcome(
         outcome="verdict",
         verdict="collision" if hit else "pass",
-        passed=not hit,
         reasons=[reason],
         scalars=scalars,
         attempt_dir=attempt,

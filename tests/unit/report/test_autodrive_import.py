@@ -48,15 +48,15 @@ def test_logs_become_a_campaign_with_one_report(tmp_path: Path) -> None:
     assert not found.left_out
     tables = report_json(tmp_path / "run")
     lines = {line["model"]: line for line in tables["systems"]}
-    assert (lines["yolov2"]["passed"], lines["yolov3-tiny"]["passed"]) == (4, 2)
+    assert (lines["yolov2"]["passed"], lines["yolov3-tiny"]["passed"]) == (2, 1)
+    assert (lines["yolov2"]["no_collision"], lines["yolov3-tiny"]["no_collision"]) == (4, 2)
     assert lines["yolov2"]["counts"] == {"pass": 2, "false_braking": 2, "collision": 0}
     assert (lines["yolov2"]["batches"], lines["yolov3-tiny"]["batches"]) == ([1], [2])
     (hidden,) = [each for each in tables["findings"] if each["kind"] == "hidden"]
-    assert hidden["text"].startswith("Of 6 passed runs, 3 braked further than 60 m")
-    assert (
-        "3 braked first further than 60 m away (yolov2 2, yolov3-tiny 1), 0 of them drove on"
-        in (hidden["text"])
+    said = (
+        "Of 6 cases without a collision, 3 did not pass: 3 false braking (yolov2 2, yolov3-tiny 1)."
     )
+    assert hidden["text"] == said
     assert tables["alarms"] == []
     cases = {case["case"]: case for case in tables["cases"]}
     hit = cases["yolov3-tiny-0500-heavy_fog"]
@@ -67,7 +67,7 @@ def test_logs_become_a_campaign_with_one_report(tmp_path: Path) -> None:
     page = make_report(tmp_path / "run").page.read_text()
     assert found.sha256 in page
     assert "nothing was simulated here" in page
-    assert "Of 6 passed runs, 3 braked further than 60 m" in page
+    assert said in page
     assert "<code>batch_2/aeb_metrics_sim_inst_3.csv</code>" in page
     assert "conductor run campaign.yaml" not in page  # there is nothing to run
     text = write_result_page(tmp_path / "run", tmp_path / "page.md").read_text()
@@ -284,9 +284,8 @@ def test_an_aeb_that_was_not_logged_is_no_missing_trigger(tmp_path: Path) -> Non
         "Of 4 collisions, 0 came without any AEB trigger and 0 in spite of one; in 4 AEB was not "
         "logged."
     )
-    assert said["hidden"] == (
-        "Of 4 passed runs, 0 ended further than 30 m away; AEB was not logged."
-    )
+    assert said["hidden"] == "Of 4 cases without a collision, 0 did not pass."
+    assert "early" not in said
     hit = next(row for row in open_dossier(tmp_path / "run").rows if row.status == "collision")
     assert kind_of(hit) == "collision, AEB not logged"
 
@@ -408,13 +407,18 @@ def test_the_published_logs_give_table_1_and_what_it_hides(tmp_path: Path) -> No
     assert (found.files, found.rows, found.left_out) == (128, 64154, [])
     assert found.absent_batches == [3, 4, 5, 6]
     tables = report_json(tmp_path / "run")
-    lines = {line["model"]: (line["passed"], line["total"]) for line in tables["systems"]}
+    lines = {line["model"]: (line["no_collision"], line["total"]) for line in tables["systems"]}
     assert lines == {"yolov2": (64, 64), "yolov3-tiny": (55, 64), "All": (119, 128)}
-    (hidden,) = [each for each in tables["findings"] if each["kind"] == "hidden"]
-    assert hidden["text"] == (
-        "Of 119 passed runs, 20 braked further than 60 m from the obstacle or never drove on to "
-        "it: 7 braked first further than 60 m away (yolov2 1, yolov3-tiny 6), 7 of them drove on "
-        "afterwards; 13 ended further than 30 m away (yolov2 13)."
+    passed = {line["model"]: line["passed"] for line in tables["systems"]}
+    assert passed == {"yolov2": 50, "yolov3-tiny": 54, "All": 104}
+    texts = {each["kind"]: each["text"] for each in tables["findings"]}
+    assert texts["hidden"] == (
+        "Of 119 cases without a collision, 15 did not pass: 15 false braking (yolov2 14, "
+        "yolov3-tiny 1)."
+    )
+    assert texts["early"] == (
+        "Of 104 passes, 6 first triggered AEB further than 60 m from the obstacle, 2 times the "
+        "limit of false braking, and drove on (yolov2 1, yolov3-tiny 5)."
     )
 
 

@@ -31,7 +31,7 @@ def data(models: list[str]) -> dict[str, Any]:
 
 def verdict(end: Any, *, passed: bool, **scalars: float | None) -> Any:
     name = "pass" if passed else "collision"
-    return replace(end, verdict=name, passed=passed, scalars={**end.scalars, **scalars})
+    return replace(end, verdict=name, scalars={**end.scalars, **scalars})
 
 
 def found(
@@ -68,31 +68,48 @@ def test_a_difference_between_systems_and_the_axis_behind_it(tmp_path: Path) -> 
         hour.text == "worse: no effect of time of day was found (exact test, corrected p = 1.000)."
     )
     (hidden,) = of_kind(all_, "hidden")
-    assert hidden.text.startswith("Of 56 passed runs, 0 braked further than 60 m")
+    assert hidden.text == "Of 56 cases without a collision, 0 did not pass."
     assert hidden.cases == ()
 
 
-def test_what_passing_hides(tmp_path: Path) -> None:
-    places = {"clear": (61.0, 5.0), "cloudy": (90.0, 80.0), "light_fog": (60.0, 30.5)}
+def test_what_the_absence_of_a_collision_hides(tmp_path: Path) -> None:
+    verdicts = {"cloudy": "false_braking", "light_fog": "time_up", "heavy_snow": "collision"}
+    triggers = {"clear": 61.0, "heavy_fog": 60.0, "cloudy": 90.0, "heavy_snow": 100.0}
 
     def change(case, end):
-        trigger, stop = places.get(case.weather, (20.0, 5.0))
-        if case.weather == "heavy_snow":
-            return verdict(end, passed=False, aeb_dtc_m=100.0, dtc_end_m=99.0, aeb_time_s=None)
-        if case.weather == "heavy_rain":
-            return verdict(end, passed=True, aeb_dtc_m=None, dtc_end_m=float("nan"))
-        return verdict(end, passed=True, aeb_dtc_m=trigger, dtc_end_m=stop, dtc_min_m=stop)
+        scalars = {**end.scalars, "aeb_dtc_m": triggers.get(case.weather), "aeb_time_s": None}
+        return replace(end, verdict=verdicts.get(case.weather, "pass"), scalars=scalars)
+
+    all_ = found(tmp_path, ["one", "two"], change)
+    (hidden,) = of_kind(all_, "hidden")
+    # The same cases as the verdict's own columns: no second limit, no distance of its own.
+    assert hidden.text == (
+        "Of 56 cases without a collision, 16 did not pass: 8 false braking (one 4, two 4), "
+        "8 time up (one 4, two 4)."
+    )
+    assert {name.split("-")[-1] for name in hidden.cases} == {"cloudy", "light_fog"}
+    (early,) = of_kind(all_, "early")
+    assert early.text == (
+        "Of 40 passes, 8 first triggered AEB further than 60 m from the obstacle, 2 times the "
+        "limit of false braking, and drove on (one 4, two 4)."
+    )
+    assert {name.split("-")[-1] for name in early.cases} == {"clear"}
+    (hit,) = of_kind(all_, "collision")
+    assert hit.text == "Of 8 collisions, 8 came without any AEB trigger and 0 in spite of one."
+
+
+def test_findings_make_sense_where_nothing_stands_in_the_lane(tmp_path: Path) -> None:
+    def change(case, end):
+        scalars = {**end.scalars, "dtc_min_m": None, "dtc_end_m": None, "aeb_dtc_m": None}
+        stopped = case.weather == "clear"
+        return replace(end, verdict="false_braking" if stopped else "pass", scalars=scalars)
 
     all_ = found(tmp_path, ["one"], change)
     (hidden,) = of_kind(all_, "hidden")
-    assert hidden.text == (
-        "Of 28 passed runs, 12 braked further than 60 m from the obstacle or never drove on to "
-        "it: 8 braked first further than 60 m away, 4 of them drove on afterwards; 8 ended "
-        "further than 30 m away."
-    )
-    assert {name.split("-")[-1] for name in hidden.cases} == {"clear", "cloudy", "light_fog"}
-    (hit,) = of_kind(all_, "collision")
-    assert hit.text == "Of 4 collisions, 4 came without any AEB trigger and 0 in spite of one."
+    assert hidden.text == "Of 32 cases without a collision, 4 did not pass: 4 false braking."
+    assert not of_kind(all_, "missing")
+    assert not of_kind(all_, "early")
+    assert not any("obstacle" in each.text for each in all_)
 
 
 def test_missing_is_said_and_never_counted_as_passed(tmp_path: Path) -> None:

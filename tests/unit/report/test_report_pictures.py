@@ -28,7 +28,7 @@ def lost(case: Any, end: Any) -> Any:
     """One recorded case and one that was not recorded collide; all others pass."""
     hit = case.id in (CASE, "yolov2-tiny-0500-clear")
     scalars = {**end.scalars, "aeb_time_s": 0.15}
-    return replace(end, verdict="collision" if hit else "pass", passed=not hit, scalars=scalars)
+    return replace(end, verdict="collision" if hit else "pass", scalars=scalars)
 
 
 def record(folder: Path) -> Path:
@@ -144,7 +144,7 @@ def test_of_many_models_each_has_a_strip_before_one_has_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = many_models(weather=["clear", "heavy_fog"], time_of_day=["05:00", "09:00", "13:00"])
-    make_campaign(tmp_path, data, lambda c, e: replace(e, verdict="collision", passed=False))
+    make_campaign(tmp_path, data, lambda c, e: replace(e, verdict="collision"))
     monkeypatch.setattr(recorded, "STRIPS_MAX", 12)
     models = [failure.row.case.model for failure in recorded.failures(open_dossier(tmp_path))]
     assert models == [name for name in MANY for _ in range(2)]

@@ -196,7 +196,7 @@ def test_time_is_up_at_the_first_tick_at_or_after_the_duration():
         ended, _ = run(Engine(one, 1), {0: one}, lambda e, s: ask(e, s, throttle=0.5))["a"]
         assert ended.scalars["ticks"] == ticks
         assert ended.table.rows == ticks + 1
-        assert (ended.verdict, ended.passed) == ("pass", True)
+        assert (ended.verdict, ended.passed) == ("time_up", False)
         assert ended.reasons[0].startswith("time is up")
 
 
@@ -210,7 +210,7 @@ def test_standstill_ends_a_case_and_far_rest_is_false_braking():
     speed = ended.table.columns["speed_mps"].values
     rest = int(np.argmax(speed == 0.0))
     assert ended.scalars["ticks"] - rest in (10, 9)
-    assert (ended.verdict, ended.passed) == ("false_braking", True)
+    assert (ended.verdict, ended.passed) == ("false_braking", False)
     near = case(ego_speed_mps=2.0, ego_start_m=20.0, standstill_s=0.5, duration_s=20.0)
     ended, _ = run(Engine(near, 1), {0: near}, stop)["a"]
     assert (ended.verdict, ended.passed) == ("pass", True)

@@ -100,7 +100,6 @@ class Sim:
             slot=0,
             outcome="verdict",
             verdict="pass",
-            passed=True,
             reasons=[],
             scalars={"ticks": 3},
             table=self.recorder.of(0).table(),

@@ -151,7 +151,7 @@ def test_no_detections_clear_the_boxes():
 def test_verdict_and_its_words():
     converter = CaseConverter(start())
     converter.states([state(1, 42)])
-    [said] = converter.end(end(9, verdict="false_braking", passed=True))
+    [said] = converter.end(end(9, verdict="false_braking"))
     assert "false_braking: came to rest" in values([said])[naming.EVENTS]["text"][0][0]
     assert said.ticks == [42], "an end has the tick of the last row"
     assert verdict_color("false_braking") == ORANGE
@@ -166,5 +166,5 @@ def test_verdict_and_its_words():
     assert "| lateral error RMS [m] | 0.05 |" in lane
     assert "| largest lateral error [m] | - |" in lane
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
-    given_up = CaseConverter(start()).end(end(9, outcome="", verdict="", passed=False))
+    given_up = CaseConverter(start()).end(end(9, outcome="", verdict=""))
     assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]

@@ -65,7 +65,7 @@ def test_ended_cases_make_room_first():
     picture = jpeg(RED_PICTURE)
     for index in range(TILES_MAX):
         overview.take(thumbnail(f"c{index}"), picture)
-    overview.take(thumbnail("c5", outcome="verdict", verdict="pass", passed=True), picture)
+    overview.take(thumbnail("c5", outcome="verdict", verdict="pass"), picture)
     overview.take(thumbnail("new"), picture)
     assert len(overview.tiles) == TILES_MAX
     assert ("demo", "c5") not in overview.tiles

@@ -52,7 +52,7 @@ def reply(**changes):
 
 
 def result(token):
-    return Result("c", CASES[0].id, token, "verdict", "pass", True)
+    return Result("c", CASES[0].id, token, "verdict", "pass")
 
 
 def joined(slots=2):
@@ -505,7 +505,7 @@ def test_results_of_an_earlier_incarnation_are_delivered():
 
 
 def test_the_spool_keeps_a_result_as_it_is():
-    kept = Result("c", "x", 5, "verdict", "pass", True, {"a": 1.5, "b": None}, ["r"], wall_s=2.5)
+    kept = Result("c", "x", 5, "verdict", "pass", {"a": 1.5, "b": None}, ["r"], wall_s=2.5)
     assert unpack(pack(kept)) == kept
     assert unpack(b"") is None
     assert unpack(pack(kept)[1:]) is None

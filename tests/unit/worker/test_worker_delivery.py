@@ -61,7 +61,7 @@ def simulate(found):
     folder.mkdir(parents=True)
     (folder / "kpi.parquet").write_bytes(b"kpi")
     (folder / "log.txt").write_bytes(b"log")
-    return Result("demo", CASE.id, found.token, "verdict", "pass", True, attempt_dir=attempt)
+    return Result("demo", CASE.id, found.token, "verdict", "pass", attempt_dir=attempt)
 
 
 def test_a_shared_folder_is_written_directly(bus, there, scratch):

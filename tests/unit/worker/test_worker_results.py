@@ -30,7 +30,7 @@ def ended(folder: Path, token: int) -> Ended:
     recorder = Recorder(1)
     state = np.zeros((1, len(COLUMN)))
     recorder.add([0], np.array([token]), np.array([0]), state, [None], [None])
-    finished = Finished(0, "verdict", "pass", True, [], {}, recorder.of(0).table())
+    finished = Finished(0, "verdict", "pass", [], {}, recorder.of(0).table())
     lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
     return Ended(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
 

@@ -1,0 +1,123 @@
+"""What counts as passed: one rule for counts, sentences, outcomes and exit codes, whatever the
+journals and files of earlier versions say."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import msgspec
+import pytest
+from conductor_bench import Bench, hello, result, started, submit
+from prometheus_client.core import GaugeMetricFamily
+
+from conductor.core import close
+from conductor.explain import explain
+from conductor.fold import fold
+from conductor.invariants import check
+from conductor.journal import Journal
+from conductor.metrics import ConductorCollector
+from conductor.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
+from conductor.run import count_outcomes
+from conductor.state import Config
+from conductor.status import status
+from schemas.messages import Result
+from schemas.verdict import is_pass, no_collision
+from schemas.view import CaseEnd, Thumbnail
+
+DATA = Path(__file__).parent / "data"
+EVERY = ("pass", "collision", "false_braking", "time_up", "lane_departure")
+
+
+@pytest.mark.parametrize("outcome", ["verdict", "failed", "unresolved", "cancelled", ""])
+@pytest.mark.parametrize("verdict", [*EVERY, "nan", ""])
+def test_only_the_verdict_pass_is_a_pass(outcome: str, verdict: str) -> None:
+    assert is_pass(outcome, verdict) == ((outcome, verdict) == ("verdict", "pass"))
+    expected = verdict != "collision" if outcome == "verdict" else None
+    assert no_collision(outcome, verdict) is expected
+
+
+@pytest.mark.parametrize("type_", [Result, CaseOutcome, CaseEnd, Thumbnail])
+@pytest.mark.parametrize("said", [True, False])
+@pytest.mark.parametrize("verdict", EVERY)
+def test_what_is_written_beside_the_verdict_has_no_say(
+    type_: type, said: bool, verdict: str
+) -> None:
+    names = {"": "", "outcome": "verdict", "verdict": verdict, "passed": said}
+    kinds = {int: 0, str: "", float: 0.0, bool: False}
+    fields = {
+        field.encode_name: names.get(field.name, kinds.get(field.type, []))
+        for field in msgspec.structs.fields(type_)
+        if field.required or field.name in names
+    }
+    if "scalars" in fields:
+        fields["scalars"] = {}
+    found = msgspec.convert(fields, type_)
+    assert found.passed == (verdict == "pass")
+    assert msgspec.structs.replace(found, verdict="pass").passed
+    assert msgspec.json.decode(msgspec.json.encode(found))["passed"] == (verdict == "pass")
+
+
+def _loose(tmp_path: Path) -> Journal:
+    """A journal of 05e2fd0: a pass and a false braking in its snapshot, another false braking in
+    a fact after it, all three with ``passed: true``; one case waits."""
+    shutil.copy(DATA / "journal-loose-verdicts.db", tmp_path / "conductor.db")
+    return Journal(tmp_path)
+
+
+def test_false_braking_of_an_old_journal_reads_as_not_passed(tmp_path: Path) -> None:
+    journal = _loose(tmp_path)
+    for restart in range(2):  # the second time from a snapshot of today's version
+        state = fold(journal.fold(), Config(folder="/state", snapshot_close_facts=0))
+        check(state)
+        alpha = state.campaigns["alpha"]
+        assert alpha.ended == {"passed": 1, "not_passed": 2}, restart
+        row = status(state, 0)["campaigns"]["alpha"]
+        assert (row["passed"], row["not_passed"], row["left"]) == (1, 2, 1)
+        counts = count_outcomes(outcomes_of(alpha))
+        assert (counts["passed"], counts["no_collision"], counts["failed"]) == (1, 3, 2)
+        lines = [explain(state, "alpha", f"repeat_{n}", 0)[0] for n in range(3)]
+        assert ["(passed)" in line for line in lines] == [True, False, False]
+        if not restart:
+            journal.append(close(state))
+    journal.close()
+
+
+def test_metrics_count_verdicts_that_are_a_pass() -> None:
+    bench = started(cases=2)
+    leases = bench.lease("w1", k=2)
+    bench.next("w1", k=0, results=[result(leases[0]), result(leases[1], verdict="time_up")])
+    found = {**status(bench.state, bench.now_ns), "counters": {}}
+    metric = next(iter(ConductorCollector(lambda: found)._gauges(found)))
+    assert isinstance(metric, GaugeMetricFamily)
+    values = {sample.labels["state"]: sample.value for sample in metric.samples}
+    assert (values["passed"], values["not_passed"]) == (1, 1)
+
+
+def _outcomes(*ends: tuple[str, str]) -> Outcomes:
+    bench = Bench()
+    bench.ask(submit(cases=1))
+    bench.ask(hello("w1"))
+    made = outcomes_of(bench.state.campaigns["alpha"])
+    cases = {f"c{n}": CaseOutcome(outcome=o, verdict=v) for n, (o, v) in enumerate(ends)}
+    return msgspec.structs.replace(made, cases=cases)
+
+
+@pytest.mark.parametrize(
+    ("ends", "code"),
+    [
+        ([("verdict", "pass"), ("verdict", "pass")], 0),
+        ([("verdict", "pass"), ("verdict", "false_braking")], 1),
+        ([("verdict", "pass"), ("verdict", "time_up")], 1),
+        ([("verdict", "pass"), ("failed", "")], 1),
+        ([("verdict", "pass"), ("cancelled", "")], 1),
+        ([("verdict", "collision"), ("unresolved", "")], 3),
+        ([("verdict", "collision"), ("unresolved", ""), ("", "")], 75),
+    ],
+)
+def test_exit_codes_follow_the_verdicts(ends: list[tuple[str, str]], code: int) -> None:
+    assert _outcomes(*ends).exit_code == code
+
+
+def test_nothing_submitted_is_nothing_lost() -> None:
+    assert exit_code(cases=0, passed=0, unresolved=0, left=0) == 0
