@@ -1,4 +1,6 @@
-"""``conductor run``: serve, start local workers, wait, report."""
+"""``conductor run``: serve, start local workers, wait, report.
+
+Without local workers it is ``conductor serve --until-done``, see :mod:`conductor.serve`."""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from conductor.outcomes import Outcomes, read_outcomes
 from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
 from conductor.realtime import too_slow
 from conductor.report_ahead import ReportAhead
+from conductor.serve import metrics_of
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
@@ -74,15 +77,21 @@ class RunOptions:
 
     out: Path
     workers: Asked = field(default_factory=Asked)
+    """Local ones; none: workers that join from elsewhere do it all."""
     slots: int | None = None
     """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
+    namespace: str = "twin"
     key: Key | None = None
+    ttl_s: float | None = None
+    """How long a lease outlives its worker's last word [s]; None: as usual."""
     view: ViewMode | None = None
     """None: what the campaign says."""
     memory_gb: float | None = None
+    metrics: str = ""
+    """``HOST:PORT`` of a Prometheus endpoint, or empty."""
     json: bool = False
 
 
@@ -180,6 +189,12 @@ def run_campaign(
     return _tell(campaign, options, outcomes, found, time.monotonic() - started)
 
 
+def serve_until_done(campaign: Campaign, options: RunOptions) -> int:
+    """Run ``campaign`` to its end with workers that join from elsewhere; the exit code."""
+    options = replace(options, workers=Asked(count=0))
+    return run_campaign(campaign, options, LocalWorkers((), options.out.absolute(), ()))
+
+
 def _execute(
     campaign: Campaign,
     options: RunOptions,
@@ -189,27 +204,33 @@ def _execute(
     signals: Signals,
 ) -> None:
     """Serve and work until every case has ended."""
+    config = Config(by_batch=options.by_batch, spread=not workers.places)
+    if options.ttl_s is not None:
+        config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
     conductor = Conductor(
         options.out,
         listen=options.listen,
+        namespace=options.namespace,
         key=options.key,
-        config=Config(by_batch=options.by_batch, spread=not workers.places),
+        config=config,
     )
     serving = _Serving(conductor)
     # A signal that raised between the thread's start and `try`, or before the thread is asked to
-    # stop, would leave it serving for ever.
+    # stop, would leave it serving for ever. Only one ever raises, so the inner `finally` may be
+    # where it hits.
     signals.held = True
     try:
-        serving.start()
-        signals.release()
-        serving.await_start()
-        _work(conductor, campaign, options, workers, cases, console, signals)
-    finally:
         try:
+            serving.start()
+            signals.release()
+            serving.await_start()
+            with metrics_of(conductor, options.metrics):
+                _work(conductor, campaign, options, workers, cases, console, signals)
+        finally:
             signals.held = True
-        finally:  # the one signal that raises may have come right there
-            conductor.stop()
-            serving.join()
+    finally:
+        conductor.stop()
+        serving.join()
     signals.release()
 
 
