@@ -134,7 +134,7 @@ class Engine(Steerable):
         self._world = build_world(scene)
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
-        self._motion = HandMotion(self._world.motion, self._world.kinds)
+        self._motion = HandMotion(self._world.motion, self._world.kinds, slots)
         self._origin = scene.origin
         self._street = scene.street
         self._winds = Winds(slots, self.control_period_ns / 1e9)
@@ -203,6 +203,7 @@ class Engine(Steerable):
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
+        self._motion.begin(slot, case.objects)
         x_m, y_m, yaw_rad = self._start(case.scenario)
         speed_mps = case.scenario.ego_speed_mps
         self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)

@@ -95,7 +95,15 @@ def _actor(item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
         phases=phases,
         way_m=way_m,
         vehicle=item.kind != "pedestrian",
+        name=item.name,
+        speed_mps=_even_speed(item),
     )
+
+
+def _even_speed(item: SceneObject) -> float | None:
+    """Its speed all the way [m/s]; None: it changes, or nobody said one."""
+    speeds = set(item.speeds_mps or ())
+    return speeds.pop() if len(speeds) == 1 else item.speed_mps
 
 
 def _law(item: SceneObject, path: Path) -> TimeLaw:
