@@ -166,7 +166,7 @@ class Engine(Steerable):
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
-        self._recorder = Recorder(slots)
+        self._recorder = Recorder(slots, target=self._world.target is not None)
         self._limits = judging.Limits.of(slots)
         self._unmeasured = False  # no vehicle was placed since the state was measured last
 
@@ -191,8 +191,8 @@ class Engine(Steerable):
 
     @property
     def colliders(self) -> np.ndarray:
-        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; the obstacle comes first,
-        then ``cars`` - 1 parked cars."""
+        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; first ``cars`` cars,
+        the obstacle before all, if there is one."""
         return self._world.colliders
 
     @property
@@ -245,7 +245,9 @@ class Engine(Steerable):
                 f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
                 "set scenario.distance_m, or take a closed road such as downtown-loop"
             )
-        x_m, y_m, _, half_length_m, half_width_m = world.colliders[0]
+        if world.target is None:
+            return
+        x_m, y_m, _, half_length_m, half_width_m = world.target
         place = lane.locate(x_m, y_m)
         gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
         free_m = float(place.s_m) - half_length_m - self._vehicle.front_offset_m
