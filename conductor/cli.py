@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,9 @@ from schemas.view import ViewMode
 from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
 
 app = make_app(
     "conductor",
@@ -124,8 +127,8 @@ def run_command(
 ) -> None:
     """Serve, start local workers, wait, report: a whole campaign with one command.
 
-    The same command again resumes where it stopped. With --workers 0 only workers that you start
-    yourself (`twin worker --state OUT`) do the work.
+    The same command again resumes where it stopped. For workers that you start yourself it is
+    `conductor serve --campaign NAME --until-done`.
     """
     from conductor.gpu_sharing import side_by_side
     from conductor.gpu_turns import turns
@@ -149,7 +152,7 @@ def run_command(
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
-        with models_checked(loaded, campaign, "cpu" if asked.count == 0 else device):
+        with models_checked(loaded, campaign, device):
             # Here, because importing it takes nearly as long as loading a network.
             from conductor.run import RunOptions, local_workers, run_campaign
 
@@ -173,7 +176,23 @@ def run_command(
 
 @app.command()
 def serve(
-    state: Annotated[Path, typer.Option(help="State folder; one conductor each.")] = Path("runs"),
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            help="State folder; one conductor each; default runs, with --campaign runs/CAMPAIGN, "
+            "which is then the campaign's folder."
+        ),
+    ] = None,
+    campaign: Annotated[
+        str, typer.Option(help="Submit this campaign: a shipped one, or the path of a file.")
+    ] = "",
+    until_done: Annotated[
+        bool,
+        typer.Option(
+            "--until-done",
+            help="End when every case of --campaign has ended, with its report and its exit code.",
+        ),
+    ] = False,
     listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
     key: KeyOption = None,
@@ -188,13 +207,38 @@ def serve(
         str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
     ] = "",
 ) -> None:
-    """Serve a state folder until stopped; started again, it goes on where it was."""
-    from conductor.serve import serve_folder
+    """Serve a state folder until stopped; started again, it goes on where it was.
 
+    With --campaign and --until-done it is `conductor run` for workers that you start yourself
+    (`twin worker --state FOLDER --until-done`), as job scripts do.
+    """
+    if bool(campaign) is not until_done:
+        raise UsageError(
+            "--campaign and --until-done belong together; without both, submit campaigns with "
+            "`conductor submit`"
+        )
     found = own_key(key, insecure=insecure)
     with strangers_named():
+        if campaign:
+            loaded = _checked(campaign)
+            # Here, because only this way of serving needs it.
+            from conductor.run import RunOptions, serve_until_done
+
+            options = RunOptions(
+                out=state or Path("runs") / loaded.campaign,
+                by_batch=by_batch,
+                listen=listen,
+                namespace=namespace,
+                key=found,
+                ttl_s=ttl_s,
+                view=view,
+                metrics=metrics,
+            )
+            raise typer.Exit(serve_until_done(loaded, options))
+        from conductor.serve import serve_folder
+
         code = serve_folder(
-            state,
+            state or Path("runs"),
             listen,
             namespace,
             key=found,
@@ -204,6 +248,20 @@ def serve(
             metrics=metrics,
         )
     raise typer.Exit(code)
+
+
+def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
+    """A campaign whose models were looked at, too.
+
+    Raises:
+        UsageError: one line per mistake.
+    """
+    from conductor.models import check_models
+    from conductor.source import load
+
+    loaded = load(source, seed=seed, fetch=fetch)
+    check_models(loaded, source)
+    return loaded
 
 
 @app.command()
@@ -224,11 +282,8 @@ def submit(
 ) -> None:
     """Submit a campaign to a conductor that serves."""
     from conductor.client import Client
-    from conductor.models import check_models
-    from conductor.source import load
 
-    loaded = load(campaign, seed=seed)
-    check_models(loaded, campaign)
+    loaded = _checked(campaign, seed=seed)
     with Client(connect, state, namespace, key) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -320,13 +375,10 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
-    from conductor.models import check_models
-    from conductor.source import load
     from schemas.campaign import expand
 
     try:
-        loaded = load(campaign, fetch=fetch)
-        check_models(loaded, campaign)
+        loaded = _checked(campaign, fetch=fetch)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))

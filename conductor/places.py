@@ -54,6 +54,11 @@ def parse_workers(text: str | None) -> Asked:
     """
     if text is None:
         return Asked()
+    if re.fullmatch(r"0{1,4}", text):
+        raise UsageError(
+            f"--workers {text}: nobody would work; for workers that you start yourself it is "
+            "`conductor serve --campaign NAME --until-done`"
+        )
     if re.fullmatch(r"[0-9]{1,4}", text):
         return Asked(count=int(text))
     found = re.fullmatch(r"(?:([1-9])x)?cuda", text)

@@ -1,4 +1,6 @@
-"""``conductor run``: serve, start local workers, wait, report."""
+"""``conductor run``: serve, start local workers, wait, report.
+
+Without local workers it is ``conductor serve --until-done``, see :mod:`conductor.serve`."""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from conductor.outcomes import Outcomes, read_outcomes
 from conductor.places import Asked, Place, gpu_slots, on_cpu, on_gpus
 from conductor.realtime import too_slow
 from conductor.report_ahead import ReportAhead
+from conductor.serve import metrics_of
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
@@ -72,15 +75,21 @@ class RunOptions:
 
     out: Path
     workers: Asked = field(default_factory=Asked)
+    """Local ones; none: workers that join from elsewhere do it all."""
     slots: int | None = None
     """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
+    namespace: str = "twin"
     key: Key | None = None
+    ttl_s: float | None = None
+    """How long a lease outlives its worker's last word [s]; None: as usual."""
     view: ViewMode | None = None
     """None: what the campaign says."""
     memory_gb: float | None = None
+    metrics: str = ""
+    """``HOST:PORT`` of a Prometheus endpoint, or empty."""
     json: bool = False
 
 
@@ -93,6 +102,30 @@ class Interrupted(BaseException):
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
         self.number = number
+
+
+class Signals:
+    """The first SIGINT or SIGTERM of a run raises :class:`Interrupted`; later ones do nothing."""
+
+    def __init__(self) -> None:
+        self.held = False
+        """A signal waits until :meth:`release`. Set as an attribute, because a call can itself be
+        interrupted before it has done anything."""
+        self._stop: Interrupted | None = None
+
+    def receive(self, number: int, _frame: object) -> None:
+        """The handler."""
+        for handled in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(handled, signal.SIG_IGN)
+        self._stop = Interrupted(number)
+        if not self.held:
+            raise self._stop
+
+    def release(self) -> None:
+        """Raise what came while signals were held, or was swallowed by what it hit."""
+        self.held = False
+        if self._stop is not None:
+            raise self._stop
 
 
 def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
@@ -138,9 +171,9 @@ def run_campaign(
     cases = len(expand(campaign))
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
-    with _signals() as pending:
+    with _signals() as signals:
         try:
-            _execute(campaign, options, workers, cases, console, pending)
+            _execute(campaign, options, workers, cases, console, signals)
             computed()
             result = _conclude(campaign, options)
         except Interrupted as stop:
@@ -154,73 +187,112 @@ def run_campaign(
     return _tell(campaign, options, outcomes, found, time.monotonic() - started)
 
 
+def serve_until_done(campaign: Campaign, options: RunOptions) -> int:
+    """Run ``campaign`` to its end with workers that join from elsewhere; the exit code."""
+    options = replace(options, workers=Asked(count=0))
+    return run_campaign(campaign, options, LocalWorkers((), options.out.absolute(), ()))
+
+
 def _execute(
     campaign: Campaign,
     options: RunOptions,
     workers: LocalWorkers,
     cases: int,
     console: Console,
-    pending: list[Interrupted],
+    signals: Signals,
 ) -> None:
     """Serve and work until every case has ended."""
+    config = Config(by_batch=options.by_batch, spread=not workers.places)
+    if options.ttl_s is not None:
+        config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
     conductor = Conductor(
         options.out,
         listen=options.listen,
+        namespace=options.namespace,
         key=options.key,
-        config=Config(by_batch=options.by_batch, spread=not workers.places),
+        config=config,
     )
-    with _serving(conductor):
-        request = Submit(
-            v=SCHEMA_VERSION,
-            campaign=msgspec.to_builtins(campaign),
-            software=software_digest(),
-            out=str(conductor.folder),
-        )
-        reply = conductor.request(request)
-        if reply.error:
-            raise UsageError(reply.error)
-        row = _row(conductor, campaign)
-        if not row["left"]:
-            console.print(
-                f"{options.out}: all {cases} cases have ended already", markup=False, soft_wrap=True
-            )
-            return
-        if row["left"] < cases:
-            done = cases - row["left"]
-            console.print(
-                f"{options.out}: going on, {done} of {cases} cases done",
-                markup=False,
-                soft_wrap=True,
-            )
-        _check_software(row, options)
-        places = _places(options, row["left"])
-        slots = _slots(options, row["left"], len(places), workers.memory)
-        if options.workers.per_gpu:
-            devices = ", ".join(place.device for place in places)
-            console.print(f"workers on {devices} with {slots} slots each", markup=False)
+    serving = _Serving(conductor)
+    # A signal that raised between the thread's start and `try`, or before the thread is asked to
+    # stop, would leave it serving for ever. Only one ever raises, so the inner `finally` may be
+    # where it hits.
+    signals.held = True
+    try:
         try:
-            (conductor.folder / "logs").mkdir(exist_ok=True)
-        except OSError as error:
-            raise UsageError(f"{conductor.folder}: {error.strerror}") from None
-        key = str(shared(conductor.key)) if conductor.key else ""
-        insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
-        if ViewMode(campaign.view).shows:
-            console.print(
-                shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
-                markup=False,
-                soft_wrap=True,
-            )
-        try:
-            workers.serve(Told(conductor.endpoint, slots, key), places)
-            report = None if campaign.simulator == "noop" else ReportAhead(options.out)
-            _wait(conductor, campaign, workers, report, console, pending)
-            workers.ask()
-            if report is not None:
-                report.finish()  # while they end
+            serving.start()
+            signals.release()
+            serving.await_start()
+            with metrics_of(conductor, options.metrics):
+                _work(conductor, campaign, options, workers, cases, console, signals)
         finally:
-            workers.stop()
-            if not places:
-                _dismiss(conductor)
+            signals.held = True
+    finally:
+        conductor.stop()
+        serving.join()
+    signals.release()
+
+
+def _work(
+    conductor: Conductor,
+    campaign: Campaign,
+    options: RunOptions,
+    workers: LocalWorkers,
+    cases: int,
+    console: Console,
+    signals: Signals,
+) -> None:
+    """Submit the campaign to a conductor that serves, and wait until every case has ended."""
+    request = Submit(
+        v=SCHEMA_VERSION,
+        campaign=msgspec.to_builtins(campaign),
+        software=software_digest(),
+        out=str(conductor.folder),
+    )
+    reply = conductor.request(request)
+    if reply.error:
+        raise UsageError(reply.error)
+    row = _row(conductor, campaign)
+    if not row["left"]:
+        console.print(
+            f"{options.out}: all {cases} cases have ended already", markup=False, soft_wrap=True
+        )
+        return
+    if row["left"] < cases:
+        done = cases - row["left"]
+        console.print(
+            f"{options.out}: going on, {done} of {cases} cases done",
+            markup=False,
+            soft_wrap=True,
+        )
+    _check_software(row, options)
+    places = _places(options, row["left"])
+    slots = _slots(options, row["left"], len(places), workers.memory)
+    if options.workers.per_gpu:
+        devices = ", ".join(place.device for place in places)
+        console.print(f"workers on {devices} with {slots} slots each", markup=False)
+    try:
+        (conductor.folder / "logs").mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{conductor.folder}: {error.strerror}") from None
+    key = str(shared(conductor.key)) if conductor.key else ""
+    insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
+    if ViewMode(campaign.view).shows:
+        console.print(
+            shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
+            markup=False,
+            soft_wrap=True,
+        )
+    try:
+        workers.serve(Told(conductor.endpoint, slots, key), places)
+        report = None if campaign.simulator == "noop" else ReportAhead(options.out)
+        _wait(conductor, campaign, workers, report, console, signals)
+        workers.ask()
+        if report is not None:
+            report.finish()  # while they end
+    finally:
+        workers.stop()
+        if not places:
+            _dismiss(conductor)
 
 
 def _dismiss(conductor: Conductor) -> None:
@@ -238,7 +310,7 @@ def _wait(
     workers: LocalWorkers,
     report: ReportAhead | None,
     console: Console,
-    pending: list[Interrupted],
+    signals: Signals,
 ) -> None:
     if not workers.count:
         console.print(
@@ -252,8 +324,7 @@ def _wait(
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
         while True:
-            if pending:  # somebody swallowed it
-                raise pending[0]
+            signals.release()
             workers.start()
             found = conductor.snapshot()
             row = found["campaigns"][campaign.campaign]
@@ -415,49 +486,50 @@ def _progress(console: Console) -> Progress:
     )
 
 
-@contextlib.contextmanager
-def _serving(conductor: Conductor) -> Iterator[None]:
-    """The conductor on a thread of its own; its failure to start is raised here."""
-    failure: list[TwinError] = []
+class _Serving(threading.Thread):
+    """The conductor on a thread of its own."""
 
-    def serve() -> None:
+    def __init__(self, conductor: Conductor) -> None:
+        super().__init__(name="conductor")
+        self._conductor = conductor
+        self._failure: TwinError | None = None
+
+    def run(self) -> None:
+        """Serve; for the thread."""
         try:
-            conductor.serve()
+            self._conductor.serve()
         except TwinError as error:
-            failure.append(error)
+            self._failure = error
 
-    thread = threading.Thread(target=serve, name="conductor")
-    thread.start()
-    try:
-        while not conductor.started.wait(0.02):
-            if not thread.is_alive():
-                raise failure[0] if failure else InfrastructureError("the conductor did not start")
-        yield
-    finally:
-        conductor.stop()
-        thread.join()
-        if failure:
-            raise failure[0]
+    def await_start(self) -> None:
+        """Return once it serves.
+
+        Raises:
+            TwinError: it cannot.
+        """
+        while not self._conductor.started.wait(0.02):
+            if not self.is_alive():
+                raise self._failure or InfrastructureError("the conductor did not start")
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for its end.
+
+        Raises:
+            TwinError: what ended it.
+        """
+        super().join(timeout)
+        if self._failure is not None:
+            raise self._failure
 
 
 @contextlib.contextmanager
-def _signals() -> Iterator[list[Interrupted]]:
-    """SIGINT and SIGTERM raise :class:`Interrupted` once; a second one is not needed.
-
-    Yields what was raised, for loops that look whether it got through.
-    """
-    pending: list[Interrupted] = []
-
-    def on_signal(number: int, _frame: object) -> None:
-        for each in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(each, signal.SIG_IGN)
-        pending.append(Interrupted(number))
-        raise pending[0]
-
-    previous = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
+def _signals() -> Iterator[Signals]:
+    """For the block, SIGINT and SIGTERM are the run's."""
+    signals = Signals()
+    previous = {n: signal.signal(n, signals.receive) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         heed_signals()
-        yield pending
+        yield signals
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

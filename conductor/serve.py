@@ -60,7 +60,7 @@ def serve_folder(
     signal.signal(signal.SIGTERM, on_signal)
     signal.signal(signal.SIGINT, on_signal)
     threading.Thread(target=_announce, args=(conductor, namespace), daemon=True).start()
-    with _metrics(metrics, conductor):
+    with metrics_of(conductor, metrics):
         conductor.serve()
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
@@ -70,7 +70,8 @@ def serve_folder(
 
 
 @contextlib.contextmanager
-def _metrics(address: str, conductor: Conductor) -> Iterator[None]:
+def metrics_of(conductor: Conductor, address: str) -> Iterator[None]:
+    """For the block, Prometheus metrics of ``conductor`` at ``HOST:PORT``; empty: none."""
     if not address:
         yield
         return

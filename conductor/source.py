@@ -9,6 +9,8 @@ from typing import Any
 import msgspec
 
 from conductor.repository import with_repository
+from conductor.scene_check import scene_mistakes
+from conductor.stack_check import stack_mistakes
 from schemas.assets import asset_digest, file_digest, is_path
 from schemas.campaign import UNREPEATABLE, Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
@@ -146,18 +148,11 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
     if campaign is None:
         return None, mistakes
     campaign = _with_absolute_models(campaign, folder or Path())
-    mistakes = _missing_files(cases) or _missing_mounts(cases)
+    mistakes = _missing_files(cases)
+    mistakes = mistakes or [*_missing_mounts(cases), *scene_mistakes(campaign, cases)]
     mistakes += _missing_models(campaign, cases)
     mistakes += _missing_image(campaign)
-    module = campaign.autonomy.stack.split(":")[0]
-    if not campaign.autonomy.command and not _importable(module):
-        mistakes.append(
-            Mistake(
-                "autonomy.stack",
-                f"given '{campaign.autonomy.stack}', no module '{module}'; "
-                "install it or put its folder on PYTHONPATH",
-            )
-        )
+    mistakes += stack_mistakes(campaign, cases)
     return (None, mistakes) if mistakes else (campaign, [])
 
 
@@ -279,10 +274,3 @@ def _simulator_folder(folder: str) -> Path:
     assert spec is not None
     assert spec.submodule_search_locations is not None
     return Path(next(iter(spec.submodule_search_locations))) / folder
-
-
-def _importable(module: str) -> bool:
-    try:
-        return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        return False

@@ -196,7 +196,9 @@ def _find(entry_point: str) -> type[Stack]:
         classes = sorted(
             name
             for name, value in vars(module).items()
-            if inspect.isclass(value) and value.__module__ == module.__name__
+            if inspect.isclass(value)
+            and value.__module__ == module.__name__
+            and not name.startswith("_")
         )
         hint = suggest(class_name, classes) if classes else "it defines none"
         raise StackError(f"stack {entry_point!r}: no class {class_name!r} in the module; {hint}")

@@ -143,8 +143,8 @@ setup
 address={address}
 [ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
-{inside(request)}"$bin/conductor" run "$campaign" --workers 0 \\
-  --listen "tls/$address:0" --out "$out" &
+{inside(request)}"$bin/conductor" serve --campaign "$campaign" --until-done \\
+  --listen "tls/$address:0" --state "$out" &
 conductor=$!
 {{TRAPS}}
 # Once it listens, it says where in conductor.json. An older file may be there after a crash.

@@ -4,7 +4,7 @@ One allocation holds everything. The batch script starts the conductor as its ow
 takes no task and no GPU, then one worker per task with a single ``srun``. Slurm's signal before the
 end of the time reaches only the batch script, which forwards it to the conductor; that exits with
 75 (unfinished), and the job queues itself again. The exit code of the job is that of
-``conductor run`` otherwise.
+``conductor serve`` otherwise.
 
 Where the conductor listens:
 

@@ -7,21 +7,32 @@ the file, so cases may be reordered, added and removed without changing the verd
 from __future__ import annotations
 
 import itertools
-import re
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.autonomy import DELAYS, Autonomy, driver, driver_mistakes
+from schemas.autonomy import Autonomy, driver, driver_mistakes
+from schemas.axes import (
+    Memo,
+    axes_allowed,
+    case_id,
+    is_axis,
+    objects_of,
+    parameters_of,
+    section_of,
+    sensors_of,
+    value_of,
+)
+from schemas.camera import Camera as Camera
 from schemas.environment import Environment, environment_mistakes
 from schemas.foreign import Foreign
-from schemas.lens import EFFECTS, Effect
 from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
-from schemas.names import TimeOfDay, minutes
 from schemas.names import Weather as Weather
+from schemas.names import minutes
+from schemas.objects import ObjectVariation
 from schemas.perception import GroundTruthPerception as GroundTruthPerception
 from schemas.perception import NetworkPerception as NetworkPerception
 from schemas.perception import Perception, file_fields
@@ -38,38 +49,6 @@ CASES_MAX = 100_000
 
 class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all file types: frozen, unknown keys are errors."""
-
-
-ImageOutput = Literal["depth", "instance", "semantic", "normal", "flow"]
-"""What a camera gives beside pictures and boxes."""
-
-
-class Camera(_Spec, frozen=True):
-    """One of the vehicle's cameras: format of its pictures. Place and lens are the vehicle's."""
-
-    name: Name = "front_right"
-    """Which of the cameras in the vehicle file; its random numbers are keyed by this name."""
-    width: Annotated[int, Meta(ge=16, le=3840)] = 640
-    """Image width [px]."""
-    height: Annotated[int, Meta(ge=9, le=2160)] = 360
-    """Image height [px]."""
-    hz: Annotated[int, Meta(ge=1, le=100)] = 20
-    """Frames per second [Hz]; a frame period is a whole number of physics steps."""
-    hfov_deg: Annotated[float, Meta(ge=10, le=150)] = 70.0
-    """Horizontal field of view [deg]."""
-    noise: bool = True
-    """Shot and read noise, drawn from the case's own stream."""
-    reflections: bool = True
-    """Second rays: wet roads, paint and panes mirror the street, and glass is clear. False: they
-    mirror the sky alone and glass is dark; faster."""
-    effects: list[Effect | Literal["all"]] = []
-    """What lens and shutter do to the picture, how strongly is the lens's; none is the fastest."""
-    outputs: list[ImageOutput] = []
-    """Further pictures: the truth of every pixel."""
-
-    def active_effects(self) -> tuple[str, ...]:
-        """The effects that are on, in their fixed order."""
-        return tuple(e for e in EFFECTS if e in self.effects or "all" in self.effects)
 
 
 Clock = Literal["lockstep", "realtime"]
@@ -130,6 +109,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     control_hz: Annotated[int, Meta(ge=1, le=500)] = 20
     """Control rate [Hz]; the camera's rate divides it."""
     scenario: Scenario = Scenario()
+    objects: dict[str, ObjectVariation] = {}
+    """Scripted objects of the scene, by name, that go by another speed, start or place."""
     camera: Camera = Camera()
     cameras: list[Camera] = []
     """Further cameras; their pictures are called `camera.NAME`."""
@@ -198,6 +179,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Of its recording."""
     drive: Keep = "none"
     """Of the record of its drive plane."""
+    objects: dict[str, ObjectVariation] = {}
+    """Scripted objects that differ from the scene; per slot, no rig is built for it."""
     render: bool = True
     """Its cameras see."""
     clock: Clock = "lockstep"
@@ -223,29 +206,6 @@ class Case(_Spec, frozen=True, kw_only=True):
         """Digests of the files that the stack reads: those of the perception variant."""
         names = file_fields(self.perception).values()
         return {name: self.files[name] for name in names if name in self.files}
-
-
-# Axes that are not fields of a section; sections are reached by ``section.field``.
-_PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
-_SECTIONS: dict[str, type[Struct]] = {
-    "scenario": Scenario,
-    "camera": Camera,
-    "environment": Environment,
-    "autonomy": Autonomy,
-    **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
-}
-_NO_AXES = (
-    *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
-    *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
-    # Which stack it is decides which cases may share a rig.
-    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in DELAYS),
-)
-
-
-def axes_allowed() -> list[str]:
-    """Every axis a matrix may name."""
-    fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
-    return [*_PLAIN_AXES, *(f for f in fields if f not in _NO_AXES)]
 
 
 def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
@@ -303,7 +263,7 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     named += [(f"exclude[{i}]", point) for i, point in enumerate(campaign.exclude)]  # type: ignore[misc]
     for where, axes in named:
         for axis in axes:
-            if axis not in allowed:
+            if not is_axis(axis, allowed):
                 mistakes.append(
                     Mistake(f"{where}.{axis}", f"unknown axis; {suggest(axis, allowed)}")
                 )
@@ -392,7 +352,7 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     kept, mistakes = _points(campaign)
     cases: dict[str, Case] = {}
     size = campaign.batch.size if campaign.batch else 0
-    memo: _Memo = {}
+    memo: Memo = {}
     for index, (where, point) in enumerate(kept):
         case, found = _case(campaign, point, where, index // size + 1 if size else 0, memo)
         mistakes += [m for m in found if m not in mistakes]
@@ -406,12 +366,8 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     return list(cases.values()), mistakes
 
 
-_Memo = dict[tuple[Any, ...], tuple[Any, list[Mistake]]]
-"""What a value of an axis was checked to be: a hundred thousand cases hold few different ones."""
-
-
 def _case(
-    campaign: Campaign, point: dict[str, Any], where: str, batch: int, memo: _Memo
+    campaign: Campaign, point: dict[str, Any], where: str, batch: int, memo: Memo
 ) -> tuple[Case | None, list[Mistake]]:
     variants = campaign.autonomy.perception
     default_model = next(iter(variants)) if len(variants) == 1 else None
@@ -423,30 +379,32 @@ def _case(
         mistakes.append(
             Mistake(f"{where}.model", f"given {model!r}; {suggest(str(model), list(variants))}")
         )
-    time_of_day, found = _one(point, "time_of_day", where, memo)
+    time_of_day, found = value_of(point, "time_of_day", where, memo)
     mistakes += found
-    weather, found = _one(point, "weather", where, memo)
+    weather, found = value_of(point, "weather", where, memo)
     mistakes += found
     known = campaign.environment.weathers()
     if weather is not None and weather not in known:
         given = f"given {weather!r}; {suggest(weather, known)}"
         mistakes.append(Mistake(f"{where}.weather", given))
-    repeat, found = _one(point, "repeat", where, memo)
+    repeat, found = value_of(point, "repeat", where, memo)
     mistakes += found
-    scenario, found = _section(campaign.scenario, "scenario", point, where, memo)
+    scenario, found = section_of(campaign.scenario, "scenario", point, where, memo)
     mistakes += found
-    camera, found = _section(campaign.camera, "camera", point, where, memo)
+    camera, found = section_of(campaign.camera, "camera", point, where, memo)
     mistakes += found
-    sensors, found = _sensors(campaign.sensors, point, where, memo)
+    sensors, found = sensors_of(campaign.sensors, point, where, memo)
     mistakes += found
-    environment, found = _section(campaign.environment, "environment", point, where, memo)
+    environment, found = section_of(campaign.environment, "environment", point, where, memo)
     mistakes += found
-    autonomy, found = _section(campaign.autonomy, "autonomy", point, where, memo)
+    autonomy, found = section_of(campaign.autonomy, "autonomy", point, where, memo)
+    mistakes += found
+    objects, found = objects_of(campaign.objects, point, where, memo)
     mistakes += found
     if mistakes:
         return None, mistakes
     mistakes = _rates(campaign, camera, sensors, autonomy)
-    name = _case_id(str(model), time_of_day, weather, point)
+    name = case_id(str(model), time_of_day, weather, point)
     if len(name) > ID_CHARS_MAX:
         given = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
         mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
@@ -473,7 +431,7 @@ def _case(
             latency_jitter_ms=autonomy.latency_jitter_ms,
             rate_hz=autonomy.rate_hz,
             drop=autonomy.drop,
-            parameters=campaign.autonomy.parameters,
+            parameters=campaign.autonomy.parameters | parameters_of(point),
             model=str(model),
             perception=variants[str(model)],
             time_of_day_min=minutes(time_of_day),
@@ -491,6 +449,7 @@ def _case(
             view=campaign.view,
             keep=campaign.recording.keep,
             drive=campaign.recording.drive,
+            objects=objects,
             render=campaign.render,
             clock=campaign.clock,
         ),
@@ -521,75 +480,3 @@ def _rates(
         if hz > control_hz or control_hz % hz
     ]
     return mistakes
-
-
-_AXES: dict[str, tuple[Any, Any]] = {
-    "time_of_day": (dict[str, TimeOfDay], "12:00"),
-    "weather": (dict[str, Name], "clear"),
-    "repeat": (dict[str, Annotated[int, Meta(ge=0, le=2**63 - 1)]], 0),
-}
-"""Axis -> type of a mapping with its value, and default."""
-
-
-def _one(point: dict[str, Any], axis: str, where: str, memo: _Memo) -> tuple[Any, list[Mistake]]:
-    type_, default = _AXES[axis]
-    given = point.get(axis, default)
-    if axis == "repeat" and type(given) is int and 0 <= given < 2**63:
-        return given, []  # the one axis that may have a hundred thousand values
-    key = (axis, type(given), given)  # 1, 1.0 and True are equal
-    if key not in memo:
-        memo[key] = convert_all({axis: given}, type_)
-    value, found = memo[key]
-    if value is None:
-        return None, [Mistake(f"{where}.{axis}", m.message) for m in found]
-    return value[axis], []
-
-
-def _section(
-    section: Any, name: str, point: dict[str, Any], where: str, memo: _Memo
-) -> tuple[Any, list[Mistake]]:
-    prefix = f"{name}."
-    changes = {k[len(prefix) :]: v for k, v in point.items() if k.startswith(prefix)}
-    if not changes:
-        return section, []
-    key = (name, *((k, type(v), v) for k, v in changes.items()))
-    if key not in memo:
-        memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
-    value, found = memo[key]
-    return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in found]
-
-
-def _sensors(
-    sensors: Sensors, point: dict[str, Any], where: str, memo: _Memo
-) -> tuple[Sensors, list[Mistake]]:
-    changed: dict[str, Any] = {}
-    mistakes = []
-    for name in sensors.__struct_fields__:
-        prefix = f"sensors.{name}"
-        section, found = _section(getattr(sensors, name), prefix, point, where, memo)
-        mistakes += found
-        if section is getattr(sensors, name):
-            continue
-        changed[name] = section
-        if section is not None and not section.on and f"{prefix}.on" not in point:
-            mistakes.append(
-                Mistake(f"{where}.{prefix}", f"{name} is off; add '{name}: {{}}' to sensors")
-            )
-    return (msgspec.structs.replace(sensors, **changed) if changed else sensors), mistakes
-
-
-def _case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -> str:
-    """Known axes first, in a fixed order; the rest by name: the file's order does not matter."""
-    parts = []
-    if "model" in point:
-        parts.append(model)
-    if "time_of_day" in point:
-        parts.append(time_of_day.replace(":", ""))
-    if "weather" in point:
-        parts.append(weather)
-    for axis in sorted(set(point) - {"model", "time_of_day", "weather"}):
-        label = axis.split(".", 1)[-1]
-        value = point[axis]
-        text = str(value).lower() if isinstance(value, bool) else f"{value}"
-        parts.append(f"{label}_{re.sub(r'[^A-Za-z0-9_.]+', '_', text).strip('_.') or 'x'}")
-    return "-".join(parts) or "case"

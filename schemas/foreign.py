@@ -16,6 +16,9 @@ Bridge = Literal["none", "autodrive"]
 BRIDGES: dict[str, str] = {"autodrive": "devkit.bridges.autodrive:AutodriveBridge"}
 """Bridge -> the stack class that translates."""
 
+BRIDGE_PACKAGES: dict[str, tuple[str, ...]] = {"autodrive": ("websockets",)}
+"""Bridge -> packages that it needs; the extra of the distribution is called like the bridge."""
+
 
 Runtime = Literal["auto", "apptainer", "charliecloud", "podman"]
 """What runs a container; ``auto``: the first of them that is installed."""

@@ -31,7 +31,7 @@ KPI_COLUMNS: tuple[Column, ...] = (
     Column("yaw_rad", "float64", "rad", "Ego heading"),
     Column("speed_mps", "float64", "m/s", "Ego speed, forward"),
     Column("accel_mps2", "float64", "m/s^2", "Ego acceleration, forward"),
-    Column("dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull"),
+    Column("dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull", True),
     Column("ttc_s", "float64", "s", "Time to collision at constant speed", nullable=True),
     Column("collisions", "int32", "", "Collisions of the ego so far"),
     Column(
@@ -53,8 +53,8 @@ KPI_COLUMNS: tuple[Column, ...] = (
 SCALARS: tuple[Column, ...] = (
     Column("sim_time_s", "float64", "s", "Sim time at the end of the case"),
     Column("ticks", "int32", "", "Control ticks"),
-    Column("dtc_min_m", "float64", "m", "Smallest distance to collision"),
-    Column("dtc_end_m", "float64", "m", "Distance to collision at the end"),
+    Column("dtc_min_m", "float64", "m", "Smallest distance to collision", nullable=True),
+    Column("dtc_end_m", "float64", "m", "Distance to collision at the end", nullable=True),
     Column("aeb_time_s", "float64", "s", "Sim time of the first AEB trigger", nullable=True),
     Column("aeb_dtc_m", "float64", "m", "Distance at the first AEB trigger", nullable=True),
     Column(

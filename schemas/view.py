@@ -57,7 +57,7 @@ class Stage(Struct, frozen=True):
     parking_width_m: float
     sidewalk_width_m: float
     obstacle_center_m: list[float]
-    """Centre of the obstacle's hull, world x, y, z."""
+    """Centre of the obstacle's hull, world x, y, z; empty: there is none."""
     obstacle_yaw_rad: float
     obstacle_size_m: list[float]
     """Length, width and height."""
@@ -119,7 +119,8 @@ class StateSample(Struct, frozen=True):
     yaw_rad: float
     speed_mps: float
     accel_mps2: float
-    dtc_m: float
+    dtc_m: float | None
+    """None: nothing stands in the lane."""
     ttc_s: float | None
     collisions: int
     controls: Controls | None
@@ -225,7 +226,8 @@ class Thumbnail(Judged, frozen=True):
     time_of_day_min: int
     sim_time_ns: int
     speed_mps: float
-    dtc_m: float
+    dtc_m: float | None
+    """None: nothing stands in the lane."""
     aeb: bool
     outcome: str = ""
     """Empty: the case is running."""

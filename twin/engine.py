@@ -140,7 +140,7 @@ class Engine(Steerable):
         self._world = build_world(scene)
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
-        self._motion = HandMotion(self._world.motion, self._world.kinds)
+        self._motion = HandMotion(self._world.motion, self._world.kinds, slots)
         self._origin = scene.origin
         self._street = scene.street
         self._winds = Winds(slots, self.control_period_ns / 1e9)
@@ -172,7 +172,7 @@ class Engine(Steerable):
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
-        self._recorder = Recorder(slots)
+        self._recorder = Recorder(slots, target=self._world.target is not None)
         self._limits = judging.Limits.of(slots)
         self._course = Course.of(self._world, vehicle)
         self._unmeasured = False  # no vehicle was placed since the state was measured last
@@ -198,8 +198,8 @@ class Engine(Steerable):
 
     @property
     def colliders(self) -> np.ndarray:
-        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; the obstacle comes first,
-        then ``cars`` - 1 parked cars."""
+        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; first ``cars`` cars,
+        the obstacle before all, if there is one."""
         return self._world.colliders
 
     @property
@@ -210,6 +210,7 @@ class Engine(Steerable):
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
+        self._motion.begin(slot, case.objects)
         x_m, y_m, yaw_rad = self._start(case.scenario)
         speed_mps = case.scenario.ego_speed_mps
         self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
@@ -251,7 +252,9 @@ class Engine(Steerable):
                 f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
                 "set scenario.distance_m, or take a closed road such as downtown-loop"
             )
-        x_m, y_m, _, half_length_m, half_width_m = world.colliders[0]
+        if world.target is None:
+            return
+        x_m, y_m, _, half_length_m, half_width_m = world.target
         place = lane.locate(x_m, y_m)
         gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
         free_m = float(place.s_m) - half_length_m - self._vehicle.front_offset_m

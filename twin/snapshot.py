@@ -190,8 +190,8 @@ class _Street:
         self._pose = wp.zeros((1, 3), dtype=wp.float64, device=warp_device)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:
-        """Put the ego ``distance_m`` before the obstacle, or with its reference point at the
-        station ``at_m`` of its lane."""
+        """Put the ego ``distance_m`` before the obstacle (without one, where the lane begins), or
+        with its reference point at the station ``at_m`` of its lane."""
         pose = self._world.before_obstacle(distance_m + self._front_m)
         if at_m is not None:
             length = self._world.lane.length_m

@@ -132,15 +132,15 @@ def _camera(message: str, *, main: bool) -> rrb.Spatial2DView:
 
 def _street(stage: Stage) -> rrb.Spatial3DView:
     """From above, beside the street: its buildings are as flat as their plan."""
-    center = stage.obstacle_center_m
+    x_m = (stage.obstacle_center_m or [stage.lane[0][0] + 80.0])[0]
     return rrb.Spatial3DView(
         origin=naming.WORLD,
         name="Street",
         contents=["$origin/**", *(f"- {path}" for path in _BOXES)],
         eye_controls=rrb.EyeControls3D(
             tracking_entity=naming.EGO,
-            position=[center[0] - 50.0, -9.0, 9.0],
-            look_target=[center[0] - 30.0, 1.0, 0.0],
+            position=[x_m - 50.0, -9.0, 9.0],
+            look_target=[x_m - 30.0, 1.0, 0.0],
         ),
         line_grid=False,
         background=BACKGROUND,

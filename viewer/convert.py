@@ -72,11 +72,13 @@ class CaseConverter:
         rows = [
             rows_at(naming.EGO, samples, _poses(samples)),
             rows_at(naming.TRAIL, samples, _trail(samples)),
-            rows_at(naming.GAP, samples, self._gaps(samples)),
             _plotted(naming.SPEED, samples, [s.speed_mps for s in samples]),
             _plotted(naming.ACCEL, samples, [s.accel_mps2 for s in samples]),
-            _plotted(naming.DTC, samples, [s.dtc_m for s in samples]),
         ]
+        measured = [(s, s.dtc_m) for s in samples if s.dtc_m is not None]
+        if measured:
+            rows.append(rows_at(naming.GAP, [s for s, _ in measured], self._gaps(measured)))
+            rows.append(_plotted(naming.DTC, [s for s, _ in measured], [d for _, d in measured]))
         closing = [(s, s.ttc_s) for s in samples if s.ttc_s is not None]
         rows.append(_plotted(naming.TTC, [s for s, _ in closing], [t for _, t in closing]))
         rows += _commanded(asked)
@@ -128,10 +130,10 @@ class CaseConverter:
             if controls.detections and not self._seen:
                 self._seen = True
                 first = controls.detections[0]
-                seen = f"{first.label} {first.confidence:.2f} at {sample.dtc_m:.1f} m"
+                seen = f"{first.label} {first.confidence:.2f}{_at(sample)}"
                 rows.append(_event(*at, f"first detection: {seen}", "INFO", ORANGE))
             if braking and not self._aeb:
-                text = f"AEB triggered at {sample.dtc_m:.1f} m, {sample.speed_mps:.1f} m/s"
+                text = f"AEB triggered{_at(sample)}, {sample.speed_mps:.1f} m/s"
                 rows.append(_event(*at, text, "WARN", RED))
             self._aeb = braking
         if sample.hand != self.hand:
@@ -159,25 +161,30 @@ class CaseConverter:
             rows.append(rows_at(path, samples, columns))
         return rows
 
-    def _gaps(self, samples: Sequence[StateSample]) -> list[rr.ComponentColumn]:
-        """From the ego's nose to the obstacle's rear, labelled with the distance."""
+    def _gaps(self, measured: Sequence[tuple[StateSample, float]]) -> list[rr.ComponentColumn]:
+        """From the ego's nose to the obstacle's rear, labelled with the distance [m]."""
         stage = self._start.stage
         nose = stage.ego_center_m[0] + stage.ego_size_m[0] / 2
         center = stage.obstacle_center_m
         half, yaw = stage.obstacle_size_m[0] / 2, stage.obstacle_yaw_rad
         rear = [center[0] - half * math.cos(yaw), center[1] - half * math.sin(yaw), 0.3]
         strips = []
-        for s in samples:
+        for s, _ in measured:
             front = [s.x_m + nose * math.cos(s.yaw_rad), s.y_m + nose * math.sin(s.yaw_rad), 0.3]
             strips.append([front, rear])
-        braking = [s.controls is not None and s.controls.aeb for s in samples]
+        braking = [s.controls is not None and s.controls.aeb for s, _ in measured]
         return list(
             rr.LineStrips3D.columns(
                 strips=strips,
                 colors=[RED if aeb else GREEN for aeb in braking],
-                labels=[f"{s.dtc_m:.1f} m" for s in samples],
+                labels=[f"{dtc_m:.1f} m" for _, dtc_m in measured],
             )
         )
+
+
+def _at(sample: StateSample) -> str:
+    """`` at 12.3 m``, where something stands in the lane."""
+    return "" if sample.dtc_m is None else f" at {sample.dtc_m:.1f} m"
 
 
 def _bare(start: CaseStart) -> bytes:

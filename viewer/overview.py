@@ -184,7 +184,7 @@ def _row(t: Thumbnail) -> str:
     state = t.verdict or t.outcome or t.hand or ("AEB" if t.aeb else "running")
     return (
         f"| {t.case} | {state.replace('_', ' ')} | {t.sim_time_ns / 1e9:.1f} "
-        f"| {t.speed_mps:.1f} | {t.dtc_m:.1f} |"
+        f"| {t.speed_mps:.1f} | {'-' if t.dtc_m is None else f'{t.dtc_m:.1f}'} |"
     )
 
 

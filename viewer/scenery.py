@@ -90,8 +90,22 @@ def unpacked(scene: SceneMesh) -> rr.Mesh3D:
     )
 
 
+def _obstacle(stage: Stage) -> rr.Boxes3D:
+    return rr.Boxes3D(
+        centers=[stage.obstacle_center_m],
+        sizes=[stage.obstacle_size_m],
+        rotation_axis_angles=[
+            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=stage.obstacle_yaw_rad))
+        ],
+        colors=[RED],
+        fill_mode="solid",
+        class_ids=[class_id("car")],
+        show_labels=False,
+    )
+
+
 def outline(stage: Stage) -> list[Logged]:
-    """Lane edges, kerbs, the obstacle, parked cars and buildings."""
+    """Lane edges, kerbs, the obstacle if there is one, parked cars and buildings."""
     lane = stage.lane_width_m
     right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
     edges = [-lane / 2, lane / 2, 1.5 * lane]
@@ -102,21 +116,9 @@ def outline(stage: Stage) -> list[Logged]:
     height = stage.obstacle_size_m[2]
     logged: list[Logged] = [
         (naming.STREET, rr.LineStrips3D(strips, colors=colors, radii=0.05)),
-        (
-            naming.OBSTACLE,
-            rr.Boxes3D(
-                centers=[stage.obstacle_center_m],
-                sizes=[stage.obstacle_size_m],
-                rotation_axis_angles=[
-                    rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=stage.obstacle_yaw_rad))
-                ],
-                colors=[RED],
-                fill_mode="solid",
-                class_ids=[class_id("car")],
-                show_labels=False,
-            ),
-        ),
     ]
+    if stage.obstacle_center_m:
+        logged.append((naming.OBSTACLE, _obstacle(stage)))
     if cars:
         logged.append((naming.PARKED, _hulls(cars, height, (70, 76, 88), "car")))
     if walls:

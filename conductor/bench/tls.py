@@ -159,15 +159,16 @@ def _commits(folder: Path, keys: Path | None, cases: int, k: int) -> float:
     """No-op cases per second through a conductor on a fresh folder."""
     state = Path(tempfile.mkdtemp(prefix="state-", dir=folder))
     process = multiprocessing.get_context("spawn").Process(target=_serve, args=(state, keys))
-    process.start()
     try:
+        process.start()
         target = await_conductor(state, 30.0, Role.worker)
         with Client("", state, "twin") as client:
             client.submit(noop_campaign(cases), "")
         return _lease_and_commit(target, k)
     finally:
-        process.terminate()
-        process.join()
+        if process.pid is not None:
+            process.terminate()
+            process.join()
 
 
 def _lease_and_commit(target: Target, k: int) -> float:

@@ -78,10 +78,10 @@ def test_a_second_conductor_on_the_folder_is_refused(marked, tmp_path):
     first.wait()
 
 
-def test_run_with_workers_of_other_hosts(marked, quiet, tmp_path):
-    """``run --workers 0`` waits for workers, and tells them to leave at the end."""
+def test_serving_a_campaign_until_it_is_done(marked, quiet, tmp_path):
+    """It waits for workers of other hosts, and tells them to leave at the end."""
     folder = tmp_path / "c"
-    child = marked.start("conductor", "run", "chaos-16", "--workers", "0", "--out", str(folder))
+    child = marked.start(*serve_until_done(folder))
     worker = marked.start(
         *("twin", "worker", "--state", str(folder), "--wait", "60", "--until-done")
     )
@@ -91,6 +91,34 @@ def test_run_with_workers_of_other_hosts(marked, quiet, tmp_path):
     _, said = worker.communicate()
     assert worker.returncode == 0, said
     assert "does not answer" not in said
+
+
+def test_sigterm_of_a_campaign_served_until_it_is_done_is_unfinished(marked, quiet, tmp_path):
+    """As at the end of a job's walltime: its worker is told to leave, the same command goes on."""
+    folder = tmp_path / "c"
+    join = ("twin", "worker", "--state", str(folder), "--wait", "60", "--until-done")
+    child = marked.start(*serve_until_done(folder))
+    worker = marked.start(*join)
+    wait_for(lambda: committed(folder) >= 3, "three cases")
+    child.terminate()
+    _, err = child.communicate()
+    assert child.returncode == 75, err
+    assert "the same command goes on" in err
+    _, said = worker.communicate()
+    assert worker.returncode == 0, said
+    again = marked.start(*serve_until_done(folder))
+    worker = marked.start(*join)
+    out, err = again.communicate()
+    assert again.returncode == 1, err
+    assert quiet["fingerprint"] in out
+    assert all(row["charges"] == [] for row in outcomes(folder).values())
+    worker.communicate()
+    assert worker.returncode == 0
+
+
+def serve_until_done(folder):
+    """The command of a job script for ``chaos-16``."""
+    return ("conductor", "serve", "--campaign", "chaos-16", "--until-done", "--state", str(folder))
 
 
 def test_sigterm_of_a_run_is_unfinished(marked, quiet, tmp_path):

@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.skipif(bool(slurm_cluster.missing()), reason=slurm_cluster.missing()),
 ]
 SKEWED = """
-[ "$SLURM_PROCID" != 1 ] || export PYTHONPATH="$(dirname "$0")/ahead"
+[ "$SLURM_PROCID" != 1 ] || export PYTHONPATH="$(dirname "$0")/ahead${PYTHONPATH:+:$PYTHONPATH}"
 """
 """Worker 1, its simulator and its stack believe that it is five minutes later."""
 AHEAD = """

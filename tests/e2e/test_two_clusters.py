@@ -21,7 +21,8 @@ OTHER_DISK = ("sh", "-c", 'mount -t tmpfs none "$0" && exec "$@"')
 JOB_A = """\
 #!/bin/bash
 #SBATCH --ntasks=1 --output=a.out
-{python} -m conductor run chaos-16 --workers 0 --listen tls/127.0.0.1:0 --out state &
+{python} -m conductor serve --campaign chaos-16 --until-done --listen tls/127.0.0.1:0 \\
+  --state state &
 conductor=$!
 until [ -e go ]; do sleep 0.1; done
 srun --ntasks=1 {python} -m twin worker --state state --wait 60 --slots 2 --until-done

@@ -86,6 +86,8 @@ def _base(name: str) -> Scene:
         scene = load_scene(name)
     except ValueError as error:
         raise UsageError(f"dataset: {error}") from None
+    if scene.obstacle is None:
+        raise UsageError(f"dataset: scene '{name}': it has no obstacle, which datasets are about")
     if not scene.street or scene.terrain is not None or scene.road.path:
         raise UsageError(
             f"dataset: scene '{name}': it has no straight generated street on level ground; "

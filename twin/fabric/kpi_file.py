@@ -70,9 +70,10 @@ def read_kpi(path: Path) -> pa.Table:
             table = file.read(use_threads=False)
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
-    if not table.schema.equals(KPI_SCHEMA):
+    if [(f.name, f.type) for f in table.schema] != [(f.name, f.type) for f in KPI_SCHEMA]:
         raise InfrastructureError(f"{path}: not the KPI columns of this version")
-    return table
+    # Which columns may be missing has changed between versions; no value has.
+    return table if table.schema.equals(KPI_SCHEMA) else table.cast(KPI_SCHEMA)
 
 
 def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:

@@ -85,16 +85,17 @@ def refusals_logged(say: Callable[[str], object]) -> Iterator[None]:
     os.dup2(writer, 1)
     os.close(writer)
     thread = threading.Thread(target=_read, args=(reader, own, say), name="refusals", daemon=True)
-    thread.start()
-    log_refusals()
     try:
+        thread.start()
+        log_refusals()
         with os.fdopen(os.dup(own), "w", buffering=1) as out:
             sys.stdout = out
             yield
     finally:
         sys.stdout = before
         os.dup2(own, 1)  # closes the pipe, and so ends the thread
-        thread.join(1.0)
+        if thread.ident is not None:
+            thread.join(1.0)
         os.close(own)
 
 

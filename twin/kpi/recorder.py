@@ -25,7 +25,7 @@ _TYPES: dict[str, type] = {
 _FIRST_ROWS = 256
 _PLAIN = [column for column in KPI_COLUMNS if column.type != "detections"]
 _NULLABLE = frozenset(column.name for column in KPI_COLUMNS if column.nullable)
-_STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "dtc_m", "collisions")
+_STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "collisions")
 
 
 class Recorder:
@@ -34,7 +34,9 @@ class Recorder:
     What a row costs hardly depends on the number of slots.
     """
 
-    def __init__(self, slots: int) -> None:
+    def __init__(self, slots: int, *, target: bool = True) -> None:
+        """``target``: something stands in the lane, to which distances are measured."""
+        self._target = target
         self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _PLAIN}
         self._valid = {
             c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _PLAIN if c.nullable
@@ -78,8 +80,10 @@ class Recorder:
         self._set("sim_time_ns", which, row, sim_time_ns[which])
         for name in _STATE:
             self._set(name, which, row, state[which, COLUMN[name]])
+        here = np.full(len(which), self._target)
+        self._set("dtc_m", which, row, state[which, COLUMN["dtc_m"]], here)
         closing = state[which, COLUMN["closing_mps"]]
-        closes = closing > CLOSING_MIN_MPS
+        closes = here & (closing > CLOSING_MIN_MPS)
         ttc_s = np.divide(state[which, COLUMN["dtc_m"]], closing, where=closes, out=closing.copy())
         self._set("ttc_s", which, row, ttc_s, closes)
         along = np.array([error is not None for error in lateral_error_m], np.bool_)

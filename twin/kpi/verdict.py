@@ -75,15 +75,18 @@ def scalars(recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None) ->
     """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
+    measured = bool(recorder.valid("dtc_m").all())
     values["sim_time_s"] = float(recorder.column("sim_time_ns")[-1] / 1e9)
     values["ticks"] = int(recorder.column("tick")[-1])
-    values["dtc_min_m"] = float(dtc.min())
-    values["dtc_end_m"] = float(dtc[-1])
+    if measured:
+        values["dtc_min_m"] = float(dtc.min())
+        values["dtc_end_m"] = float(dtc[-1])
     triggered = np.flatnonzero(recorder.column("aeb") & recorder.valid("aeb"))
     if len(triggered):
         first = int(triggered[0])
         values["aeb_time_s"] = float(recorder.column("sim_time_ns")[first] / 1e9)
-        values["aeb_dtc_m"] = float(dtc[first])
+        if measured:
+            values["aeb_dtc_m"] = float(dtc[first])
         if recorder.valid("ttc_s")[first]:
             values["aeb_ttc_s"] = float(recorder.column("ttc_s")[first])
     if state[COLUMN["collisions"]] > 0:

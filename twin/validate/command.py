@@ -7,19 +7,56 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
+from schemas.campaign import Campaign, expand
 from twin.fabric.cli import Output, OutputOption
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import EXIT_PASS, EXIT_USAGE, UsageError
 
 app = typer.Typer(
-    no_args_is_help=True, rich_markup_mode=None, help="Compare the simulator with references."
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Check scene files, and compare the simulator with references.",
 )
 
 
 @app.callback()
 def _root() -> None:
-    """Compare the simulator with references."""
+    """Check scene files, and compare the simulator with references."""
+
+
+@app.command()
+def scene(
+    name: Annotated[
+        str, typer.Argument(help="A shipped scene, or the path of a scene file.")
+    ] = "downtown",
+    campaign: Annotated[
+        str,
+        typer.Option(
+            hidden=True, help="The scenes and objects of this campaign, JSON on standard input: -."
+        ),
+    ] = "",
+    output: OutputOption = Output.human,
+) -> None:
+    """Check a scene file: its keys, the scripts of its objects, vehicles that overlap.
+
+    Exit code 2: something is wrong with it.
+    """
+    from twin.validate.scene_check import Variant, mistakes_of
+
+    variants = [Variant(name, {})]
+    if campaign:
+        cases = expand(msgspec.json.decode(sys.stdin.buffer.read(), type=Campaign))
+        variants = [Variant(case.scenario.scene, case.objects) for case in cases]
+    mistakes = mistakes_of(variants)
+    if output is Output.json:
+        print(json.dumps({"valid": not mistakes, "mistakes": mistakes}))
+    elif mistakes:
+        raise UsageError("\n".join(mistakes))
+    else:
+        print(f"{name}: valid")
+    raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
 
 
 @app.command()

@@ -30,6 +30,7 @@ from twin.worker.view_quality import Quality
 from twin.worker.view_samples import (
     THUMBNAIL_WIDTH_PX,
     jpeg,
+    last_of,
     last_row_of,
     points_of,
     stage_of,
@@ -216,11 +217,13 @@ def _camera_sample(seen: Seen, token: int, seq: int) -> CameraSample:
 
 def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Message:
     case, seen = lease.case, shown.seen
-    state = {name: float(seen.state[COLUMN[name]]) for name in ("speed_mps", "dtc_m")}
+    speed_mps = float(seen.state[COLUMN["speed_mps"]])
+    dtc_m = float(seen.state[COLUMN["dtc_m"]]) if seen.target else None
     time_ns = seen.sim_time_ns
     if finished is not None:
         columns = finished.table.columns
-        state = {name: float(columns[name].values[-1]) for name in state}
+        speed_mps = float(columns["speed_mps"].values[-1])
+        dtc_m = last_of(finished.table, "dtc_m")
         time_ns = int(columns["sim_time_ns"].values[-1])
     thumbnail = Thumbnail(
         v=SCHEMA_VERSION,
@@ -234,8 +237,8 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Messag
         weather=case.weather,
         time_of_day_min=case.time_of_day_min,
         sim_time_ns=time_ns,
-        speed_mps=state["speed_mps"],
-        dtc_m=state["dtc_m"],
+        speed_mps=speed_mps,
+        dtc_m=dtc_m,
         aeb=bool(seen.command and seen.command.aeb),
         hand=seen.hand,
         outcome=finished.outcome if finished else "",

@@ -257,6 +257,7 @@ class ViewFeed:
             pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
             hand=run.hand if (run := self._runs[slot]) else "",
+            target=engine.world.target is not None,
             movers=_movers(engine, slot) if "state" in due else None,
         )
 

@@ -38,6 +38,8 @@ class Seen:
     """Of lidars, by message."""
     hand: str = ""
     """See :attr:`Run.hand`."""
+    target: bool = True
+    """Something stands in the lane, to which the state's distance is measured."""
     movers: np.ndarray | None = None
     """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
 
@@ -89,9 +91,10 @@ class Began:
     run: Run
     seq: int
     colliders: np.ndarray
-    """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first."""
+    """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first, if
+    there is one."""
     cars: int
-    """How many of the colliders are cars, the obstacle included."""
+    """How many of the colliders are cars, an obstacle included."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,8 +50,11 @@ def points_of(cloud: Cloud) -> np.ndarray:
 
 
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
-    """The standing world of a lease's case; ``colliders`` [N, 5], the obstacle first."""
+    """The standing world of a lease's case; ``colliders`` [N, 5], the obstacle first, if there is
+    one."""
     scene = load_scene(lease.case.scenario.scene)
+    standing = colliders[: 0 if scene.obstacle is None else 1].tolist()
+    others = colliders[len(standing) :].tolist()
     vehicle = load_vehicle(lease.case.scenario.vehicle)
     road = scene.road
     return Stage(
@@ -59,14 +62,14 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
         lane_width_m=road.lane_width_m,
         parking_width_m=road.parking_width_m,
         sidewalk_width_m=road.sidewalk_width_m,
-        obstacle_center_m=[float(colliders[0, 0]), float(colliders[0, 1]), HEIGHT_M / 2],
-        obstacle_yaw_rad=float(colliders[0, 2]),
+        obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],
+        obstacle_yaw_rad=standing[0][2] if standing else 0.0,
         obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
         camera_m=list(vehicle.camera(lease.case.camera.name).position_m),
-        hulls=colliders[1:].tolist(),
-        cars=cars - 1,
+        hulls=others,
+        cars=cars - len(standing),
     )
 
 
@@ -116,8 +119,8 @@ def state_of(seen: Seen, token: int, seq: int) -> StateSample:
         yaw_rad=value("yaw_rad"),
         speed_mps=value("speed_mps"),
         accel_mps2=value("accel_mps2"),
-        dtc_m=value("dtc_m"),
-        ttc_s=value("dtc_m") / closing if closing > CLOSING_MIN_MPS else None,
+        dtc_m=value("dtc_m") if seen.target else None,
+        ttc_s=value("dtc_m") / closing if seen.target and closing > CLOSING_MIN_MPS else None,
         collisions=int(state[COLUMN["collisions"]]),
         controls=_controls(seen.command),
         boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
@@ -132,8 +135,6 @@ def last_row_of(table: KpiTable, token: int, seq: int) -> StateSample:
     def value(name: str) -> float:
         return float(table.columns[name].values[-1])
 
-    ttc = table.columns["ttc_s"]
-    known = ttc.valid is None or bool(ttc.valid[-1])
     return StateSample(
         v=SCHEMA_VERSION,
         seq=seq,
@@ -145,12 +146,19 @@ def last_row_of(table: KpiTable, token: int, seq: int) -> StateSample:
         yaw_rad=value("yaw_rad"),
         speed_mps=value("speed_mps"),
         accel_mps2=value("accel_mps2"),
-        dtc_m=value("dtc_m"),
-        ttc_s=value("ttc_s") if known else None,
+        dtc_m=last_of(table, "dtc_m"),
+        ttc_s=last_of(table, "ttc_s"),
         collisions=int(value("collisions")),
         controls=None,
         boxes=None,
     )
+
+
+def last_of(table: KpiTable, name: str) -> float | None:
+    """A number of the last row; None: missing."""
+    column = table.columns[name]
+    known = column.valid is None or bool(column.valid[-1])
+    return float(column.values[-1]) if known else None
 
 
 def jpeg(image: np.ndarray, width_max_px: int | None = None, quality: int = JPEG_QUALITY) -> bytes:

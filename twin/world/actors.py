@@ -60,13 +60,17 @@ def build_cast(objects: list[SceneObject]) -> Cast:
             own, phases, way = _kinds(item)
             seen[looks] = (len(kinds), phases, way)
             kinds += own
-        try:
-            actors.append(_actor(item, *seen[looks]))
-        except ValueError as error:
-            name = f" '{item.name}'" if item.name else ""
-            raise ValueError(f"objects[{number}] ({item.kind}{name}): {error}") from None
+        actors.append(_checked_actor(number, item, *seen[looks]))
     classes = tuple(OBJECT_CLASSES.index(_CLASS[item.kind]) for item in objects)
     return Cast(tuple(kinds), Script(actors), classes)
+
+
+def _checked_actor(number: int, item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
+    try:
+        return _actor(item, kind, phases, way_m)
+    except ValueError as error:
+        name = f" '{item.name}'" if item.name else ""
+        raise ValueError(f"objects[{number}] ({item.kind}{name}): {error}") from None
 
 
 def _actor(item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
@@ -95,7 +99,15 @@ def _actor(item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
         phases=phases,
         way_m=way_m,
         vehicle=item.kind != "pedestrian",
+        name=item.name,
+        speed_mps=_even_speed(item),
     )
+
+
+def _even_speed(item: SceneObject) -> float | None:
+    """Its speed all the way [m/s]; None: it changes, or nobody said one."""
+    speeds = set(item.speeds_mps or ())
+    return speeds.pop() if len(speeds) == 1 else item.speed_mps
 
 
 def _law(item: SceneObject, path: Path) -> TimeLaw:
@@ -108,6 +120,28 @@ def _law(item: SceneObject, path: Path) -> TimeLaw:
     return law_of_speeds(path.waypoint_m, np.array(speeds, float), np.array(waits, float))
 
 
+def script_of(objects: list[SceneObject]) -> Script:
+    """The script of a scene's objects without their meshes, which are what takes long.
+
+    Raises:
+        ValueError: see :func:`build_cast`.
+    """
+    return Script([_checked_actor(n, item, 0, 0, 0.0) for n, item in enumerate(objects)])
+
+
+def hull_size(item: SceneObject) -> tuple[float, float]:
+    """Half length and half width of an object [m]."""
+    if item.kind == "pedestrian":
+        return _PERSON_HALF_M, _PERSON_HALF_M
+    if item.kind == "cyclist":
+        return LENGTH_M / 2, WIDTH_M / 2
+    if item.kind in ("truck", "bus"):
+        length, width = (heavy_body.TRUCK_M if item.kind == "truck" else heavy_body.BUS_M)[:2]
+        return length / 2, width / 2
+    shape = car_body.SHAPES["van" if item.kind == "van" else item.body]
+    return shape.length_m / 2, shape.width_m / 2
+
+
 def _kinds(item: SceneObject) -> tuple[list[ObjectKind], int, float]:
     """Kinds of one look: at rest, then the phases of its movement; their number and way [m]."""
     r, g, b = item.color or PAINTS[item.seed % len(PAINTS)]
@@ -115,36 +149,30 @@ def _kinds(item: SceneObject) -> tuple[list[ObjectKind], int, float]:
     if item.kind in ("pedestrian", "cyclist"):
         return _people(item)
     mesh = MeshBuilder()
-    if item.kind == "truck":
-        length, width = heavy_body.TRUCK_M[:2]
-        with mesh.place(-length / 2, 0.0):
+    half_length_m, half_width_m = hull_size(item)
+    with mesh.place(-half_length_m, 0.0):
+        if item.kind == "truck":
             heavy_body.add_truck(mesh, color, lit=True)
-    elif item.kind == "bus":
-        length, width = heavy_body.BUS_M[:2]
-        with mesh.place(-length / 2, 0.0):
+        elif item.kind == "bus":
             heavy_body.add_bus(mesh, color if item.color else _BUS_COLOR, lit=True)
-    else:
-        shape = car_body.SHAPES["van" if item.kind == "van" else item.body]
-        length, width = shape.length_m, shape.width_m
-        with mesh.place(-length / 2, 0.0):
+        else:
+            shape = car_body.SHAPES["van" if item.kind == "van" else item.body]
             car_body.add_car(mesh, color, False, 16, shape, lit=True)
-    return [ObjectKind(item.kind, mesh.build(), length / 2, width / 2)], 0, 0.0
+    return [ObjectKind(item.kind, mesh.build(), half_length_m, half_width_m)], 0, 0.0
 
 
 def _people(item: SceneObject) -> tuple[list[ObjectKind], int, float]:
     color: Color | None = None if item.color is None else tuple(item.color)  # type: ignore[assignment]
     kinds = []
-    walker = item.kind == "pedestrian"
+    walker, half = item.kind == "pedestrian", hull_size(item)
     looks = random_looks(item.seed, color if walker else None)
     for k in range(-1, PHASES):
         mesh = MeshBuilder()
         phase = None if k < 0 else k / PHASES
         if walker:
             add_person(mesh, looks, phase)
-            half = (_PERSON_HALF_M, _PERSON_HALF_M)
         else:
             add_cyclist(mesh, looks, color or PAINTS[item.seed % len(PAINTS)], phase)
-            half = (LENGTH_M / 2, WIDTH_M / 2)
         name = item.kind if k < 0 else f"{item.kind} phase {k}"
         kinds.append(ObjectKind(name, mesh.build(), *half))
     return kinds, PHASES, looks.stride_m if walker else WAY_M

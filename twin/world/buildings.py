@@ -123,11 +123,13 @@ def _free_depth(
 
 def near_obstacle(scene: Scene, layout: Layout, x0: float, x1: float) -> bool:
     """Whether the ego comes past what stands along the street from ``x0`` to ``x1`` on its way to
-    the obstacle, or sees it from there."""
+    the obstacle, or sees it from there. Without one, its way begins with the road."""
     first, last = x0 - NEAR_M[1], x1 + NEAR_M[0]
+    obstacle = scene.obstacle
+    goal_m = scene.road.start_m + NEAR_M[0] if obstacle is None else obstacle.x_m
     if layout.lane.closed:
-        return (scene.obstacle.x_m - first) % layout.lane.length_m < last - first
-    return first < scene.obstacle.x_m < last
+        return (goal_m - first) % layout.lane.length_m < last - first
+    return first < goal_m < last
 
 
 def _side_rows(

@@ -1,8 +1,10 @@
-"""Movable objects that a hand has taken off their script; all others follow it."""
+"""Movable objects of running cases: their scripts as the cases vary them, and those that a hand has
+taken off."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +16,9 @@ from schemas.interventions import (
     RemoveObject,
     SpawnObject,
 )
+from schemas.objects import ObjectVariation
 from twin.world.motion import Motion, ObjectKind, Placement
+from twin.world.variations import Variations
 
 ObjectAction = MoveObject | SpawnObject | RemoveObject | FreeObject
 
@@ -34,20 +38,31 @@ class _Placed:
 class HandMotion:
     """A script with exceptions, per slot; without any it costs nothing."""
 
-    def __init__(self, script: Motion, kinds: tuple[ObjectKind, ...]) -> None:
+    def __init__(self, script: Motion, kinds: tuple[ObjectKind, ...], slots: int) -> None:
         self.count = script.count
         self.standing = script.standing
+        self._varied = Variations(script, slots)
         self._script = script
         self._kinds = kinds
         self._placed: dict[int, dict[int, _Placed]] = {}
 
-    def clear(self, slot: int) -> None:
-        """All objects of a slot follow their script."""
+    def begin(self, slot: int, objects: Mapping[str, ObjectVariation]) -> None:
+        """A case begins in a slot.
+
+        Raises:
+            ValueError: the scene has no such object, or it cannot be varied so; one line.
+        """
         self._placed.pop(slot, None)
+        self._varied.begin(slot, objects)
+
+    def clear(self, slot: int) -> None:
+        """All objects of a slot follow their script, as the scene says."""
+        self._placed.pop(slot, None)
+        self._varied.clear(slot)
 
     def at(self, time_s: np.ndarray) -> Placement:
         """See :class:`twin.world.motion.Motion`; ``time_s`` of all slots."""
-        placement = self._script.at(time_s)
+        placement = self._script.at(time_s, self._varied)
         for slot, objects in self._placed.items():
             for index, placed in objects.items():
                 _put(placement, slot, index, placed, float(time_s[slot]))

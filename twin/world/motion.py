@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from twin.world.mesh import Mesh
+
+if TYPE_CHECKING:
+    from twin.world.script import Actor
+    from twin.world.variations import Variations
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +51,29 @@ class Motion(Protocol):
 
     count: int
     """Number of objects M."""
+    actors: Sequence[Actor]
+    """What the scene says of each object [M]."""
 
     @property
     def standing(self) -> np.ndarray:
         """int32 [M]: kind of each object as it stands."""
 
-    def at(self, time_s: np.ndarray) -> Placement:
-        """Where everything is at the sim times ``time_s`` [S]."""
+    def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
+        """Where everything is at the sim times ``time_s`` [S]; None: as the scene says."""
 
 
 class Still:
     """Nothing moves."""
 
     count = 0
+    actors: Sequence[Actor] = ()
     standing = np.zeros(0, np.int32)
 
-    def at(self, time_s: np.ndarray) -> Placement:
+    def at(
+        self,
+        time_s: np.ndarray,
+        varied: Variations | None = None,  # noqa: ARG002 - there is nothing to vary
+    ) -> Placement:
         """See :class:`Motion`."""
         empty = np.zeros((len(time_s), 0))
         vectors = np.zeros((len(time_s), 0, 3))

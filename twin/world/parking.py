@@ -27,23 +27,30 @@ _MIX = ("hatchback", "hatchback", "saloon", "saloon", "suv", "suv", "van")
 _TRUCK_SHARE = 0.04
 
 
-def add_obstacle(mesh: MeshBuilder, scene: Scene, layout: Layout) -> Hull:
-    """Add the broken-down car, instance 0."""
+def add_obstacle(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
+    """Add the broken-down car, instance 0, if the scene has one; its hull."""
     obstacle = scene.obstacle
+    if obstacle is None:
+        return []
     half = car_body.LENGTH_M / 2
     place = layout.at(obstacle.x_m + half, obstacle.y_m)
     with mesh.place(*place, instance=0), mesh.place(-half, 0.0):
         r, g, b = obstacle.color
         car_body.add_car(mesh, (r, g, b), hazard=obstacle.hazard_lights, wheel_sides=20)
-    return (*place, half, car_body.WIDTH_M / 2)
+    return [(*place, half, car_body.WIDTH_M / 2)]
 
 
 def add_parked(
-    mesh: MeshBuilder, scene: Scene, layout: Layout, keep_free: list[tuple[float, float, float]]
+    mesh: MeshBuilder,
+    scene: Scene,
+    layout: Layout,
+    first: int,
+    keep_free: list[tuple[float, float, float]],
 ) -> tuple[list[Hull], list[str]]:
-    """Add the parked vehicles, instances from 1 on.
+    """Add the parked vehicles.
 
     Args:
+        first: instance of the first of them.
         keep_free: stretches without parked cars: x from, x to [m], sign of the side; in street
             coordinates.
 
@@ -52,7 +59,7 @@ def add_parked(
     """
     rng = generator(scene, 3)
     obstacle = scene.obstacle
-    if obstacle.y_m < -0.8:  # it stands among the parked cars
+    if obstacle is not None and obstacle.y_m < -0.8:  # it stands among the parked cars
         keep_free = [*keep_free, (obstacle.x_m - 1.0, obstacle.x_m + car_body.LENGTH_M + 1.0, -1.0)]
     hulls: list[Hull] = []
     classes: list[str] = []
@@ -76,7 +83,7 @@ def add_parked(
                 width = heavy_body.TRUCK_M[1] if truck else body.width_m
                 y = kerb - sign * strip + (-sign * sway if truck else sway)
                 at = layout.at(place + shift + length / 2, y, 0.0 if sign < 0 else np.pi)
-                with mesh.place(*at, instance=len(hulls) + 1), mesh.place(-length / 2, 0.0):
+                with mesh.place(*at, instance=first + len(hulls)), mesh.place(-length / 2, 0.0):
                     if truck:
                         heavy_body.add_truck(mesh, PAINTS[paint])
                     else:

@@ -134,7 +134,8 @@ class Scene(Spec, kw_only=True):
     ``terrain`` and ``meshes`` alone."""
     bake: bool = True
     """Work out how much of the sky every place sees (ambient occlusion), once."""
-    obstacle: Obstacle
+    obstacle: Obstacle | None = None
+    """The broken-down car; left out: nothing stands in the lane, and cases have no DTC."""
     origin: Origin = Origin()
     road: Road = Road()
     buildings: Buildings = Buildings()
@@ -160,6 +161,8 @@ class Scene(Spec, kw_only=True):
                     "street: false needs other ground: terrain, or a mesh with semantic "
                     f"{', '.join(DRIVABLE)}"
                 )
+        elif self.obstacle is None:
+            pass
         elif road.path:
             end = road.start_m + road.lane().length_m
             if not road.start_m <= self.obstacle.x_m < end:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.world.motion import Placement
 from twin.world.path import Path, TimeLaw
+
+if TYPE_CHECKING:
+    from twin.world.variations import Variations
 
 _BRAKING_MPS2 = 0.3
 """Brake lamps light up when it slows down more than this [m/s^2]."""
@@ -40,6 +45,44 @@ class Actor:
     """Way in which all phases pass once."""
     vehicle: bool
     """It has lamps."""
+    name: str = ""
+    """As the scene calls it; empty: it has none."""
+    speed_mps: float | None = None
+    """All the way; None: it stands, or its speed changes."""
+
+    def pace_of(self, speed_mps: float | None) -> float:
+        """How many times as fast it is at another speed; None: its own.
+
+        Raises:
+            ValueError: it has no even speed, or would be slower than it is repeated; one line.
+        """
+        if speed_mps is None:
+            return 1.0
+        if self.speed_mps is None or self.law is None:
+            raise ValueError("speed_mps: in the scene it has no speed_mps of its own")
+        pace = speed_mps / self.speed_mps
+        takes_s = float(self.law.time_s[-1]) / pace
+        if self.repeat_s and self.repeat_s < takes_s:
+            raise ValueError(
+                f"speed_mps {speed_mps:g}: the way takes {takes_s:.1f} s, longer than the scene's "
+                f"repeat_s {self.repeat_s:g}"
+            )
+        return pace
+
+    def started(self, start_s: float) -> float:
+        """When it sets off, if that can be chosen.
+
+        Raises:
+            ValueError: it stands; one line.
+        """
+        if self.law is None:
+            raise ValueError("start_s: it has one waypoint in the scene and stands there")
+        return start_s
+
+    def sideways(self, offset_m: float) -> tuple[float, float]:
+        """World x and y so far to the left of the direction in which it sets off [m]."""
+        yaw = self.pose[3] if self.path is None else float(self.path.start[0, 2])
+        return -math.sin(yaw) * offset_m, math.cos(yaw) * offset_m
 
 
 class Script:
@@ -47,6 +90,7 @@ class Script:
 
     def __init__(self, actors: Sequence[Actor]) -> None:
         self.count = len(actors)
+        self.actors = tuple(actors)
         self._law, self._last_knot = _padded_laws(actors)
         self._path, self._last_height = _padded_paths(actors)
         self._moves = np.array([a.law is not None for a in actors], bool)
@@ -66,18 +110,22 @@ class Script:
         """See :class:`Motion`."""
         return self._kind
 
-    def at(self, time_s: np.ndarray) -> Placement:
-        """See :class:`Motion`; every slot's values depend on its own time alone."""
-        since = np.asarray(time_s, float)[:, None] - self._start
+    def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
+        """See :class:`Motion`; every slot's values depend on its own time and case alone."""
+        start, pace = (self._start, 1.0) if varied is None else (varied.start_s, varied.pace)
+        takes = self._duration / pace
+        since = np.asarray(time_s, float)[:, None] - start
         started = since >= 0.0
-        rounds = np.where(self._loop & started, np.floor(since / self._duration), 0.0)
+        rounds = np.where(self._loop & started, np.floor(since / takes), 0.0)
         period = np.where(self._repeat > 0.0, self._repeat, 1.0)
         again = np.where((self._repeat > 0.0) & started, np.floor(since / period), 0.0)
-        local = since - rounds * self._duration - again * self._repeat
-        inside = started & (local < self._duration) & self._moves
-        station, speed, acceleration = self._along(np.clip(local, 0.0, self._duration))
-        speed, acceleration = speed * inside, acceleration * inside
+        local = since - rounds * takes - again * self._repeat
+        inside = started & (local < takes) & self._moves
+        station, speed, acceleration = self._along(np.clip(local * pace, 0.0, self._duration))
+        speed, acceleration = speed * pace * inside, acceleration * (pace * pace) * inside
         x, y, z, heading, curvature = self._where(station)
+        if varied is not None:
+            x, y = x + varied.shift_m[..., 0], y + varied.shift_m[..., 1]
         here = self._present | inside
         walked = station + rounds * self._length
         phase = np.floor(walked / self._way * self._phases).astype(np.int64)

@@ -34,10 +34,11 @@ class World:
 
     mesh: Mesh
     colliders: np.ndarray
-    """float64 [K, 5]: centre x, y [m], yaw [rad], half length and width [m]; obstacle first."""
+    """float64 [K, 5]: centre x, y [m], yaw [rad], half length and width [m]; the obstacle first, if
+    there is one."""
     instances: int
-    """Number of static objects the box sensor reports; the obstacle is 0, then the other
-    vehicles, then signs and the like."""
+    """Number of static objects the box sensor reports: an obstacle, then the other vehicles, then
+    signs and the like."""
     lamps_right: tuple[float, float]
     """World x of one right-hand lamp and world y of the row [m]."""
     lamps_left: tuple[float, float]
@@ -57,6 +58,8 @@ class World:
     all are cars."""
     mover_classes: tuple[int, ...] = ()
     """Class of each movable object."""
+    has_obstacle: bool = True
+    """The first collider is the broken-down car."""
     cars: int = 0
     """How many of the first colliders are vehicles; instance i is the object of collider i."""
     notes: tuple[str, ...] = ()
@@ -83,9 +86,18 @@ class World:
         static = self.static_classes or (0,) * self.instances
         return np.array([*static, *self.mover_classes], np.int32)
 
+    @property
+    def target(self) -> np.ndarray | None:
+        """What a jump scare is about, its hull [5]: the broken-down car; None: nothing stands in
+        the lane."""
+        return self.colliders[0] if self.has_obstacle else None
+
     def before_obstacle(self, distance_m: float) -> tuple[float, float, float]:
         """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the obstacle's rear
-        bumper; along the lane."""
+        bumper; along the lane. Without an obstacle, where the lane begins."""
+        if not self.has_obstacle:
+            pose = self.lane.at(0.0)
+            return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
         x, y, yaw, half_length, _ = self.colliders[0].tolist()
         if not self.lane.closed:
             return x - half_length - distance_m, 0.0, 0.0
@@ -123,15 +135,16 @@ _built: dict[bytes, World] = {}
 def _build(scene: Scene) -> World:
     mesh = MeshBuilder()
     layout = lay_out(scene)
-    colliders: list[Hull] = [add_obstacle(mesh, scene, layout)]
-    classes = ["car"]
+    colliders: list[Hull] = add_obstacle(mesh, scene, layout)
+    classes = ["car"] * len(colliders)
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
     bent_lamps: np.ndarray | None = None
     if scene.street:
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
-        parked, bodies = add_parked(mesh, scene, layout, [(*stop, 1.0)] if stop else [])
+        free = [(*stop, 1.0)] if stop else []
+        parked, bodies = add_parked(mesh, scene, layout, len(colliders), free)
         colliders += parked
         classes += bodies
         others += add_buildings(mesh, scene, layout)
@@ -156,7 +169,7 @@ def _build(scene: Scene) -> World:
     kinds = zip(cast.kinds, meshes[1:], strict=True)
     return World(
         mesh=meshes[0],
-        colliders=np.array(colliders + others + imported.hulls),
+        colliders=np.array(colliders + others + imported.hulls, float).reshape(-1, 5),
         instances=len(classes),
         lamps_right=lamps_right,
         lamps_left=lamps_left,
@@ -167,6 +180,7 @@ def _build(scene: Scene) -> World:
         textures=imported.textures,
         static_classes=tuple(OBJECT_CLASSES.index(name) for name in classes),
         mover_classes=cast.classes,
+        has_obstacle=scene.obstacle is not None,
         cars=len(colliders),
         notes=imported.notes,
     )

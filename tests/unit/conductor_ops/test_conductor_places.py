@@ -18,7 +18,6 @@ from twin.fabric.errors import UsageError
 
 def test_what_the_option_says():
     assert parse_workers(None) == Asked()
-    assert parse_workers("0") == Asked(count=0)
     assert parse_workers("12") == Asked(count=12)
     assert parse_workers("cuda") == Asked(per_gpu=1)
     assert parse_workers("2xcuda") == Asked(per_gpu=2)

@@ -105,3 +105,16 @@ def test_damaged_or_foreign_files_are_one_line(tmp_path):
     for error in (missing, damaged, foreign):
         assert len(str(error.value).splitlines()) == 1
         assert str(path) in str(error.value)
+
+
+def test_a_file_of_a_version_in_which_a_column_was_never_missing_is_read(tmp_path):
+    """The distance to collision may be missing since there are scenes without an obstacle."""
+    given = columns()
+    given["dtc_m"] = [3.0, 2.0, 1.0]
+    table = kpi_table(given)
+    place = table.schema.get_field_index("dtc_m")
+    before = table.schema.set(place, table.schema.field(place).with_nullable(False))
+    pq.write_table(table.cast(before), tmp_path / "kpi.parquet")
+    read = read_kpi(tmp_path / "kpi.parquet")
+    assert read.schema.equals(KPI_SCHEMA)
+    assert kpi_sha256(read) == kpi_sha256(table)

@@ -59,8 +59,8 @@ setup
 address=$(here)
 [ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
-"$bin/conductor" run "$campaign" --workers 0 \
-  --listen "tls/$address:0" --out "$out" &
+"$bin/conductor" serve --campaign "$campaign" --until-done \
+  --listen "tls/$address:0" --state "$out" &
 conductor=$!
 # bash runs a trap only between commands or during `wait`, so everything long is in the background.
 signalled=no stopping=no lost=no

@@ -91,8 +91,8 @@ def test_the_verdict_is_the_exit_code(tmp_path, verdict):
     assert job.run(VERDICT=verdict)[0] == int(verdict)
     assert "requeue" not in job.said("scontrol")
     assert job.said("conductor").splitlines() == [
-        *("run", "aeb-demo", "--workers", "0"),
-        *("--listen", "tls/10.9.8.7:0", "--out", str(tmp_path / "o ut")),
+        *("serve", "--campaign", "aeb-demo", "--until-done"),
+        *("--listen", "tls/10.9.8.7:0", "--state", str(tmp_path / "o ut")),
     ]
     assert job.said("worker").splitlines() == [
         *("worker", "--state", str(tmp_path / "o ut"), "--wait", "120", "--until-done"),

@@ -279,3 +279,62 @@ def test_paths_of_a_container_are_absolute(tmp_path, monkeypatch):
         "autonomy.image.binds[1]: given './d', allowed: an absolute path",
         "autonomy.image.path: given 'stack.sif', allowed: an absolute path, which all workers see",
     ]
+
+
+def cases_of(**changes):
+    """The cases of a good file with these keys."""
+    campaign, mistakes = parse_campaign({"campaign": "c", **changes})
+    assert campaign is not None, mistakes
+    return expand(campaign)
+
+
+def test_parameters_of_the_stack_are_axes_with_rigs_of_their_own():
+    slow, fast = cases_of(
+        autonomy={"parameters": {"cruise_speed_mps": 8.0, "ttc_s": 2.0}},
+        matrix={"autonomy.parameters.cruise_speed_mps": [5.0, 9.5]},
+    )
+    assert slow.id == "parameters.cruise_speed_mps_5.0"
+    assert slow.parameters == {"cruise_speed_mps": 5.0, "ttc_s": 2.0}
+    assert fast.parameters == {"cruise_speed_mps": 9.5, "ttc_s": 2.0}
+    assert rig_key(slow) != rig_key(fast), "a stack is built with its parameters"
+
+
+def test_objects_of_the_scene_are_axes_that_share_a_rig():
+    cases = cases_of(
+        objects={"oncoming truck": {"speed_mps": 7.0}},
+        matrix={
+            "objects.oncoming truck.start_s": [-2, 3.5],
+            "objects.stroller.offset_m": [-1.5, 1.5],
+        },
+    )
+    assert [case.id for case in cases] == [
+        "oncoming_truck.start_s_minus_2-stroller.offset_m_minus_1.5",
+        "oncoming_truck.start_s_minus_2-stroller.offset_m_1.5",
+        "oncoming_truck.start_s_3.5-stroller.offset_m_minus_1.5",
+        "oncoming_truck.start_s_3.5-stroller.offset_m_1.5",
+    ]
+    assert msgspec.to_builtins(cases[0].objects) == {
+        "oncoming truck": {"speed_mps": 7.0, "start_s": -2.0, "offset_m": 0.0},
+        "stroller": {"speed_mps": None, "start_s": None, "offset_m": -1.5},
+    }
+    assert len({rig_key(case) for case in cases}) == 1
+    assert len({case_digest(case) for case in cases}) == 4
+
+
+@pytest.mark.parametrize(
+    ("axis", "value", "words"),
+    [
+        ("objects.walker.speed", 1, ["unknown axis", "objects.NAME.speed_mps"]),
+        ("objects.speed_mps", 1, ["unknown axis"]),
+        ("objects.walker.speed_mps", 0, ["given 0", "> 0 and <= 60"]),
+        ("objects.walker.offset_m", "left", ["'left'", "a number"]),
+        ("autonomy.parameters.", 1, ["unknown axis"]),
+        ("autonomy.parameters.a b", 1, ["unknown axis"]),
+        ("autonomy.parameters.a.b", 1, ["unknown axis"]),
+    ],
+)
+def test_an_axis_of_an_object_or_a_parameter_that_cannot_be_is_one_line(axis, value, words):
+    campaign, mistakes = parse_campaign({"campaign": "c", "matrix": {axis: [value]}})
+    assert campaign is None
+    (mistake,) = mistakes
+    assert all(word in mistake.line("c.yaml") for word in words), mistake

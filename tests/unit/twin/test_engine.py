@@ -10,6 +10,7 @@ import pytest
 from schemas.campaign import Case, expand, parse_campaign
 from schemas.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
+from schemas.objects import ObjectVariation
 from twin.command_delay import Delays
 from twin.engine import Engine
 from twin.vehicle.state import COLUMN
@@ -435,3 +436,22 @@ def test_all_cameras_see_the_same_clouds():
     a, b = (eye.camera.lights.host[0] for eye in engine._eyes._eyes)
     assert a["key"] != b["key"]
     assert a["cloud_offset"].tobytes() == b["cloud_offset"].tobytes()
+
+
+def test_objects_differ_per_slot_and_nothing_depends_on_the_slot():
+    """A person crosses at another moment in each case: too late, into the ego, long before it."""
+    cases = [
+        msgspec.structs.replace(
+            case(f"start {start_s}", scene="crossing", ego_speed_mps=10.0),
+            objects={"steps into the road": ObjectVariation(start_s=start_s)},
+        )
+        for start_s in (-3.0, -6.0, -9.0)
+    ]
+    together = run(Engine(cases[0], 3), dict(enumerate(cases)), ask)
+    assert [together[one.id][0].scalars["collisions"] for one in cases] == [0, 1, 0]
+    assert len({b"".join(frames) for _, frames in together.values()}) == 3
+    engine = Engine(cases[0], 1)
+    for one in reversed(cases):
+        ended, frames = run(engine, {0: one}, ask)[one.id]
+        assert table_bytes(ended.table) == table_bytes(together[one.id][0].table)
+        assert frames == together[one.id][1]

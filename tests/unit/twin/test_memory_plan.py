@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from schemas.campaign import Camera, ImageOutput
+from schemas.camera import Camera, ImageOutput
 from twin.render.memory import LidarLoad, plan
 from twin.render.visibility import BYTES_PER_PIXEL
 

@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from schemas.objects import ObjectVariation
 from twin.world.actors import build_cast
 from twin.world.content import SceneObject
 from twin.world.path import build_path, law_of_times
 from twin.world.scene import load_scene
 from twin.world.street import build_world
+from twin.world.variations import Variations
 
 
 def cast(**given):
@@ -163,3 +165,91 @@ def test_mistakes_in_scripts(given, expected):
         cast(kind="car", **given)
     assert expected in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def varied(script, slots, **objects):
+    """Variations of the last slot; the others are as the scene says."""
+    variations = Variations(script.motion, slots)
+    variations.begin(slots - 1, {n: ObjectVariation(**given) for n, given in objects.items()})
+    return variations
+
+
+def two(**more):
+    """A car along x and a walker across it."""
+    return build_cast(
+        [
+            SceneObject(
+                kind="car", name="car", waypoints=[[0, 2], [90, 2]], speed_mps=8, start_s=1, **more
+            ),
+            SceneObject(kind="pedestrian", name="walker", waypoints=[[5, 0], [5, 9]], speed_mps=1),
+            SceneObject(kind="bus", waypoints=[[50, 9]], yaw_deg=90),
+        ]
+    )
+
+
+def test_objects_of_one_slot_go_by_another_speed_start_and_place():
+    cast_of_two = two()
+    changed = varied(
+        *(cast_of_two, 2),
+        car={"speed_mps": 12.0, "start_s": -1.0, "offset_m": 0.5},
+        walker={"offset_m": -2.0},
+    )
+    found = cast_of_two.motion.at(np.array([3.0, 3.0]), changed)
+    np.testing.assert_allclose(found.position_m[0, :, :2], [[16, 2], [5, 3], [50, 9]], atol=1e-6)
+    np.testing.assert_allclose(
+        found.position_m[1, :, :2], [[48, 2.5], [7, 3], [50, 9]], atol=1e-6
+    )  # the walker goes to +y, so right of it is +x
+    np.testing.assert_allclose(found.velocity_mps[:, 0, 0], [8, 12])
+    assert found.kind[1].tobytes() == cast_of_two.motion.at(np.array([3.0])).kind[0].tobytes()
+
+
+def test_what_the_scene_says_anyway_changes_no_byte():
+    world = build_world(load_scene("downtown"))
+    times = np.arange(0.0, 60.0, 0.37)
+    variations = Variations(world.motion, len(times))
+    usual = {"start_s": -50.0, "speed_mps": 1.3, "offset_m": 0.0}
+    for slot in range(len(times)):
+        variations.begin(slot, {"stroller": ObjectVariation(**usual)})
+    plain, same = world.motion.at(times), world.motion.at(times, variations)
+    for name in plain.__slots__:
+        assert getattr(plain, name).tobytes() == getattr(same, name).tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("objects", "expected"),
+    [
+        ({"car": {"speed_mps": 3.0}}, "speed_mps 3: the way takes 30.0 s, longer than the scene's"),
+        (
+            {"cra": {"start_s": 1.0}},
+            "no object of this name; did you mean 'car'? allowed: car, walker",
+        ),
+        ({"walker": {"start_s": 1.0}}, "the scene has several of this name"),
+        ({"": {"start_s": 1.0}}, "the scene has no object of this name"),
+    ],
+)
+def test_objects_that_cannot_be_varied_so_are_one_line(objects, expected):
+    pair = two(repeat_s=20.0)
+    pair.motion.actors += (pair.motion.actors[1],)
+    with pytest.raises(ValueError) as error:
+        varied(pair, 1, **objects)
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "variation", "expected"),
+    [
+        ({"waypoints": [[0, 0]]}, {"start_s": 1.0}, "objects.one: start_s: it has one waypoint"),
+        ({"waypoints": [[0, 0]]}, {"speed_mps": 1.0}, "objects.one: speed_mps: in the scene it"),
+        (
+            {"waypoints": LEG, "speeds_mps": [1, 2]},
+            {"speed_mps": 1.0},
+            "objects.one: speed_mps: in the scene it has no speed_mps of its own",
+        ),
+    ],
+)
+def test_a_variation_needs_what_it_varies(given, variation, expected):
+    one = cast(kind="car", name="one", **given)
+    with pytest.raises(ValueError) as error:
+        varied(one, 1, one=variation)
+    assert expected in str(error.value)

@@ -37,7 +37,7 @@ def test_unknown_names_list_what_is_shipped(load):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("schema: 1\nscene: a\n", "obstacle: missing"),
+        ("schema: 1\nobstacle: {x_m: 250}\n", "scene: missing"),
         ("schema: 1\nscene: a\nobstacle: {x_m: 250}\nroads: {}\n", "roads: unknown key"),
         ("schema: 1\nscene: a\nobstacle: {x_m: far}\n", "obstacle.x_m"),
         ("schema: 1\nscene: a\nobstacle: {x_m: 10}\n", "200 m of street"),

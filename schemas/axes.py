@@ -1,0 +1,164 @@
+"""Axes of a matrix: which there are, what their values make of a section, and a case's name."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta, Struct
+
+from schemas.autonomy import DELAYS, Autonomy
+from schemas.camera import Camera
+from schemas.environment import Environment
+from schemas.names import Name, TimeOfDay
+from schemas.objects import PARAMETERS, ObjectVariation
+from schemas.scenario import Scenario
+from schemas.sensors import Sensors
+from schemas.validation import Mistake, convert_all
+
+_PARAMETERS = "autonomy.parameters."
+_OBJECTS = "objects."
+
+# Axes that are not fields of a section; sections are reached by ``section.field``.
+_PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
+_SECTIONS: dict[str, type[Struct]] = {
+    "scenario": Scenario,
+    "camera": Camera,
+    "environment": Environment,
+    "autonomy": Autonomy,
+    **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
+}
+_NO_AXES = (
+    *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
+    *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
+    # Which stack it is decides which cases may share a rig.
+    *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in DELAYS),
+)
+
+
+def axes_allowed() -> list[str]:
+    """Every axis a matrix may name."""
+    fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
+    named = [_PARAMETERS + "NAME", *(f"{_OBJECTS}NAME.{name}" for name in PARAMETERS)]
+    return [*_PLAIN_AXES, *(f for f in fields if f not in _NO_AXES), *named]
+
+
+def is_axis(axis: str, allowed: list[str]) -> bool:
+    """Whether a matrix may name ``axis``; ``allowed`` is :func:`axes_allowed`.
+
+    The ``NAME`` of a parameter or an object is checked where the stack and the scene are known.
+    """
+    for prefix in (_PARAMETERS, _OBJECTS):
+        if axis.startswith(prefix):
+            name, dot, parameter = axis.removeprefix(prefix).rpartition(".")
+            if prefix == _PARAMETERS:
+                return parameter.isidentifier() and not dot
+            return bool(name) and parameter in PARAMETERS
+    return axis in allowed
+
+
+Memo = dict[tuple[Any, ...], tuple[Any, list[Mistake]]]
+"""What a value of an axis was checked to be: a hundred thousand cases hold few different ones."""
+
+_AXES: dict[str, tuple[Any, Any]] = {
+    "time_of_day": (dict[str, TimeOfDay], "12:00"),
+    "weather": (dict[str, Name], "clear"),
+    "repeat": (dict[str, Annotated[int, Meta(ge=0, le=2**63 - 1)]], 0),
+}
+"""Axis -> type of a mapping with its value, and default."""
+
+
+def value_of(point: dict[str, Any], axis: str, where: str, memo: Memo) -> tuple[Any, list[Mistake]]:
+    """The value of an axis that is no field of a section, or its default; None: a mistake."""
+    type_, default = _AXES[axis]
+    given = point.get(axis, default)
+    if axis == "repeat" and type(given) is int and 0 <= given < 2**63:
+        return given, []  # the one axis that may have a hundred thousand values
+    key = (axis, type(given), given)  # 1, 1.0 and True are equal
+    if key not in memo:
+        memo[key] = convert_all({axis: given}, type_)
+    value, found = memo[key]
+    if value is None:
+        return None, [Mistake(f"{where}.{axis}", m.message) for m in found]
+    return value[axis], []
+
+
+def section_of(
+    section: Any, name: str, point: dict[str, Any], where: str, memo: Memo
+) -> tuple[Any, list[Mistake]]:
+    """The section ``name`` with the fields that a point of the matrix sets."""
+    changes = {k: v for k, v in _below(f"{name}.", point).items() if "." not in k}
+    if not changes:
+        return section, []
+    key = (name, *((k, type(v), v) for k, v in changes.items()))
+    if key not in memo:
+        memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
+    value, found = memo[key]
+    return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in found]
+
+
+def _below(prefix: str, point: dict[str, Any]) -> dict[str, Any]:
+    """The values of axes that begin so, by the rest of the name."""
+    return {k.removeprefix(prefix): v for k, v in point.items() if k.startswith(prefix)}
+
+
+def parameters_of(point: dict[str, Any]) -> dict[str, Any]:
+    """The stack's parameters that a point of the matrix sets."""
+    return _below(_PARAMETERS, point)
+
+
+def objects_of(
+    objects: dict[str, ObjectVariation], point: dict[str, Any], where: str, memo: Memo
+) -> tuple[dict[str, ObjectVariation], list[Mistake]]:
+    """Variations of objects by name, with what a point of the matrix sets."""
+    changed = dict(objects)
+    mistakes: list[Mistake] = []
+    for name in sorted({axis.rpartition(".")[0] for axis in _below(_OBJECTS, point)}):
+        variation = objects.get(name, ObjectVariation())
+        changed[name], found = section_of(variation, f"{_OBJECTS}{name}", point, where, memo)
+        mistakes += found
+    return changed, mistakes
+
+
+def sensors_of(
+    sensors: Sensors, point: dict[str, Any], where: str, memo: Memo
+) -> tuple[Sensors, list[Mistake]]:
+    """The sensors with the fields that a point of the matrix sets."""
+    changed: dict[str, Any] = {}
+    mistakes = []
+    for name in sensors.__struct_fields__:
+        prefix = f"sensors.{name}"
+        section, found = section_of(getattr(sensors, name), prefix, point, where, memo)
+        mistakes += found
+        if section is getattr(sensors, name):
+            continue
+        changed[name] = section
+        if section is not None and not section.on and f"{prefix}.on" not in point:
+            mistakes.append(
+                Mistake(f"{where}.{prefix}", f"{name} is off; add '{name}: {{}}' to sensors")
+            )
+    return (msgspec.structs.replace(sensors, **changed) if changed else sensors), mistakes
+
+
+def case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -> str:
+    """Known axes first, in a fixed order; the rest by name: the file's order does not matter."""
+    parts = []
+    if "model" in point:
+        parts.append(model)
+    if "time_of_day" in point:
+        parts.append(time_of_day.replace(":", ""))
+    if "weather" in point:
+        parts.append(weather)
+    for axis in sorted(set(point) - {"model", "time_of_day", "weather"}):
+        label = re.sub(r"[^A-Za-z0-9_.]+", "_", axis.split(".", 1)[-1])
+        parts.append(f"{label}_{_plain(axis, point[axis])}")
+    return "-".join(parts) or "case"
+
+
+def _plain(axis: str, value: bool | int | float | str) -> str:
+    """A value in characters that may stand in the name of a folder."""
+    text = str(value).lower() if isinstance(value, bool) else f"{value}"
+    if axis.startswith((_PARAMETERS, _OBJECTS)) and isinstance(value, int | float) and value < 0:
+        text = f"minus{text}"  # -1 and 1 are two cases
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", text).strip("_.") or "x"

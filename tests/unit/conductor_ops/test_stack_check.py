@@ -1,0 +1,134 @@
+"""conductor.stack_check: a stack is checked by its source, and nothing of it is run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+import conductor.stack_check
+from conductor.source import check, load, shipped
+from schemas.autonomy import Autonomy
+
+STACK = """
+from devkit.stack import Stack
+
+class Plain(Stack):
+    pass
+
+class Tuned(Stack):
+    def __init__(self, slots, *, speed_mps=8.0, ttc_s: float = 2.0):
+        super().__init__(slots)
+
+class Finer(Tuned):
+    def step(self, observation): ...
+
+class Open(Stack):
+    def __init__(self, slots, **more): ...
+
+class _Private(Stack): ...
+
+if True:
+    class Conditional(Stack): ...
+
+Made = type("Made", (Stack,), {})
+from devkit.aeb import AebStack as Renamed
+from .beside import Beside
+from unknown_library import Foreign
+class Derived(Foreign): ...
+"""
+EXIT = "raise SystemExit(0)\n"
+"""A module that ends whoever imports it, as if all were well."""
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """The package ``own_stacks`` with a subpackage; importing any of it ends the process."""
+    folder = tmp_path / "own_stacks" / "sub"
+    folder.mkdir(parents=True)
+    (tmp_path / "own_stacks" / "__init__.py").write_text(EXIT)
+    (folder / "__init__.py").write_text(EXIT)
+    (folder / "stack.py").write_text(EXIT + STACK)
+    (folder / "beside.py").write_text(EXIT + "class Beside:\n    def __init__(self, slots, a): 0\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield "own_stacks.sub.stack"
+    assert not any(name.startswith("own_stacks") for name in sys.modules)
+
+
+def lines(stack, **parameters):
+    """What is wrong with a campaign of this stack."""
+    autonomy = {"stack": stack, "parameters": parameters}
+    _, mistakes = check({"campaign": "c", "autonomy": autonomy, "matrix": {"repeat": [0]}})
+    return [mistake.line("c.yaml") for mistake in mistakes]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("Plain", {}),
+        ("Tuned", {"speed_mps": 3, "ttc_s": 1}),
+        ("Finer", {"ttc_s": 1}),
+        ("Open", {"anything": 1}),
+        ("Conditional", {}),
+        ("Made", {"anything": 1}),
+        ("Renamed", {"cruise_speed_mps": 5.0}),
+        ("Beside", {"a": 1}),
+        ("Foreign", {"anything": 1}),
+        ("Derived", {"anything": 1}),
+    ],
+)
+def test_a_stack_that_may_be_built_passes_without_being_imported(package, name, parameters):
+    assert lines(f"{package}:{name}", **parameters) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "words"),
+    [
+        ("Tund", {}, ["autonomy.stack: given", "no class 'Tund'", "did you mean 'Tuned'?"]),
+        ("Tuned", {"speed": 3}, ["autonomy.parameters.speed: unknown", "'speed_mps'", "ttc_s"]),
+        ("Finer", {"speed": 3}, ["unknown parameter of", ":Finer", "speed_mps"]),
+        ("Plain", {"speed": 3}, ["unknown parameter of", "it takes none"]),
+        ("Renamed", {"cruise_mps": 5}, ["did you mean 'cruise_speed_mps'?"]),
+        ("Beside", {"b": 1}, ["unknown parameter of", "allowed: a"]),
+    ],
+)
+def test_a_missing_class_or_an_unknown_parameter_is_one_line(package, name, parameters, words):
+    (line,) = lines(f"{package}:{name}", **parameters)
+    assert all(word in line for word in words), line
+    assert "_Private" not in line
+
+
+def test_parameters_that_are_an_axis_are_checked_too(package):
+    data = {
+        "campaign": "c",
+        "autonomy": {"stack": f"{package}:Tuned"},
+        "matrix": {"autonomy.parameters.sped_mps": [1.0, 2.0]},
+    }
+    _, (mistake,) = check(data)
+    assert mistake.path == "autonomy.parameters.sped_mps"
+
+
+@pytest.mark.parametrize("module", ["own_stacks.sub.none", "own_stacks.sub.stack.none", "nowhere"])
+def test_a_missing_module_is_one_line(package, module):
+    (line,) = lines(f"{module}:Stack")
+    assert f"no module '{module}'" in line
+
+
+def test_the_shipped_stacks_pass():
+    assert lines(Autonomy().stack, cruise_speed_mps=5) == []
+    for name in shipped():
+        assert load(name).campaign == name
+
+
+def test_a_missing_package_of_a_bridge_is_one_line(monkeypatch):
+    real = conductor.stack_check.locate
+    monkeypatch.setattr(
+        conductor.stack_check, "locate", lambda name: None if name == "websockets" else real(name)
+    )
+    autonomy = {"command": ["python", "script.py"], "bridge": "autodrive"}
+    sensors = {name: {} for name in ("encoders", "imu", "pose")}
+    data = {"autonomy": autonomy, "sensors": sensors, "cameras": [{"name": "front_left"}]}
+    _, mistakes = check({"campaign": "c", **data, "matrix": {"repeat": [0]}})
+    (line,) = [mistake.line("c.yaml") for mistake in mistakes]
+    assert "autonomy.bridge: 'autodrive' needs the package websockets" in line
+    assert "pip install 'drivetwin[autodrive]'" in line
