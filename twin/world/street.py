@@ -74,13 +74,6 @@ class World:
         return self.instances
 
     @property
-    def target(self) -> np.ndarray | None:
-        """What a jump scare is about, its hull [5]: the broken-down car; None: nothing stands in
-        the lane."""
-        hull: np.ndarray = self.colliders[0]
-        return hull
-
-    @property
     def classes(self) -> np.ndarray:
         """int32 [I]: class of every instance."""
         static = self.static_classes or (0,) * self.instances
