@@ -5,11 +5,13 @@ from __future__ import annotations
 import msgspec
 
 from conductor.case_table import pack
-from conductor.facts import Submitted
-from conductor.state import State
-from schemas.campaign import parse_cases
-from schemas.identity import campaign_digest
+from conductor.facts import Relocated, Submitted
+from conductor.relocate import moved
+from conductor.state import CampaignState, State
+from schemas.campaign import Campaign, parse_cases
+from schemas.identity import DIGESTS, campaign_digest
 from schemas.messages import Submit
+from schemas.stack_identity import difference
 from schemas.words import plain
 
 CAMPAIGNS_MAX = 5000
@@ -32,12 +34,49 @@ def _too_much(state: State, cases: int) -> str:
     return ""
 
 
-def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
+def _conflict(
+    state: State, known: CampaignState, given: Campaign, digest: str, software: str
+) -> str:
+    """Why a campaign is none that is known by its name, in one line."""
+    name = given.campaign
+    # `conductor run` has a state folder per campaign; one that serves knows campaigns by name.
+    alone = known.out == state.config.folder
+    elsewhere = "give another folder with --out" if alone else "submit it under another name"
+    if known.digests != DIGESTS:
+        return (
+            f"{name}: {known.out} was begun by another version of drivetwin, whose digests are "
+            f"taken over other things; finish it with that version, or {elsewhere}"
+        )
+    before, now = known.campaign.stack_identity, given.stack_identity
+    what = difference(before, now) if before.digest else ""
+    if what:
+        return (
+            f"{name}: {known.out} was begun with another version of the stack: {what} (stack "
+            f"digest {before.digest[:12]}, now {now.digest[:12] or 'none'}); put it back, or "
+            f"{elsewhere}"
+        )
+    old, new = known.campaign.files | before.named, given.files | now.named
+    other = [path for path, sha in old.items() if new.get(path, sha) != sha]
+    if other:
+        return (
+            f"{name}: {known.out} was begun with another {plain(other[0], 200)}, or file that it "
+            f"names (SHA-256 {old[other[0]][:12]}, now {new[other[0]][:12]}); put it back, or "
+            f"{elsewhere}"
+        )
+    older = known.software and software and known.software != software
+    why = " (or the software, which is another now, has new defaults)" if older else ""
+    return (
+        f"{name}: {known.out} holds a campaign of this name with other cases{why} (digest "
+        f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
+    )
+
+
+def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, list[str]]:
     """Check a submission.
 
     Returns:
-        The fact and no errors; or None and no errors: the campaign is known, this is a resume; or
-        None and the errors, one line each.
+        The fact and no errors; or the fact that its files were moved, or None, and no errors: the
+        campaign is known, this is a resume; or None and the errors, one line each.
     """
     given = str(request.campaign.get("campaign", "campaign"))[:80]
     view = {} if state.config.view is None else {"view": state.config.view.value}
@@ -48,14 +87,10 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
     digest = campaign_digest(campaign, cases)
     known = state.campaigns.get(name)
     if known is not None and known.digest == digest:
-        return None, []
+        paths = moved(known.campaign, campaign)
+        return (Relocated(name, paths) if paths else None), []
     if known is not None:
-        older = known.software and request.software and known.software != request.software
-        why = " (or the software, which is another now, has new defaults)" if older else ""
-        return None, [
-            f"{name}: {known.out} holds a campaign of this name with other cases{why} (digest "
-            f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
-        ]
+        return None, [_conflict(state, known, campaign, digest, request.software)]
     out = request.out or f"{state.config.folder}/{name}"
     if not out.startswith("/"):
         return None, [f"{name}: out folder '{plain(out, 200)}': give an absolute path"]
@@ -80,5 +115,6 @@ def admit(state: State, request: Submit) -> tuple[Submitted | None, list[str]]:
         out=out,
         software=request.software,
         priority=request.priority,
+        digests=DIGESTS,
     )
     return fact, []

@@ -25,6 +25,7 @@ from conductor.facts import (
     Pinned,
     Replied,
     Shortened,
+    Submitted,
     WorkerJoined,
     WorkerLeft,
 )
@@ -171,7 +172,7 @@ def _hello(turn: Turn, request: Hello) -> Reply:
             "a new start needs a new id"
         )
     turn.emit(seen(state, request.worker, (), turn.now_ns))
-    return turn.reply(status=_notes(mismatches(state, joined)))
+    return turn.reply(status=_notes(mismatches(state, state.workers[request.worker])))
 
 
 def _oversized(request: Hello) -> str:
@@ -230,7 +231,7 @@ def _next(turn: Turn, request: Next) -> Reply:
             remaining_s=request.remaining_s,
         )
     )
-    notes = [] if leases else mismatches(state, worker.joined)
+    notes = [] if leases else mismatches(state, worker)
     reply = turn.reply(
         worker,
         seq=request.seq,
@@ -373,11 +374,11 @@ def _bye(turn: Turn, request: Bye) -> Reply:
 
 
 def _submit(turn: Turn, request: Submit) -> Reply:
-    submitted, errors = admit(turn.state, request)
+    fact, errors = admit(turn.state, request)
     if errors:
         return turn.reply(error="\n".join(errors))
-    if submitted is not None:
-        turn.emit(submitted)
+    if fact is not None:
+        turn.emit(fact)
     name = str(request.campaign["campaign"])
     campaign = turn.state.campaigns[name]
     return turn.reply(
@@ -387,7 +388,7 @@ def _submit(turn: Turn, request: Submit) -> Reply:
             "cases": len(campaign.cases),
             "left": campaign.left,
             "digest": campaign.digest,
-            "resumed": submitted is None,
+            "resumed": not isinstance(fact, Submitted),
         }
     )
 

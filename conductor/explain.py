@@ -81,10 +81,10 @@ def _waiting(state: State, campaign: CampaignState, case: CaseState, now_ns: int
 def _workers(
     state: State, campaign: CampaignState, case: CaseState, here: list[WorkerState], now_ns: int
 ) -> Iterator[str]:
-    matching = [w for w in here if not mismatch(campaign, w.joined)]
+    matching = [w for w in here if not mismatch(campaign, w)]
     if not matching:
         yield f"waits: none of {_count(len(here), 'worker')} may run it"
-        yield from sorted({mismatch(campaign, worker.joined) for worker in here})
+        yield from sorted({mismatch(campaign, worker) for worker in here})
         return
     serving = [worker for worker in matching if not worker.draining]
     if not serving:

@@ -51,6 +51,16 @@ class Submitted(_Fact, frozen=True):
     """Software digest of the installation that submitted; information only."""
     priority: int = 0
     """Campaigns of a higher one are served first."""
+    digests: int = 0
+    """Version of ``digest``, see :data:`schemas.identity.DIGESTS`."""
+
+
+class Relocated(_Fact, frozen=True):
+    """A campaign was submitted again whose files, of the same content, lie elsewhere now."""
+
+    campaign: str
+    paths: dict[str, str]
+    """Path of a file, as it was -> as it is."""
 
 
 class Pinned(_Fact, frozen=True):
@@ -265,6 +275,7 @@ class Draining(_Fact, frozen=True):
 Durable = (
     EpochRaised
     | Submitted
+    | Relocated
     | Pinned
     | WorkerJoined
     | WorkerLeft

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from conductor.backlog import Backlog
-from conductor.case_table import CaseTable, unpack
+from conductor.case_table import CaseTable, pack, unpack
 from conductor.facts import (
     ALONE,
     SHARED,
@@ -25,6 +25,7 @@ from conductor.facts import (
     Leased,
     Paused,
     Pinned,
+    Relocated,
     Replied,
     Retried,
     Seen,
@@ -37,6 +38,7 @@ from conductor.facts import (
     WorkerLeft,
 )
 from conductor.lease import token_of
+from conductor.relocate import campaign_at, case_at
 from conductor.snapshot import restore
 from conductor.state import (
     FAR_NS,
@@ -124,6 +126,7 @@ def _submitted(state: State, fact: Submitted) -> None:
     state.campaigns[campaign.campaign] = CampaignState(
         campaign=campaign,
         digest=fact.digest,
+        digests=fact.digests,
         out=fact.out,
         cases={case_state.case.id: case_state for case_state in ordered},
         ordered=ordered,
@@ -133,6 +136,23 @@ def _submitted(state: State, fact: Submitted) -> None:
         priority=fact.priority,
         left=len(cases),
         submitted=fact,
+    )
+
+
+def _relocated(state: State, fact: Relocated) -> None:
+    campaign = state.campaigns[fact.campaign]
+    campaign.campaign = campaign_at(campaign.campaign, fact.paths)
+    # Cases go through a table, which lets them share equal sections.
+    cases = pack([case_at(case.case, fact.paths) for case in campaign.ordered])
+    for case_state, case in zip(campaign.ordered, unpack(cases), strict=True):
+        case_state.case = case
+    campaign.submitted = Submitted(
+        campaign=msgspec.to_builtins(campaign.campaign),
+        cases=cases,
+        digest=campaign.digest,
+        digests=campaign.digests,
+        out=campaign.out,
+        priority=campaign.priority,
     )
 
 
@@ -269,6 +289,8 @@ def _attempt_ended(state: State, fact: AttemptEnded) -> None:
         host, key = _host(state, fact.token), (fact.campaign, fact.case)
         known = state.deaths.get(host, ())
         state.deaths[host] = known if key in known else (*known, key)
+    if fact.reason == "refused":
+        state.workers[state.leases[fact.token].worker].refused[fact.campaign] = fact.detail
     if fact.reason == "intervened":
         number = state.leases[fact.token].attempt
         case.steered += (SteeredAttempt(number, fact.detail),)
@@ -401,6 +423,7 @@ def _draining(state: State, _: Draining) -> None:
 _FOLDS: dict[type[Any], Callable[[State, Any], None]] = {
     EpochRaised: _epoch_raised,
     Submitted: _submitted,
+    Relocated: _relocated,
     Pinned: _pinned,
     WorkerJoined: _worker_joined,
     WorkerLeft: _worker_left,

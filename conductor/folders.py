@@ -102,6 +102,11 @@ class Folders:
         if self._conductor_file is not None:
             self._stale[out / CONDUCTOR_FILE] = msgspec.json.encode(self._conductor_file) + b"\n"
 
+    def relocated(self, campaign: CampaignState) -> None:
+        """Its files lie elsewhere now."""
+        self._yaml.pop(campaign.campaign.campaign, None)
+        self.open_campaign(campaign)
+
     def record(self, campaign: CampaignState) -> None:
         """Write the outcomes as they stand."""
         self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)

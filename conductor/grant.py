@@ -25,9 +25,14 @@ _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 """The golden ratio's part below 1: its multiples, modulo 1, are spread evenly however many."""
 
 
-def mismatch(campaign: CampaignState, worker: WorkerJoined) -> str:
-    """Why ``worker`` may not run ``campaign``, in one line; empty if it may."""
-    name = campaign.campaign.campaign
+def mismatch(campaign: CampaignState, state: WorkerState) -> str:
+    """Why a worker may not run ``campaign``, in one line; empty if it may."""
+    name, worker = campaign.campaign.campaign, state.joined
+    if name in state.refused:
+        return (
+            f"{worker.worker}: {state.refused[name]}; it gets no case of campaign '{name}' "
+            "until it is started again"
+        )
     if campaign.pinned and campaign.software != worker.software:
         return (
             f"{worker.worker}: software {worker.software[:12]} is not the {campaign.software[:12]} "
@@ -59,7 +64,7 @@ def _lacks(requires: Requirements, worker: WorkerJoined) -> str:
     return f"has not the tag {', '.join(missing)}" if missing else ""
 
 
-def mismatches(state: State, worker: WorkerJoined) -> list[str]:
+def mismatches(state: State, worker: WorkerState) -> list[str]:
     """One line per unfinished campaign that ``worker`` may not run."""
     lines = (mismatch(campaign, worker) for campaign in state.campaigns.values() if campaign.left)
     return [line for line in lines if line]
@@ -117,7 +122,7 @@ class Asker:
         return (
             bool(len(campaign.backlog))
             and not campaign.paused
-            and not mismatch(campaign, self.worker.joined)
+            and not mismatch(campaign, self.worker)
             and not shunned(self.state, campaign, self.worker, self.now_ns)
             and fits(self.state.config, campaign, self.request.remaining_s)
         )
@@ -176,7 +181,7 @@ def _able(state: State, campaign: CampaignState, now_ns: int) -> Iterator[Worker
         if (
             not worker.draining
             and present(state, worker, now_ns)
-            and not mismatch(campaign, worker.joined)
+            and not mismatch(campaign, worker)
         ):
             yield worker
 

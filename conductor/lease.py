@@ -35,6 +35,7 @@ POLICIES: dict[Release, Policy] = {
     "walltime": Policy(charged=False, alone=False),
     "lost": Policy(charged=False, alone=False),
     "intervened": Policy(charged=False, alone=False),
+    "refused": Policy(charged=False, alone=False),
     "suspect": Policy(charged=False, alone=True),
     "crash": Policy(charged=True, alone=True),
     "deadline": Policy(charged=True, alone=True),

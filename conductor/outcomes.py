@@ -82,6 +82,8 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     schema: int = SCHEMA_VERSION
     campaign: str
     digest: str
+    digests: int = 0
+    """Version of ``digest``, see :data:`schemas.identity.DIGESTS`."""
     seed: int
     simulator: str
     software: str
@@ -151,6 +153,7 @@ def _head(campaign: CampaignState) -> Outcomes:
     return Outcomes(
         campaign=campaign.campaign.campaign,
         digest=campaign.digest,
+        digests=campaign.digests,
         seed=campaign.campaign.seed,
         simulator=campaign.campaign.simulator,
         clock=campaign.campaign.clock,

@@ -25,6 +25,7 @@ from conductor.facts import (
     Committed,
     Fact,
     Pinned,
+    Relocated,
     Replied,
     Snapshot,
     Submitted,
@@ -282,6 +283,8 @@ class Conductor:
                     name = fact.campaign["campaign"]
                     self._folders.open_campaign(campaigns[name])
                     self._folders.changed(name)
+                case Relocated():
+                    self._folders.relocated(campaigns[fact.campaign])
                 case Pinned():
                     self._folders.open_campaign(campaigns[fact.campaign])
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}

@@ -63,6 +63,7 @@ class _WorkerHead(Struct, frozen=True, array_like=True):
     joined: WorkerJoined
     tokens: list[int]
     draining: bool
+    refused: dict[str, str] = {}
 
 
 class _LeaseHead(Struct, frozen=True, array_like=True):
@@ -147,7 +148,7 @@ def _head(state: State) -> _Head:
         groups=state.groups,
         campaigns={name: _campaign_head(c) for name, c in state.campaigns.items()},
         workers=[
-            _WorkerHead(worker.joined, list(worker.tokens), worker.draining)
+            _WorkerHead(worker.joined, list(worker.tokens), worker.draining, worker.refused)
             for worker in state.workers.values()
         ],
         departed=list(state.departed),
@@ -219,6 +220,7 @@ def _restore_head(state: State, head: _Head) -> None:
             joined=worker.joined,
             tokens=dict.fromkeys(worker.tokens),
             draining=worker.draining,
+            refused=dict(worker.refused),
         )
         for worker in head.workers
     }

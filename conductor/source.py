@@ -12,12 +12,15 @@ from conductor.repository import with_repository
 from conductor.scene_check import scene_mistakes
 from conductor.stack_check import stack_mistakes
 from schemas.assets import asset_digest, file_digest, is_path
+from schemas.autonomy import driver
 from schemas.campaign import UNREPEATABLE, Campaign, Case, only, parse_campaign, parse_cases
 from schemas.lidar import Lidar
 from schemas.perception import file_fields, with_absolute_files
+from schemas.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
+from twin.fabric.stack_identity.identity import Named, find_stack, named_files
 
 _SHIPPED = Path(__file__).parent / "campaigns"
 
@@ -72,7 +75,27 @@ def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
         campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
-    return msgspec.structs.replace(campaign, files=_digests(campaign))
+    return msgspec.structs.replace(
+        campaign, files=_digests(campaign), stack_identity=_identity(campaign, shown)
+    )
+
+
+def _identity(campaign: Campaign, shown: str) -> StackIdentity:
+    """What the campaign's stack consists of; nothing of it is run."""
+    autonomy = campaign.autonomy
+    driven = driver(autonomy)
+    named = Named(driven["stack"], driven.get("foreign"), autonomy.files)
+    prefix = "autonomy.parameters."
+    points = [{axis: value} for axis, values in campaign.matrix.items() for value in values]
+    points += campaign.cases
+    parameters = list(autonomy.parameters.values())
+    parameters += [v for point in points for axis, v in point.items() if axis.startswith(prefix)]
+    try:
+        identity = find_stack(named).identity
+        return msgspec.structs.replace(identity, named=named_files(parameters))
+    except UsageError as error:
+        key = "command" if autonomy.command else "stack"
+        raise UsageError(Mistake(f"autonomy.{key}", str(error)).line(shown)) from None
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
@@ -147,7 +170,7 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
     campaign, cases, mistakes = parse_cases(data)
     if campaign is None:
         return None, mistakes
-    campaign = _with_absolute_models(campaign, folder or Path())
+    campaign = _with_absolute_files(campaign, folder or Path())
     mistakes = _missing_files(cases)
     mistakes = mistakes or [*_missing_mounts(cases), *scene_mistakes(campaign, cases)]
     mistakes += _missing_models(campaign, cases)
@@ -176,9 +199,10 @@ def _missing_image(campaign: Campaign) -> list[Mistake]:
     return mistakes
 
 
-def _with_absolute_models(campaign: Campaign, folder: Path) -> Campaign:
+def _with_absolute_files(campaign: Campaign, folder: Path) -> Campaign:
     variants = with_absolute_files(campaign.autonomy.perception, folder)
-    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
+    files = [str((folder / path).absolute()) for path in campaign.autonomy.files]
+    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants, files=files)
     return msgspec.structs.replace(campaign, autonomy=autonomy)
 
 

@@ -46,7 +46,7 @@ def may_race(state: State, campaign: CampaignState, request: Next, worker: Worke
     return (
         not campaign.paused
         and not len(campaign.backlog)
-        and not mismatch(campaign, worker.joined)
+        and not mismatch(campaign, worker)
         and not broken(state, worker.joined.host)
         and fits(state.config, campaign, request.remaining_s)
     )

@@ -7,16 +7,16 @@ right; the process that loads the stack says what is wrong with it then.
 from __future__ import annotations
 
 import ast
-import importlib.util
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from schemas.autonomy import Autonomy
 from schemas.campaign import Campaign, Case
 from schemas.foreign import BRIDGE_PACKAGES
 from schemas.validation import Mistake, suggest
+from twin.fabric.stack_identity.imports import locate
 
 CHAIN_MAX = 20
 """Most modules that are looked through for a class: re-exports and bases lead from one to the
@@ -72,22 +72,6 @@ def _missing_packages(autonomy: Autonomy) -> list[Mistake]:
         for package in BRIDGE_PACKAGES.get(autonomy.bridge, ())
         if locate(package) is None
     ]
-
-
-def locate(module: str) -> ModuleSpec | None:
-    """Where a module is, without importing its parent packages; None: nowhere."""
-    first, *parts = module.split(".")
-    try:
-        spec = importlib.util.find_spec(first)  # of a top-level name: imports nothing
-    except (ImportError, ValueError):
-        return None
-    name = first
-    for part in parts:
-        if spec is None or spec.submodule_search_locations is None:
-            return None
-        name = f"{name}.{part}"
-        spec = PathFinder.find_spec(name, list(spec.submodule_search_locations))
-    return spec
 
 
 @dataclass(frozen=True, slots=True)

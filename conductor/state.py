@@ -187,6 +187,8 @@ class CampaignState:
 
     campaign: Campaign
     digest: str
+    digests: int
+    """Version of ``digest``, see :data:`schemas.identity.DIGESTS`."""
     out: str
     cases: dict[str, CaseState]
     ordered: list[CaseState] = field(compare=False)
@@ -247,6 +249,8 @@ class WorkerState:
     replied: Replied | None = None
     draining: bool = False
     """Asked to finish."""
+    refused: dict[str, str] = field(default_factory=dict)
+    """Campaign -> why its rigs cannot be built there: a file is not what was submitted."""
     seen_ns: int = _volatile(0)
     remaining_s: float | None = _volatile(None)
     """Walltime left, as it last said [s]."""

@@ -20,7 +20,7 @@ def status(state: State, now_ns: int) -> dict[str, Any]:
             line
             for worker in state.workers.values()
             if present(state, worker, now_ns)
-            for line in mismatches(state, worker.joined)
+            for line in mismatches(state, worker)
         ],
         "broken_hosts": _broken(state),
     }

@@ -17,6 +17,7 @@ from devkit.replay_command import replay
 from devkit.training_commands import evaluate, train
 from schemas.expected import Expected
 from schemas.foreign import Foreign
+from schemas.stack_identity import StackSource
 from twin.fabric.ahead import LATER
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
@@ -49,6 +50,9 @@ def host(
     expected: Annotated[
         str, typer.Option(help="What its cases will look with, as JSON; loaded beforehand.")
     ] = "[]",
+    source: Annotated[
+        str, typer.Option(help="What the stack consisted of at submission, as JSON.", hidden=True)
+    ] = "{}",
     # No TWIN_KEY: that names keys of the conductor's fabric, none of which opens a rig.
     key: Annotated[
         Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
@@ -88,8 +92,22 @@ def host(
         first = msgspec.json.decode(expected, type=list[Expected])
     except msgspec.MsgspecError as error:
         raise UsageError(f"--expected: {error}") from None
-    found = load_key(key, Role.stack) if key else None
-    options = HostOptions(connect, rig, namespace, slots, stack, values, found, command, first)
+    try:
+        submitted = msgspec.json.decode(source, type=StackSource)
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"--source: {error}") from None
+    options = HostOptions(
+        connect=connect,
+        rig=rig,
+        namespace=namespace,
+        slots=slots,
+        stack=stack,
+        parameters=values,
+        key=load_key(key, Role.stack) if key else None,
+        foreign=command,
+        expected=first,
+        source=submitted,
+    )
     raise typer.Exit(run_host(options))
 
 

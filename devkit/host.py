@@ -11,7 +11,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,11 @@ from schemas import SCHEMA_VERSION
 from schemas.expected import Expected
 from schemas.foreign import Foreign
 from schemas.messages import Commands
+from schemas.stack_identity import StackSource
 from twin.fabric import cuda
+from twin.fabric.bus import Bus
 from twin.fabric.drive import Incoming, StackEnd
-from twin.fabric.errors import InfrastructureError, TwinError
+from twin.fabric.errors import InfrastructureError, RefusedError, TwinError
 from twin.fabric.files import write_atomic
 from twin.fabric.key_file import Key, read_private
 from twin.fabric.pauses import settle
@@ -40,6 +42,8 @@ from twin.fabric.process import (
     spawn,
     watch_lifeline,
 )
+from twin.fabric.stack_identity.identity import Named, confirm, shown_name
+from twin.fabric.stack_identity.loaded import LoadedModules
 from twin.fabric.zenoh_bus import open_bus
 
 CONNECT_TIMEOUT_S = 20.0
@@ -65,6 +69,13 @@ class HostOptions:
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
     expected: Sequence[Expected] = ()
     """What its first cases will look with."""
+    source: StackSource = field(default_factory=StackSource)
+    """What the stack consisted of when the campaign was submitted."""
+
+    @property
+    def named(self) -> Named:
+        """What the campaign says of the stack."""
+        return Named(self.stack, self.foreign, self.source.files)
 
 
 def run_host(options: HostOptions) -> int:
@@ -102,6 +113,11 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
     ending = Ending(clear)
     watch_script_lifeline(supervised=supervised, ending=ending)
     try:
+        try:
+            confirm(options.named, options.source, options.parameters)
+        except RefusedError as error:
+            _refuse(options, error)
+            raise
         command, folder = placed(foreign, options.rig)
         script = Script(command, variables, folder)
         return _run_stack(options, script) if options.stack else run_command(script, ending)
@@ -120,32 +136,68 @@ def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[],
 
 
 def _run_stack(options: HostOptions, script: Script | None) -> int:
-    bus = open_bus(
+    bus = _open_bus(options)
+    try:
+        link = StackEnd(bus, options.rig, options.slots)
+        try:
+            stack, loaded = _loaded(
+                options.named, options.source, options.slots, options.parameters
+            )
+            try:
+                if isinstance(stack, ScriptBridge):
+                    stack.attach(script)
+                expect(stack, options.expected)
+                serve(link, stack, loaded)
+            finally:
+                stack.close()
+        except RefusedError as error:
+            link.refuse(str(error))
+            raise
+    finally:
+        bus.close()
+    return 0
+
+
+def _open_bus(options: HostOptions) -> Bus:
+    return open_bus(
         "peer",
         connect=[options.connect],
         namespace=options.namespace,
         key=options.key,
         connect_timeout_s=CONNECT_TIMEOUT_S,
     )
+
+
+def _refuse(options: HostOptions, error: RefusedError) -> None:
+    """Tell the simulator why the command of a stack is not started."""
+    bus = _open_bus(options)
     try:
-        link = StackEnd(bus, options.rig, options.slots)
-        try:
-            stack = load_stack(options.stack, options.slots, options.parameters)
-        except StackError as error:
-            raise InfrastructureError(str(error)) from None
-        try:
-            if isinstance(stack, ScriptBridge):
-                stack.attach(script)
-            expect(stack, options.expected)
-            serve(link, stack)
-        finally:
-            stack.close()
+        StackEnd(bus, options.rig, options.slots).refuse(str(error))
     finally:
         bus.close()
-    return 0
 
 
-def serve(link: StackEnd, stack: Stack) -> None:
+def _loaded(
+    named: Named, source: StackSource, slots: int, parameters: dict[str, Any]
+) -> tuple[Stack, LoadedModules | None]:
+    """The stack, and what watches which modules it loads.
+
+    Raises:
+        InfrastructureError: it cannot be loaded; one line.
+        RefusedError: it is not the one that was submitted; one line.
+    """
+    found = confirm(named, source, parameters) if named.foreign is None else None
+    loaded = LoadedModules(found, shown_name(named)) if found is not None else None
+    try:
+        stack = load_stack(named.stack, slots, parameters)
+    except StackError as error:
+        raise InfrastructureError(str(error)) from None
+    if loaded is not None:
+        loaded.check()
+    return stack, loaded
+
+
+def serve(link: StackEnd, stack: Stack, loaded: LoadedModules | None = None) -> None:
     """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
     link.takes_device_frames = takes_device_frames(stack)
     settle()
@@ -153,6 +205,10 @@ def serve(link: StackEnd, stack: Stack) -> None:
         incoming = link.receive(lambda: None)
         try:
             commands = answer(stack, incoming)
+            if loaded is not None:
+                loaded.check()
+        except RefusedError:
+            raise
         except Exception as error:
             link.answer(refusal(incoming.tick.seq, error))
             raise
@@ -195,22 +251,33 @@ def refusal(seq: int, error: Exception) -> Commands:
 class Inline:
     """A stack in the simulator's process, which names this class and imports none of it."""
 
-    def __init__(self, entry_point: str, slots: int, parameters: dict[str, Any]) -> None:
-        """Load the stack.
+    def __init__(
+        self, entry_point: str, slots: int, parameters: dict[str, Any], source: StackSource
+    ) -> None:
+        """Load the stack; ``source``: what it consisted of when the campaign was submitted.
 
         Raises:
             InfrastructureError: it cannot be loaded; one line.
+            RefusedError: it is not the one that was submitted; one line.
         """
-        try:
-            self._stack = load_stack(entry_point, slots, parameters)
-        except StackError as error:
-            raise InfrastructureError(str(error)) from None
+        self._stack, self._loaded = _loaded(
+            Named(entry_point, None, source.files), source, slots, parameters
+        )
         self.takes_device_frames = takes_device_frames(self._stack)
 
     def answer(self, incoming: Incoming) -> Commands:
-        """The commands for one seq, or the reason why there are none."""
+        """The commands for one seq, or the reason why there are none.
+
+        Raises:
+            RefusedError: a file is not what the campaign was submitted with; one line.
+        """
         try:
-            return answer(self._stack, incoming)
+            commands = answer(self._stack, incoming)
+            if self._loaded is not None:
+                self._loaded.check()
+            return commands
+        except RefusedError:
+            raise
         except Exception as error:
             traceback.print_exc()
             return refusal(incoming.tick.seq, error)

@@ -13,6 +13,7 @@ from devkit.detector_runtime import ModelError, RuntimeName
 from schemas.assets import file_digest
 from schemas.perception import NetworkPerception, file_fields, is_model_path
 from schemas.validation import suggest
+from twin.fabric.errors import RefusedError
 
 _SHIPPED = Path(__file__).parent / "models"
 
@@ -66,13 +67,16 @@ def runtime_of(variant: NetworkPerception, device: str) -> tuple[RuntimeName, st
 
 def _check_content(path: Path, expected: str | None) -> None:
     try:
-        if expected is not None and file_digest(path) != expected:
-            raise ModelError(
-                f"{path}: not the file that the campaign was submitted with; put it back, or submit"
-                " again under another folder"
-            )
+        other = expected is not None and file_digest(path) != expected
     except OSError as error:
-        raise ModelError(f"{path}: {error.strerror or error}") from None
+        # It was there when the campaign was submitted.
+        kind = ModelError if expected is None else RefusedError
+        raise kind(f"{path}: {error.strerror or error}") from None
+    if other:
+        raise RefusedError(
+            f"{path}: not the file that the campaign was submitted with; put it back, or run"
+            " the campaign anew with another --out"
+        )
 
 
 def _shipped(name: str) -> Path:

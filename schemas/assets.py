@@ -51,7 +51,8 @@ def asset_files(path: Path) -> list[Path]:
 
 
 def asset_digest(path: Path) -> str:
-    """SHA-256 over the names (relative to the file's folder) and contents of :func:`asset_files`.
+    """SHA-256 over the contents of :func:`asset_files` and, but for the file itself, their names
+    relative to its folder.
 
     Raises:
         YamlError: not readable, or not YAML.
@@ -59,7 +60,7 @@ def asset_digest(path: Path) -> str:
     """
     sha = hashlib.sha256()
     for file in asset_files(path):
-        name = os.path.relpath(file, path.parent)
+        name = os.path.relpath(file, path.parent) if file != path else ""
         sha.update(f"{name}\0{file_digest(file)}\n".encode())
     return sha.hexdigest()
 

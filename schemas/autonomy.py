@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -20,6 +21,7 @@ from schemas.foreign import (
 from schemas.names import Name
 from schemas.perception import GroundTruthPerception, Perception
 from schemas.sensors import Sensors
+from schemas.stack_identity import StackIdentity, StackSource
 from schemas.validation import Mistake
 
 
@@ -59,6 +61,10 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     """Share of the commands that get lost, drawn from the case's own stream [-]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
+    files: Annotated[list[Word], Meta(max_length=100)] = []
+    """Further files and folders that the stack loads: what it imports by other means than import
+    statements, data outside its package; their content is part of a case's identity. Relative to
+    the campaign file."""
     perception: dict[Name, Perception] = msgspec.field(
         default_factory=lambda: {"default": GroundTruthPerception()}
     )
@@ -69,11 +75,29 @@ DELAYS = ("latency_ms", "latency_jitter_ms", "rate_hz", "drop")
 """What a matrix may vary of the section ``autonomy``."""
 
 
-def driver(autonomy: Autonomy) -> dict[str, Any]:
-    """What a case says about the process that drives it."""
+def driver(
+    autonomy: Autonomy,
+    identity: StackIdentity = StackIdentity(),
+    parameters: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """What a case says about the process that drives it.
+
+    Args:
+        autonomy: section of the campaign.
+        identity: of the stack.
+        parameters: those of the case.
+    """
+    files = {
+        key: identity.named[value]
+        for key, value in (parameters or {}).items()
+        if isinstance(value, str) and value in identity.named
+    }
+    plain = StackIdentity(identity.digest, identity.parts)
+    source = StackSource(autonomy.files, plain, files)
     if not autonomy.command:
-        return {"stack": autonomy.stack, "slots": autonomy.slots}
+        return {"stack": autonomy.stack, "slots": autonomy.slots, "source": source}
     return {
+        "source": source,
         "stack": BRIDGES.get(autonomy.bridge, ""),
         "foreign": Foreign(
             command=autonomy.command,

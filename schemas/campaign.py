@@ -38,6 +38,7 @@ from schemas.perception import NetworkPerception as NetworkPerception
 from schemas.perception import Perception, file_fields
 from schemas.scenario import Scenario as Scenario
 from schemas.sensors import Sensors
+from schemas.stack_identity import StackIdentity, StackSource
 from schemas.validation import Mistake, convert_all, suggest
 from schemas.view_mode import Keep, Recording, View
 
@@ -129,6 +130,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     files: dict[str, str] = {}
     """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
     filled in at submission, so that a file that changes meanwhile is noticed."""
+    stack_identity: StackIdentity = StackIdentity()
+    """Digest of the stack's code and data; filled in at submission."""
 
 
 class Case(_Spec, frozen=True, kw_only=True):
@@ -173,6 +176,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Label only, from 1; 0 without batches."""
     files: dict[str, str] = {}
     """Those of :attr:`Campaign.files` that the case uses."""
+    source: StackSource = StackSource()
+    """What the stack consists of, beside what its entry point or command says."""
     view: View = "live"
     """What its simulator shows."""
     keep: Keep = "all"
@@ -410,6 +415,7 @@ def _case(
         mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
     if mistakes:
         return None, mistakes
+    parameters = campaign.autonomy.parameters | parameters_of(point)
     return (
         Case(
             id=name,
@@ -424,14 +430,14 @@ def _case(
             lidars=campaign.lidars,
             sensors=sensors,
             environment=environment,
-            **driver(campaign.autonomy),
+            **driver(campaign.autonomy, campaign.stack_identity, parameters),
             placement=campaign.autonomy.placement,
             cosim=campaign.autonomy.cosim,
             latency_ms=autonomy.latency_ms,
             latency_jitter_ms=autonomy.latency_jitter_ms,
             rate_hz=autonomy.rate_hz,
             drop=autonomy.drop,
-            parameters=campaign.autonomy.parameters | parameters_of(point),
+            parameters=parameters,
             model=str(model),
             perception=variants[str(model)],
             time_of_day_min=minutes(time_of_day),

@@ -5,10 +5,18 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterable
+from pathlib import PurePath
+from typing import Literal
 
 import msgspec
 
 from schemas.campaign import Campaign, Case
+from schemas.perception import file_fields
+from schemas.stack_identity import StackIdentity, StackSource
+
+DIGESTS = 1
+"""Version of what the digests of cases and campaigns are taken over. 0: the paths of files, and
+nothing of the stack; 1: their contents."""
 
 
 def digest(parts: Iterable[bytes]) -> str:
@@ -22,8 +30,47 @@ def digest(parts: Iterable[bytes]) -> str:
 
 def case_digest(case: Case) -> str:
     """Digest of everything that decides a case's result (batch label and viewers do not)."""
-    same = msgspec.structs.replace(case, batch=0, view="live", keep="all", drive="none")
+    same = msgspec.structs.replace(
+        by_content(case),
+        batch=0,
+        view="live",
+        keep="all",
+        drive="none",
+        files={},
+        source=_source_of(case),
+    )
     return digest([_canonical(same)])
+
+
+def _source_of(case: Case) -> StackSource:
+    """What the stack consists of: digests alone, no paths."""
+    identity = StackIdentity(case.source.identity.digest)
+    return StackSource(identity=identity, parameters=case.source.parameters)
+
+
+def by_content(case: Case) -> Case:
+    """The case with digests in place of the paths of scene, vehicle and model files: the same file
+    may lie elsewhere."""
+    if not case.files:
+        return case
+    scenario = msgspec.structs.replace(
+        case.scenario, scene=_content_of(case, "scene"), vehicle=_content_of(case, "vehicle")
+    )
+    named = file_fields(case.perception)
+    changed = {
+        # What its name ends with says what a file is.
+        key: case.files[path] + PurePath(path).suffix
+        for key, path in named.items()
+        if path in case.files
+    }
+    perception = msgspec.structs.replace(case.perception, **changed)
+    return msgspec.structs.replace(case, scenario=scenario, perception=perception)
+
+
+def _content_of(case: Case, field: Literal["scene", "vehicle"]) -> str:
+    """Digest of the scene or vehicle file; the name of a shipped one."""
+    name: str = getattr(case.scenario, field)
+    return case.files.get(name, name)
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
@@ -40,9 +87,14 @@ def rig_key(case: Case) -> str:
     shown: a rig has a recorder beside it or has none.
     """
     parts = (
-        *(case.simulator, case.control_hz, case.scenario.scene, case.scenario.vehicle),
+        *(
+            case.simulator,
+            case.control_hz,
+            _content_of(case, "scene"),
+            _content_of(case, "vehicle"),
+        ),
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement, case.simulator_files(), case.view, case.render),
+        *(case.parameters, case.placement, _source_of(case), case.view, case.render),
         *(case.foreign, case.slots, case.keep, case.clock, case.cosim),
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
@@ -65,8 +117,8 @@ def _rig_key(case: Case) -> str:
     shared = {
         "simulator": case.simulator,
         "control_hz": case.control_hz,
-        "scene": case.scenario.scene,
-        "vehicle": case.scenario.vehicle,
+        "scene": _content_of(case, "scene"),
+        "vehicle": _content_of(case, "vehicle"),
         "camera": msgspec.to_builtins(case.camera),
         "cameras": msgspec.to_builtins(case.cameras),
         "lidars": msgspec.to_builtins(case.lidars),
@@ -76,7 +128,7 @@ def _rig_key(case: Case) -> str:
         "placement": case.placement,
         "clock": case.clock,
         "cosim": case.cosim,
-        "files": case.simulator_files(),
+        "source": msgspec.to_builtins(_source_of(case)),
         "view": case.view,
         "keep": case.keep,
         "render": case.render,

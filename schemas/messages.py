@@ -306,6 +306,9 @@ class Commands(Struct, frozen=True):
     commands: list[Command]
     error: str = ""
     """Not empty: the stack cannot go on; the rig ends with this reason."""
+    refused: bool = False
+    """With an error: because a file is not what the campaign was submitted with, so no case is
+    charged. Since 1.3."""
     costs: list[PerceptionCost | None] = []
     """One per command, None where no frame was looked at; empty: the stack does not measure it."""
     wall_s: float = 0.0
@@ -363,6 +366,9 @@ class Ready(Struct, frozen=True):
     """The other side's ``ready`` has arrived."""
     minor: int = 0
     """Minor version of the drive plane that this side speaks, see :data:`schemas.DRIVE_MINOR`."""
+    refused: str = ""
+    """Not empty: the stack is not what the campaign was submitted with; the rig ends with this
+    reason, and no case is charged. Since 1.3."""
 
 
 # --- control plane ------------------------------------------------------------------------------
@@ -371,9 +377,18 @@ Outcome = Literal["verdict", "failed", "unresolved", "cancelled"]
 """Terminal outcomes of a case; exactly one each."""
 
 Release = Literal[
-    "released", "walltime", "crash", "deadline", "out_of_memory", "suspect", "lost", "intervened"
+    "released",
+    "walltime",
+    "crash",
+    "deadline",
+    "out_of_memory",
+    "suspect",
+    "lost",
+    "intervened",
+    "refused",
 ]
-"""Why an attempt ended without a result; ``intervened``: a hand has steered it."""
+"""Why an attempt ended without a result; ``intervened``: a hand has steered it; ``refused``: a file
+that it needs is not what the campaign was submitted with."""
 
 
 ATTEMPT_DIR = r"^(cases/[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}/attempt-[0-9]{1,9})?\Z"

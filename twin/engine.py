@@ -17,7 +17,9 @@ from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
 from schemas.messages import Command, Lights, Pose, command_mistake
 from schemas.verdict import is_pass
+from schemas.yaml_file import YamlError
 from twin.command_delay import Delays
+from twin.fabric.errors import RefusedError
 from twin.fabric.frames import Channel
 from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
@@ -126,7 +128,7 @@ class Engine(Steerable):
         except Exception as error:
             known = ", ".join(str(d) for d in wp.get_devices())
             raise ValueError(f"device '{device}': not here; allowed: {known}") from error
-        _check_files(case)
+        check_files(case)
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
@@ -485,11 +487,19 @@ def frame_channels(case: Case, slots: int) -> list[Channel]:
     return exteroceptive.frame_channels(case, load_vehicle(case.scenario.vehicle), slots)
 
 
-def _check_files(case: Case) -> None:
-    """Refuse scene and vehicle files that are not those of the submission."""
+def check_files(case: Case) -> None:
+    """Refuse scene and vehicle files that are not those of the submission.
+
+    Raises:
+        RefusedError: one is another, or is missing; one line.
+    """
     for name, digest in case.simulator_files().items():
-        if asset_digest(Path(name)) != digest:
-            raise ValueError(
+        try:
+            found = asset_digest(Path(name))
+        except (YamlError, OSError):  # gone, or cut short
+            found = ""
+        if found != digest:
+            raise RefusedError(
                 f"{name}: it, or a file it names, is not what the campaign was submitted with; "
-                "put it back, or submit again under another folder"
+                "put it back, or run the campaign anew with another --out"
             )

@@ -16,7 +16,7 @@ from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from conductor.timeline import COMMITTED, LEASED, Event
 from conductor.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.campaign import WEATHERS, Campaign, Case, expand, parse_campaign
-from schemas.identity import campaign_digest
+from schemas.identity import DIGESTS, campaign_digest
 from schemas.kpi import SCALARS
 from schemas.yaml_file import dump_yaml
 from twin.fabric.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table
@@ -92,6 +92,7 @@ def write_outcomes(
     outcomes = Outcomes(
         campaign=campaign.campaign,
         digest=campaign_digest(campaign, [case for case, _ in ends]),
+        digests=DIGESTS,
         seed=campaign.seed,
         simulator=campaign.simulator,
         software="5" * 64,

@@ -28,7 +28,7 @@ from conductor.report.autodrive_layout import (
 )
 from conductor.report.autodrive_logs import Log, find_logs, read_log
 from schemas.campaign import Campaign, Case, expand, parse_campaign
-from schemas.identity import campaign_digest, digest
+from schemas.identity import DIGESTS, campaign_digest, digest
 from schemas.yaml_file import dump_yaml
 from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.files import write_atomic
@@ -239,6 +239,7 @@ def _write_campaign(
     outcomes = Outcomes(
         campaign=campaign.campaign,
         digest=campaign_digest(campaign, cases),
+        digests=DIGESTS,
         seed=campaign.seed,
         simulator=SIMULATOR,
         software="",

@@ -23,6 +23,8 @@ from conductor.report.statistics import (
     newcombe_paired,
 )
 from schemas.campaign import Case
+from schemas.identity import by_content
+from schemas.stack_identity import difference
 from twin.fabric.errors import UsageError
 
 SHIFTS = (
@@ -40,7 +42,7 @@ Change = Literal["worse", "better", "other"]
 
 _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
     ("seed", lambda case: case.seed),
-    ("scenario", lambda case: case.scenario),
+    ("scenario", lambda case: by_content(case).scenario),
     ("control_hz", lambda case: case.control_hz),
     ("camera", lambda case: (case.camera, case.cameras, case.render)),
     ("lidars", lambda case: case.lidars),
@@ -48,7 +50,6 @@ _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
     ("environment", lambda case: (case.environment, case.weather, case.time_of_day_min)),
     ("autonomy.latency_ms", lambda case: case.latency_ms),
     ("clock", lambda case: case.clock),
-    ("scene and vehicle files", lambda case: case.simulator_files()),
 )
 """What the test is, as opposed to what is tested: it should be the same in both runs."""
 
@@ -65,6 +66,8 @@ class Side:
     no_collision: int
     fingerprint: str
     software: str
+    stack: str
+    """Digest of the stack; empty: a shipped one, or not known."""
     device_classes: list[str]
 
 
@@ -224,6 +227,7 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
         no_collision=dossier.no_collision,
         fingerprint=found.sha256,
         software=outcomes.software,
+        stack=dossier.campaign.stack_identity.digest,
         device_classes=outcomes.device_classes,
     )
 
@@ -333,6 +337,12 @@ def _notes(
                 "the same conditions"
             )
     one, two = before.outcomes, after.outcomes
+    stacks = (before.campaign.stack_identity, after.campaign.stack_identity)
+    if what := difference(*stacks):
+        notes.append(
+            f"the stack is another: {what} (stack digest {stacks[0].digest[:12] or 'none'} before, "
+            f"{stacks[1].digest[:12] or 'none'} after)"
+        )
     if one.device_classes != two.device_classes:
         shown = [", ".join(each.device_classes) or "none" for each in (one, two)]
         notes.append(f"device classes differ ({shown[0]}; {shown[1]}): so may the last bits")
@@ -340,8 +350,8 @@ def _notes(
         if not identical and len(one.device_classes) == 1 and one.clock == "lockstep":
             notes.append(
                 "software, campaign and device class are the same and the results are not: "
-                "the stack's own code has changed, or it is not deterministic"
+                "what the stack reads has changed, or it is not deterministic"
             )
-    elif one.software and one.software == two.software:
+    elif one.software and one.software == two.software and not what:
         notes.append("the software is the same; only the campaign differs")
     return notes

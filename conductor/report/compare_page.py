@@ -123,6 +123,7 @@ def _runs(found: Comparison) -> TextTable:
         ["no collision", *(f"{side.no_collision} of {side.cases}" for side in sides)],
         ["fingerprint", *(side.fingerprint for side in sides)],
         ["software", *(side.software or "none" for side in sides)],
+        ["stack", *(side.stack or "shipped" for side in sides)],
         ["device class", *(", ".join(side.device_classes) or "none" for side in sides)],
     ]
     return TextTable("Runs", "", ["", "before", "after"], rows, 3)

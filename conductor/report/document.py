@@ -94,6 +94,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         "digest": outcomes.digest,
         "seed": outcomes.seed,
         "software": outcomes.software or None,
+        "stack": dossier.campaign.stack_identity.digest or None,
         "device_classes": outcomes.device_classes,
         "fingerprint": evidence.fingerprint.sha256 if evidence.fingerprint else None,
         "fingerprint_missing": evidence.fingerprint_missing or None,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from conductor.fingerprint import Fingerprint
 from conductor.realtime import too_slow
 from conductor.report.dossier import Dossier
+from schemas.identity import DIGESTS
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
 
@@ -47,7 +48,8 @@ def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -
                     f"({row.end.attempt_dir}); late: {late.verdict or late.outcome}, KPI "
                     f"{late.kpi_sha256[:12] or 'none'} ({late.attempt_dir}, worker {late.worker})"
                 )
-    if dossier.digest_now != dossier.outcomes.digest:
+    same_kind = dossier.outcomes.digests == DIGESTS  # a folder of before has digests of its own
+    if same_kind and dossier.digest_now != dossier.outcomes.digest:
         alarms.append(
             f"campaign.yaml gives the digest {dossier.digest_now[:12]}, but "
             f"{dossier.outcomes.digest[:12]} was run: the file or this installation has changed"

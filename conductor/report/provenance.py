@@ -12,11 +12,14 @@ from twin.fabric.software import package_folder, software_digest
 
 
 def file_digests(dossier: Dossier) -> list[tuple[str, str]]:
-    """Name and SHA-256 of every file that the campaign names, and of the shipped models it uses.
+    """Name and SHA-256 of the stack, if it is none of the shipped ones, of every file that the
+    campaign names, and of the shipped models it uses.
 
     The digest of a shipped model is left out if other software is installed here than was run.
     """
-    given = [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
+    stack = dossier.campaign.stack_identity.digest
+    given = [("Stack digest", stack)] if stack else []
+    given += [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
     return [*given, *_shipped_models(dossier)]
 
 

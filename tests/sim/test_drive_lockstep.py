@@ -20,7 +20,7 @@ from twin.fabric.drive import (
     SimulatorEnd,
     StackEnd,
 )
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.errors import InfrastructureError, RefusedError
 from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
 
@@ -252,3 +252,36 @@ def test_messages_that_wait_have_a_size(key):
         simulator.exchange(7, tick(7, 0), [], [], lambda: None)
     with pytest.raises(InfrastructureError, match=said):
         simulator.handshake(lambda: None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("at", ["handshake", "exchange"])
+def test_a_stack_that_is_not_the_submitted_one_says_so_until_it_is_heard(seed, at):
+    hub = Hub(seed=seed, faults=Faults(loss=0.3, duplicate=0.2, delay=0.2))
+    hub.run()
+    stack = StackEnd(hub.open(), "r", SLOTS)
+    bus = hub.open()
+    simulator = SimulatorEnd(bus, "r", SLOTS, None, resend_s=0.02)
+
+    def refuse():
+        if at == "exchange":
+            stack.receive(lambda: None)
+        stack.refuse("mine.py has changed")
+
+    refusing = threading.Thread(target=refuse, daemon=True)
+    refusing.start()
+
+    def meet():
+        simulator.handshake(lambda: None)
+        simulator.exchange(0, tick(0, 0), [outgoing(0)], [], lambda: None)
+
+    with pytest.raises(RefusedError, match=r"^mine\.py has changed$"):
+        meet()
+    bus.close()  # only now does it end
+    refusing.join(timeout=50)
+    hub.stop()
+    assert not refusing.is_alive()
+
+
+def outgoing(seq):
+    return Outgoing("camera", frame(seq, -1), image(seq).tobytes())

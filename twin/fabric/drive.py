@@ -8,6 +8,7 @@ ever guesses.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import queue
 import time
@@ -23,7 +24,7 @@ from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
 from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.errors import InfrastructureError, RefusedError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
 from twin.fabric.link import LinkWatch
 
@@ -64,6 +65,9 @@ PARTS_MAX = 1024
 
 READY_WAITING_MAX = 10
 """A stack's ``ready`` is left out while so many messages wait: it says so again and again."""
+
+REFUSE_S = 60.0
+"""Longest time that a stack repeats why it is none of the campaign [s]."""
 
 LOOK_S = 0.1
 """How often the simulator looks around while it waits for the stack [s]."""
@@ -213,6 +217,8 @@ class SimulatorEnd:
                 answer: Ready = decode(sample.payload, Ready)
             except WireError as error:
                 raise InfrastructureError(f"stack: {error}") from None
+            if answer.refused:
+                raise RefusedError(answer.refused)
             if answer.seen:
                 self.transport = "memory" if answer.shared else "bytes"
                 if answer.on_gpu and self._probe is not None:
@@ -308,6 +314,8 @@ def _commands_in(sample: Sample) -> Commands | None:
         commands: Commands = decode(sample.payload, Commands)
     except WireError as error:
         raise InfrastructureError(f"stack: {error}") from None
+    if commands.refused:
+        raise RefusedError(commands.error)
     if commands.error:
         raise InfrastructureError(f"stack: {commands.error}")
     return commands
@@ -402,6 +410,19 @@ class StackEnd:
         data = encode(commands)
         self._answer = (commands.seq, data)
         self._bus.publish(topics.COMMAND.key.format(rig=self._rig), data, block=True)
+
+    def refuse(self, reason: str) -> None:
+        """Say that the stack is not the one that was submitted, until the simulator is gone: the
+        worker must hear of it before it sees the end of this process."""
+        until_s = time.monotonic() + REFUSE_S
+        seq = self._handed
+        while not self._gone and time.monotonic() < until_s:
+            if seq < 0:
+                self._say_ready(seen=False, refused=reason)
+            else:
+                self.answer(Commands(SCHEMA_VERSION, seq, [], error=reason, refused=True))
+            with contextlib.suppress(queue.Empty):
+                self._inbox.get(timeout=READY_PERIOD_S)
 
     def _take(self, sample: Sample) -> int | None:
         """File one message; the seq it belongs to, or None if there is nothing to hand out."""
@@ -509,7 +530,7 @@ class StackEnd:
             raise WireError(f"array of {len(payload)} bytes, its shape says {size}")
         return np.frombuffer(payload, dtype, count).reshape(frame.shape)
 
-    def _say_ready(self, *, seen: bool) -> None:
+    def _say_ready(self, *, seen: bool, refused: str = "") -> None:
         ready = Ready(
             v=SCHEMA_VERSION,
             role="stack",
@@ -519,6 +540,7 @@ class StackEnd:
             on_gpu=bool(self._gpu),
             seen=seen,
             minor=DRIVE_MINOR,
+            refused=refused,
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))
 

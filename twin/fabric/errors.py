@@ -46,6 +46,11 @@ class InfrastructureError(TwinError):
     exit_code = EXIT_INFRASTRUCTURE
 
 
+class RefusedError(UsageError):
+    """A stack, scene, vehicle or model is not what the campaign was submitted with: its rig is
+    refused, and no case is charged for it."""
+
+
 class UnreachableError(InfrastructureError):
     """Nobody answers at an endpoint (yet)."""
 

@@ -319,12 +319,14 @@ class Core:
 
         On a GPU a rig may end because of another one, unless it is apart.
 
-        ``released``: it was the host that had no room for a rig, and no case is to blame.
+        ``released``: it was the host that had no room for a rig, ``refused``: a file is not what
+        the campaign was submitted with; no case is to blame.
         """
         several = sum(not held.over for held in self.held.values()) > 1
         for token, held in self.held.items():
             suspect = several or (self._on_gpu and not held.lease.alone)
-            why: Release = "suspect" if suspect and reason != "released" else reason
+            blames = reason not in ("released", "refused")
+            why: Release = "suspect" if suspect and blames else reason
             if held.over:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:

@@ -30,10 +30,11 @@ class InlineStack:
 
         Raises:
             InfrastructureError: it cannot be loaded; one line.
+            RefusedError: it is not the one that was submitted; one line.
         """
         module, _, name = HOST.partition(":")
         host = getattr(importlib.import_module(module), name)
-        self._host: Any = host(case.stack, slots, case.parameters)
+        self._host: Any = host(case.stack, slots, case.parameters, case.source)
 
     def exchange(
         self, tick: Tick, sensed: dict[str, SensorData], episodes: list[Episode]

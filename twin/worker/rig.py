@@ -270,6 +270,9 @@ class RigProcess:
         if self._lease.case.foreign is not None:
             foreign = msgspec.json.encode(self._lease.case.foreign).decode()
             arguments += ["--foreign", foreign]
+        if self._lease.case.source.is_known:
+            source = msgspec.json.encode(self._lease.case.source).decode()
+            arguments += ["--source", source]
         if self._lease.case.placement == "inline":
             return  # the simulator has it in its own process
         if self._lease.case.placement == "node":

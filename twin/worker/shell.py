@@ -301,6 +301,8 @@ class Worker:
                     reasons = [*result.reasons, words.lstrip("; ")]
                     result = structs.replace(result, reasons=reasons)
                 return core.on_done(result, now)
+            case (_, Broken("refused", detail)):
+                return core.on_rig_died("refused", detail, now)
             case (_, Broken(reason, detail)):
                 return core.on_rig_died(reason, detail + self._stack_words(), now)
             case (_, RigDied(reason, detail)):

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from twin.fabric.errors import TwinError
+from twin.fabric.errors import RefusedError, TwinError
 from twin.fabric.gpu_start import begun
 from twin.fabric.process import leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
@@ -50,7 +50,8 @@ def main(device: str) -> int:
         try:
             _run(_first(device, orders), orders, out, at_end)
         except TwinError as error:
-            out.send(Broken("crash", str(error)))
+            reason = "refused" if isinstance(error, RefusedError) else "crash"
+            out.send(Broken(reason, str(error)))
             return error.exit_code
         except MemoryError as error:
             out.send(Broken("out_of_memory", f"out of memory {error}".strip()))

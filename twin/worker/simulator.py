@@ -146,10 +146,14 @@ class Simulator:
 
     def _build(self) -> None:
         # Warp takes its time to load: the drive session is announced before.
-        from twin.engine import Engine, frame_channels
+        from twin.engine import Engine, check_files, frame_channels
 
         case, slots = self._case, len(self._slots)
-        channels = frame_channels(case, slots)
+        try:
+            channels = frame_channels(case, slots)
+        except ValueError:
+            check_files(case)  # perhaps it is another vehicle than that of the submission
+            raise
         self._offsets, size = lay_out(channels)
         # In real time the stack looks at pictures while the next are drawn: it gets copies.
         near = case.placement == "worker" and case.clock == "lockstep"

@@ -14,7 +14,7 @@ from conductor.report.dossier import open_dossier
 from conductor.report.page import render
 from conductor.report.recorded import failures
 from schemas.campaign import Campaign, Case, expand, parse_campaign
-from schemas.identity import campaign_digest
+from schemas.identity import DIGESTS, campaign_digest
 from schemas.kpi import SCALARS
 from schemas.yaml_file import dump_yaml
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
@@ -63,6 +63,7 @@ def make_campaign(
     outcomes = Outcomes(
         campaign=campaign.campaign,
         digest=campaign_digest(campaign, cases),
+        digests=DIGESTS,
         seed=campaign.seed,
         simulator=campaign.simulator,
         clock=campaign.clock,

@@ -307,6 +307,16 @@ def test_disagreeing_attempts_raise_the_alarm(tmp_path: Path) -> None:
     assert "Do not trust these results yet: 1 alarm<" in page
 
 
+def test_a_finished_folder_of_an_older_version_is_read_without_alarm(tmp_path: Path) -> None:
+    """Its digest was taken over other things, so it says nothing about the file."""
+    make_campaign(tmp_path)
+    path = tmp_path / "outcomes.json"
+    old = json.loads(path.read_text())
+    del old["digests"]
+    path.write_text(json.dumps({**old, "digest": "0" * 64}))
+    assert report_json(tmp_path)["alarms"] == []
+
+
 def test_a_changed_campaign_file_raises_the_alarm(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     path = tmp_path / "campaign.yaml"

@@ -12,7 +12,7 @@ from schemas.assets import asset_digest, asset_files, mesh_files
 from schemas.campaign import expand
 from schemas.identity import case_digest, rig_key
 from twin.engine import Engine
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import RefusedError, UsageError
 from twin.vehicle.vehicle_file import load_vehicle
 
 SHIPPED = Path(twin.__file__).parent / "vehicle" / "models"
@@ -48,7 +48,7 @@ def test_a_simulator_refuses_other_content(files):
     case = expand(load(str(campaign)))[0]
     Engine(case, 1).close()
     car.write_text(car.read_text() + "\n# changed\n")
-    with pytest.raises(ValueError, match=r"car\.yaml: it, or a file it names, is not what"):
+    with pytest.raises(RefusedError, match=r"car\.yaml: it, or a file it names, is not what"):
         Engine(case, 1)
 
 

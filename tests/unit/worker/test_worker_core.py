@@ -609,3 +609,10 @@ def test_the_last_words_of_a_stack_are_asked_for_when_it_hangs():
     assert not asked
     core.on_time(5 * SECOND_NS, said)
     assert core.ended[0].detail.endswith("at tick 0; the stack's log ends: hm")
+
+
+def test_a_refused_rig_blames_no_case_however_many_it_has():
+    core = working()
+    effects = core.on_rig_died("refused", "mine.py has changed", 6)
+    assert effects == [StopRig(), Say("rig ended (refused): mine.py has changed")]
+    assert [(e.reason, e.detail) for e in core.ended] == [("refused", "mine.py has changed")] * 2

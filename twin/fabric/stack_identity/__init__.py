@@ -1,0 +1,1 @@
+"""Which files a stack under test consists of, found without importing it, and their digest."""
