@@ -3,10 +3,10 @@
 SCHEMA_VERSION = 1
 """Wire and file schema version; a peer that speaks another one is refused."""
 
-DRIVE_MINOR = 2
+DRIVE_MINOR = 3
 """Minor version of the drive plane: it rises when messages gain keys that may be left out. Unknown
 keys are ignored, so both ends of another minor version understand each other.
 
 0: the first one. 1: ``Ready.minor``, ``Command.handbrake``, the sensor ``pose``, frames in GPU
-memory. 2: ``Command.pose``, ``Episode.cosim``.
+memory. 2: ``Command.pose``, ``Episode.cosim``. 3: ``Command.trigger``.
 """

@@ -12,7 +12,7 @@ from schemas.messages import CameraSite, LidarSite
 from schemas.view import Stage
 from viewer import naming
 
-_BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRUTH)
+_BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRIGGER, naming.TRUTH)
 
 BACKGROUND = (18, 20, 25)
 SKY = (118, 138, 160)

@@ -142,6 +142,39 @@ def test_far_boxes_have_no_labels_and_aeb_is_red():
     assert styles[naming.DETECTIONS_FAR] == [False]
 
 
+def test_the_box_that_triggered_is_marked_until_the_next_frame():
+    seen = [detection(4.0), detection(20.0)]
+    samples = [
+        state(0, 0, controls=controls(False, seen)),
+        state(1, 1, controls=controls(True, seen, trigger=1)),
+        state(2, 2, controls=controls(True), boxes=None),
+        state(3, 3, controls=controls(True, seen)),
+        state(4, 4, controls=controls(True, seen)),
+    ]
+    shown = converted(*samples)
+    assert [len(row) for row in shown[naming.TRIGGER]["half_sizes"]] == [1, 0]
+    assert shown[naming.TRIGGER]["half_sizes"][0] == [[10.0, 4.0]]
+    said = [text for [text] in shown[naming.EVENTS]["text"] if text.startswith("AEB")]
+    assert said == ["AEB triggered at 19.0 m, 9.0 m/s, by car 0.90"]
+    # Messages come one by one to a live viewer.
+    converter = CaseConverter(start())
+    alone = [values(converter.states([s])).get(naming.TRIGGER) for s in samples]
+    assert [row and [len(r) for r in row["half_sizes"]] for row in alone] == [
+        None,
+        [1],
+        None,
+        [0],
+        None,
+    ]
+
+
+@pytest.mark.parametrize("trigger", [None, -1, 1])
+def test_a_stack_that_does_not_say_what_triggered_gets_no_mark(trigger):
+    shown = converted(state(0, controls=controls(True, [detection()], trigger)))
+    assert naming.TRIGGER not in shown
+    assert shown[naming.EVENTS]["text"][-1] == ["AEB triggered at 20.0 m, 9.0 m/s"]
+
+
 def test_no_detections_clear_the_boxes():
     shown = converted(state(0, controls=controls(), boxes=[]))
     assert shown[naming.DETECTIONS]["half_sizes"] == [[]]
