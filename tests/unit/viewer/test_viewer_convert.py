@@ -192,12 +192,11 @@ def test_verdict_and_its_words():
     text = ended_text(start(), end(9), lost=4)
     assert "**PASS** came to rest 3.00 m" in text
     assert "4 samples are missing" in text
-    assert "| AEB after [s] | - |" in text
+    assert "closest 3.00 m · AEB after - · " in text
     assert "lateral" not in text
     kept = {"distance_m": 100.2, "lateral_error_rms_m": 0.05, "lateral_error_max_m": None}
     lane = ended_text(start(), end(9, scalars=kept), lost=0)
-    assert "| lateral error RMS [m] | 0.05 |" in lane
-    assert "| largest lateral error [m] | - |" in lane
+    assert "lateral error RMS 0.05 m · largest lateral error - · " in lane
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
     given_up = CaseConverter(start()).end(end(9, outcome="", verdict=""))
     assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]
