@@ -6,11 +6,12 @@ import io
 
 from PIL import Image, ImageDraw, ImageFont
 
-from conductor.report.axes import axis_label, axis_values
+from conductor.report.axes import axis_label
 from conductor.report.cells import Cells, cell_number, cells_of, worst
 from conductor.report.dossier import Dossier
 from conductor.report.losses import page_axes
 from conductor.report.palette import status_color
+from conductor.report.systems import system_names
 from conductor.report.tables import statuses
 
 _CELL_PX = (58, 30)
@@ -36,9 +37,9 @@ def heat_picture(dossier: Dossier) -> bytes:
     """The maps as PNG, two beside each other, with a legend."""
     x_axis, y_axis = page_axes(dossier)
     maps = []
-    for model in axis_values(dossier, "model"):
+    for model, name in system_names(dossier).items():
         own = [row for row in dossier.rows if row.case.model == model]
-        maps.append((str(model), cells_of(dossier, own, x_axis, y_axis)))
+        maps.append((name, cells_of(dossier, own, x_axis, y_axis)))
     left, above, right, below = _MARGIN_PX
     first = maps[0][1]
     width = left + _CELL_PX[0] * len(first.xs) + right

@@ -38,6 +38,7 @@ from conductor.report.perception_cost import perception_costs
 from conductor.report.provenance import file_digests
 from conductor.report.recorded import Failure
 from conductor.report.resources_figure import resource_figure
+from conductor.report.systems import system_names
 from conductor.report.tables import case_columns, statuses, verdict_table, without_verdict
 from conductor.report.templates import ASSETS, environment
 
@@ -49,7 +50,7 @@ FINDINGS_MAX = 40
 
 def render(content: Content, failures: list[Failure]) -> str:
     """The page; ``failures`` are the cases that it shows with pictures."""
-    dossier = content.dossier
+    dossier, names = content.dossier, system_names(content.dossier)
     script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return _template().render(
         dossier=dossier,
@@ -65,6 +66,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         replay=lambda each: "\n".join(_replay(each)),
         highlights=highlights(dossier),
         perception=perception_costs(dossier),
+        names=names,
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),
@@ -104,7 +106,9 @@ def _page_data(content: Content) -> dict[str, Any]:
     dossier = content.dossier
     curves = drawn(dossier)
     grid = tuple(name for name in curves if name != "speed_mps" or dossier.lane_keeping)
-    models = axis_values(dossier, "model")
+    names = system_names(dossier)
+    models = list(names)
+    rows = [names[model] for model in models[:GRID_ROWS_MAX]]
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     groups = [*(axes or ["weather"]), "model", "status"]
     if "weather" in groups:
@@ -119,9 +123,10 @@ def _page_data(content: Content) -> dict[str, Any]:
         "frame": curve_frame(curves)["layout"],
         "grid_curves": grid,
         "grid_models": models[:GRID_ROWS_MAX],
-        "grid": grid_frame(grid, models[:GRID_ROWS_MAX], _ranges(content, grid))["layout"],
+        "grid": grid_frame(grid, rows, _ranges(content, grid))["layout"],
         "collision_color": status_color("collision"),
         "models": models,
+        "names": names,
         "groups": [_group(dossier, axis) for axis in groups],
         "cases": list(_drawn_cases(content, groups)),
         "resources": resource_figure(content.resources),

@@ -55,7 +55,7 @@ function drawCases(cases, panels, group, lit, named) {
     const members = cases.filter((c) => c.groups[group.axis] === value);
     if (!members.length) continue;
     const style = { group: value, color: hue, dash, width, alpha: lit ? "55" : "dd" };
-    style.name = words(value);
+    style.name = group.axis === "model" ? esc(data.names[value]) : words(value);
     panels.forEach(([row, axis], n) => found.push(traces(members, row, axis, { ...style, legend: n === 0 && !named.has(value) })));
     named.add(value);
   }
@@ -127,7 +127,7 @@ function pick(id, scroll) {
 }
 
 option(at("pick-model"), "", `all (${data.models.length})`);
-data.models.forEach((model) => option(at("pick-model"), model, model));
+data.models.forEach((model) => option(at("pick-model"), model, data.names[model]));
 // Thousands of lines take long to draw: begin with one system under test.
 if (data.cases.length > GRID_CASES_MAX) at("pick-model").value = data.models[0];
 data.groups.forEach((group, index) => option(at("pick-group"), String(index), group.label));
