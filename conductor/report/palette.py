@@ -50,6 +50,12 @@ def status_color(status: str) -> str:
     return _STATUS.get(status, _OTHER)
 
 
+def status_ink(status: str) -> str:
+    """Colour of text on the fill of a status: white or nearly black, whichever is told better."""
+    red, green, blue = (int(status_color(status)[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return "#FFFFFF" if 0.299 * red + 0.587 * green + 0.114 * blue < 0.58 else "#16191D"
+
+
 def status_symbol(status: str) -> str:
     """One character that says the status without colour."""
     return _SYMBOLS.get(status, "•")
