@@ -81,6 +81,9 @@ def _draw_lines(panel: Figure, name: str, curves: list[Curve], colors: list[str]
             colors=colors,
             linewidths=0.7,
             rasterized=len(curves) > RASTER_LINES,
+            # A line at 0 is seen on the axis.
+            clip_on=False,
+            zorder=3,
         )
     )
     panel.autoscale_view()
