@@ -75,5 +75,7 @@ def perception_text(case: Case) -> str:
         for name in spec.__struct_fields__
         if name == "contrast_min" or values[name] != defaults.get(name)
     ]
-    said = "ground_truth: the simulator's boxes, no network" if kind == "ground_truth" else kind
-    return ", ".join([said, *shown])
+    if kind == "ground_truth":
+        kind = "" if case.model == kind else f"{kind}: "
+        kind += "the simulator's boxes, no network"
+    return ", ".join([kind, *shown])
