@@ -191,6 +191,7 @@ class AebStack(Stack):
             aeb=plan.aeb,
             lights=lights.choose(car.surroundings, plan.aeb),
             detections=detections or [],
+            trigger=plan.trigger,
         )
 
     def _car(self, slot: int, now: _Instant) -> _Car:

@@ -120,6 +120,9 @@ class Plan:
     """Speed to keep [m/s]; 0 while braking or holding."""
     aeb: bool
     """Emergency braking is triggered: full brake, no throttle."""
+    trigger: int | None = None
+    """Place of the detection that triggers it, in the tick in which it does; None: no trigger in
+    this tick."""
 
 
 def plan(
@@ -141,10 +144,10 @@ def plan(
         planner: parameters.
         curvature_per_m: of the ego's path, left positive [1/m].
     """
-    state = _next_state(state, detections, speed_mps, view, planner, curvature_per_m)
+    state, trigger = _next_state(state, detections, speed_mps, view, planner, curvature_per_m)
     if isinstance(state, Cruise) or (isinstance(state, React) and not state.aeb):
         return state, Plan(planner.cruise_speed_mps, aeb=False)
-    return state, Plan(0.0, aeb=True)
+    return state, Plan(0.0, aeb=True, trigger=trigger)
 
 
 def _next_state(
@@ -154,37 +157,54 @@ def _next_state(
     view: View,
     planner: Planner,
     curvature_per_m: float,
-) -> State:
+) -> tuple[State, int | None]:
+    """The next state, and the place of the detection that has triggered it."""
     if planner.rules == "autodrive":
         if detections is None:
-            return state if isinstance(state, React) else React()
-        return React(planning_autodrive.brakes(detections, view.width_px, view.height_px))
+            return state if isinstance(state, React) else React(), None
+        place = planning_autodrive.trigger(detections, view.width_px, view.height_px)
+        return React(place is not None), place
     if isinstance(state, Hold | React):
-        return state
+        return state, None
     if isinstance(state, Brake):
-        return Hold() if speed_mps < STANDSTILL_MPS else state
+        return Hold() if speed_mps < STANDSTILL_MPS else state, None
     if detections is None:
-        return state
-    ahead_m = nearest_m(detections, view, planner, curvature_per_m)
-    threat = ahead_m <= planner.ttc_max_s * speed_mps
+        return state, None
+    ahead = nearest(detections, view, planner, curvature_per_m)
+    threat = ahead is not None and ahead.ahead_m <= planner.ttc_max_s * speed_mps
     recent = (*state.recent, threat)[-planner.frames_window :]
-    return Brake() if sum(recent) >= planner.frames_min else Cruise(recent)
+    if sum(recent) < planner.frames_min:
+        return Cruise(recent), None
+    # The window was not full a frame ago, so this frame's object has filled it.
+    return Brake(), ahead.place if ahead else None
 
 
-def nearest_m(
+class Nearest(NamedTuple):
+    """The nearest relevant object in the ego's path."""
+
+    ahead_m: float
+    """Its near end before the camera [m]."""
+    place: int
+    """In the detections; of several at the same distance the first."""
+
+
+def nearest(
     detections: Sequence[Detection], view: View, planner: Planner, curvature_per_m: float = 0.0
-) -> float:
-    """How far ahead the nearest relevant object in the ego's path stands [m]; infinite if none.
+) -> Nearest | None:
+    """The nearest relevant object in the ego's path; None: there is none.
 
     All limits are inclusive.
     """
-    ahead_m = math.inf
-    for detection in detections:
-        if is_relevant(detection, view, planner):
-            extent = extent_m(detection, view, curvature_per_m)
-            if extent is not None and extent.touches(planner.corridor_half_m):
-                ahead_m = min(ahead_m, extent.ahead_m)
-    return ahead_m
+    ahead: Nearest | None = None
+    for place, detection in enumerate(detections):
+        if not is_relevant(detection, view, planner):
+            continue
+        extent = extent_m(detection, view, curvature_per_m)
+        if extent is None or not extent.touches(planner.corridor_half_m):
+            continue
+        if extent.ahead_m < (ahead.ahead_m if ahead else math.inf):
+            ahead = Nearest(extent.ahead_m, place)
+    return ahead
 
 
 def is_relevant(detection: Detection, view: View, planner: Planner) -> bool:

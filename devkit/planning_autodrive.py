@@ -21,8 +21,8 @@ WIDTH_PX, HEIGHT_PX = 640, 360
 """Size of the script's image [px]."""
 
 
-def brakes(detections: Sequence[Detection], width_px: int, height_px: int) -> bool:
-    """Whether one camera frame asks for the brake.
+def trigger(detections: Sequence[Detection], width_px: int, height_px: int) -> int | None:
+    """Place of the detection for which one camera frame asks for the brake; None: it does not.
 
     Args:
         detections: those of the frame; the last confident one counts, so whoever wants the
@@ -31,11 +31,12 @@ def brakes(detections: Sequence[Detection], width_px: int, height_px: int) -> bo
         width_px: of the image that the boxes are in [px].
         height_px: of that image [px].
     """
-    confident = [d for d in detections if d.confidence >= CONFIDENCE_MIN]
+    confident = [i for i, d in enumerate(detections) if d.confidence >= CONFIDENCE_MIN]
     if not confident:
-        return False
-    last = confident[-1]
+        return None
+    last = detections[confident[-1]]
     # The script cuts width and height to whole pixels before it multiplies them.
     width = math.floor(last.width_px * WIDTH_PX / width_px)
     height = math.floor(last.height_px * HEIGHT_PX / height_px)
-    return last.label == LABEL and width * height >= AREA_MIN_PX2
+    asks = last.label == LABEL and width * height >= AREA_MIN_PX2
+    return confident[-1] if asks else None

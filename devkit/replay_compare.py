@@ -16,7 +16,8 @@ NUMBERS = ("throttle", "brake", "steering_rad", "handbrake")
 """Fields whose difference is that of two numbers."""
 
 FIELDS = (*NUMBERS, "pose", "aeb", "lights", "detections", "sensors")
-"""All fields that are compared; slot, token and tick say which attempt it was."""
+"""All fields that are compared; slot, token and tick say which attempt it was, and ``trigger``
+marks a box in pictures."""
 
 TOLERANT = (*NUMBERS, "pose", "detections")
 """Fields that may have a tolerance."""

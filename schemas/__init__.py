@@ -8,6 +8,6 @@ DRIVE_MINOR = 3
 keys are ignored, so both ends of another minor version understand each other.
 
 0: the first one. 1: ``Ready.minor``, ``Command.handbrake``, the sensor ``pose``, frames in GPU
-memory. 2: ``Command.pose``, ``Episode.cosim``. 3: ``Ready.refused``,
-``Commands.refused``.
+memory. 2: ``Command.pose``, ``Episode.cosim``. 3: ``Ready.refused``, ``Commands.refused``,
+``Command.trigger``.
 """

@@ -296,6 +296,9 @@ class Command(Struct, frozen=True):
     pose: Pose | None = None
     """Where the car is at the next tick, in a case of ``autonomy.cosim``; the pedals then do
     nothing. None: the simulator moves it. Since 1.2."""
+    trigger: int | None = None
+    """Place in ``detections`` of the one that this command begins to brake for; pictures mark it.
+    None: no trigger in this tick, or the stack does not say. Since 1.3."""
 
 
 class Commands(Struct, frozen=True):
@@ -331,6 +334,11 @@ def command_mistake(command: Command) -> str:
         for name in ("confidence", "x_px", "y_px", "width_px", "height_px"):
             if not math.isfinite(getattr(detection, name)):
                 return f"detection {name} is {getattr(detection, name)}, allowed: finite numbers"
+    if command.trigger is not None and not 0 <= command.trigger < len(command.detections):
+        return (
+            f"command trigger is {command.trigger}, allowed: the place of one of its "
+            f"{len(command.detections)} detections, from 0"
+        )
     if command.pose is not None and (mistake := pose_mistake(command.pose)):
         return mistake
     if command.sensors is not None:

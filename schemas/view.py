@@ -45,6 +45,9 @@ class Controls(Struct, frozen=True):
     aeb: bool
     lights: Lights
     detections: list[Detection]
+    trigger: int | None = None
+    """Place in ``detections`` of the one that emergency braking begins for; None: no trigger in
+    this tick, or the stack does not say."""
 
 
 class Stage(Struct, frozen=True):

@@ -58,9 +58,9 @@ def start(folder="/nowhere", seq=0, token=7, **changes):
     )
 
 
-def controls(aeb=False, detections=()):
+def controls(aeb=False, detections=(), trigger=None):
     """A command."""
-    return Controls(0.0, 1.0 if aeb else 0.0, 0.0, aeb, Lights(), list(detections))
+    return Controls(0.0, 1.0 if aeb else 0.0, 0.0, aeb, Lights(), list(detections), trigger)
 
 
 def detection(width_px=20.0):

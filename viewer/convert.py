@@ -28,6 +28,7 @@ from viewer.scenery import (
     ORANGE,
     RED,
     VIOLET,
+    YELLOW,
     Color,
     Logged,
     eyes,
@@ -48,6 +49,8 @@ class CaseConverter:
         self._start = start
         self._aeb = False
         self._seen = False
+        self._marked = False
+        """The box that triggers emergency braking stands in the picture."""
         self._planner = ""
         self.hand = ""
         """What somebody has done to the case, as of the latest state."""
@@ -83,7 +86,9 @@ class CaseConverter:
         rows.append(_plotted(naming.TTC, [s for s, _ in closing], [t for _, t in closing]))
         rows += _commanded(asked)
         # Between frames nothing is looked at; the boxes of the last one stay.
-        rows += self._detections([(s, c) for s, c in asked if s.boxes is not None or c.detections])
+        looked = [(s, c) for s, c in asked if s.boxes is not None or c.detections]
+        rows += self._detections(looked)
+        rows.append(self._triggers(looked))
         rows.append(_truth([s for s in samples if s.boxes is not None]))
         rows.append(_moving([s for s in samples if s.movers]))
         for sample in samples:
@@ -134,6 +139,8 @@ class CaseConverter:
                 rows.append(_event(*at, f"first detection: {seen}", "INFO", ORANGE))
             if braking and not self._aeb:
                 text = f"AEB triggered{_at(sample)}, {sample.speed_mps:.1f} m/s"
+                if (cause := triggering(controls)) is not None:
+                    text += f", by {cause.label} {cause.confidence:.2f}"
                 rows.append(_event(*at, text, "WARN", RED))
             self._aeb = braking
         if sample.hand != self.hand:
@@ -161,6 +168,18 @@ class CaseConverter:
             rows.append(rows_at(path, samples, columns))
         return rows
 
+    def _triggers(self, asked: list[tuple[StateSample, Controls]]) -> Rows:
+        """The box that emergency braking begins for; the next frame takes it away."""
+        samples, rows = [], []
+        for sample, controls in asked:
+            cause = triggering(controls)
+            if cause is not None or self._marked:
+                samples.append(sample)
+                rows.append([] if cause is None else [cause])
+            self._marked = cause is not None
+        labels = [f"{d.label} {d.confidence:.2f}" for row in rows for d in row]
+        return rows_at(naming.TRIGGER, samples, _marks(rows, labels))
+
     def _gaps(self, measured: Sequence[tuple[StateSample, float]]) -> list[rr.ComponentColumn]:
         """From the ego's nose to the obstacle's rear, labelled with the distance [m]."""
         stage = self._start.stage
@@ -185,6 +204,14 @@ class CaseConverter:
 def _at(sample: StateSample) -> str:
     """`` at 12.3 m``, where something stands in the lane."""
     return "" if sample.dtc_m is None else f" at {sample.dtc_m:.1f} m"
+
+
+def triggering(controls: Controls) -> Detection | None:
+    """The detection that emergency braking begins for; None: none does, or nobody says which."""
+    place = controls.trigger
+    if place is None or not 0 <= place < len(controls.detections):
+        return None
+    return controls.detections[place]
 
 
 def _bare(start: CaseStart) -> bytes:
@@ -228,6 +255,7 @@ def _standing(bare: bytes) -> list[Logged]:
         (naming.GAP, rr.LineStrips3D.from_fields(radii=0.06, show_labels=True)),
         (naming.DETECTIONS, _box_style(1.5, labelled=True, draw_order=30.0)),
         (naming.DETECTIONS_FAR, _box_style(1.5, labelled=False, draw_order=30.0)),
+        (naming.TRIGGER, _box_style(4.0, labelled=False, draw_order=40.0, color=YELLOW)),
         # Without colours of their own: those of their classes.
         (naming.TRUTH, _box_style(0.75, labelled=False, draw_order=20.0)),
         (naming.MOVERS, rr.Boxes3D.from_fields(colors=[ORANGE], fill_mode="solid")),
@@ -299,9 +327,14 @@ def _event(sim_time_ns: int, tick: int, text: str, level: str, color: Color) -> 
     return Rows(naming.EVENTS, [sim_time_ns], [tick], list(columns))
 
 
-def _box_style(radius_points: float, *, labelled: bool, draw_order: float) -> rr.Boxes2D:
+def _box_style(
+    radius_points: float, *, labelled: bool, draw_order: float, color: Color | None = None
+) -> rr.Boxes2D:
     return rr.Boxes2D.from_fields(
-        radii=rr.Radius.ui_points(radius_points), show_labels=labelled, draw_order=draw_order
+        radii=rr.Radius.ui_points(radius_points),
+        show_labels=labelled,
+        draw_order=draw_order,
+        colors=None if color is None else [color],
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin.fabric.errors import UsageError
 from viewer.frames import Frame, Mark
 from viewer.mosaic import decoded
-from viewer.scenery import CYAN, GREY, ORANGE, RED, Color
+from viewer.scenery import CYAN, GREY, ORANGE, RED, YELLOW, Color
 
 WIDTH_MIN_PX = 640
 """Smaller pictures are enlarged by a whole number, so that labels have room [px]."""
@@ -47,8 +47,14 @@ def drawn(frame: Frame, pixels_of: Frame) -> np.ndarray:
     for mark in reversed(pixels_of.detections or []):  # the largest on top
         _box(canvas, mark, scale, color, 2)
     taken: list[Area] = []
+    cause = pixels_of.trigger
+    if cause is not None:
+        _box(canvas, cause, scale, YELLOW, 5)
+        _box(canvas, cause, scale, RED, 2)
+        _label(canvas, cause, scale, YELLOW, taken, f"AEB: {cause.label}")
     for mark in pixels_of.detections or []:
-        _label(canvas, mark, scale, color, taken)
+        if mark != cause:
+            _label(canvas, mark, scale, color, taken, mark.label)
     return _with_line(canvas, frame)
 
 
@@ -72,11 +78,13 @@ def _box(canvas: np.ndarray, mark: Mark, scale: int, color: Color, thickness: in
     cv2.rectangle(canvas, (x, y), (right, bottom), color[::-1], thickness)
 
 
-def _label(canvas: np.ndarray, mark: Mark, scale: int, color: Color, taken: list[Area]) -> None:
-    """Above the box, inside the picture; left out where it would hide that of a larger box."""
-    if not mark.label:
+def _label(
+    canvas: np.ndarray, mark: Mark, scale: int, color: Color, taken: list[Area], text: str
+) -> None:
+    """Above the box, inside the picture; left out where it would hide an earlier one."""
+    if not text:
         return
-    width, height = (edge + 6 for edge in _size(mark.label))
+    width, height = (edge + 6 for edge in _size(text))
     x = min(max(0, round(mark.x_px * scale) - 1), max(0, canvas.shape[1] - width))
     y = max(0, round(mark.y_px * scale) - height)
     area = (x, y, x + width, y + height)
@@ -84,7 +92,7 @@ def _label(canvas: np.ndarray, mark: Mark, scale: int, color: Color, taken: list
         return
     taken.append(area)
     cv2.rectangle(canvas, area[:2], area[2:], color[::-1], cv2.FILLED)
-    _write(canvas, mark.label, x + 3, y + height - 3, _BACKGROUND)
+    _write(canvas, text, x + 3, y + height - 3, _BACKGROUND)
 
 
 def _overlap(a: Area, b: Area) -> bool:

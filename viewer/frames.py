@@ -67,6 +67,8 @@ class Frame:
     brake: float | None = None
     aeb: bool | None = None
     detections: list[Mark] | None = None
+    trigger: Mark | None = None
+    """The detection that emergency braking began for in this tick, if the stack says which."""
     truth: list[Mark] | None = None
 
 
@@ -222,6 +224,8 @@ def _values(path: str, batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:
         yield from _named("jpeg", _blobs(batch, "EncodedImage:blob"))
     elif path in (naming.DETECTIONS, naming.DETECTIONS_FAR):
         yield from _named("detections", _marks(batch))
+    elif path == naming.TRIGGER:
+        yield from _named("trigger", [row[0] if row else None for row in _marks(batch)])
     elif path == naming.TRUTH:
         yield from _named("truth", _marks(batch))
     elif path == naming.EGO:

@@ -16,7 +16,7 @@ from typing import Any
 
 from viewer.frames import Event, Frame, Mark, RecordedCase
 from viewer.outputs import needed, write_whole
-from viewer.scenery import CYAN, ORANGE, RED, Color
+from viewer.scenery import CYAN, ORANGE, RED, YELLOW, Color
 
 _OPTION = "--mcap"
 _TYPES = "foxglove_schemas_protobuf"
@@ -100,10 +100,13 @@ class _Converter:
             found.append(("/camera/image", _stamped(image, frame.sim_time_ns)))
         if frame.detections is not None:
             color = RED if frame.aeb else ORANGE
-            boxes = self._boxes(frame, frame.detections, color, labelled=True)
+            boxes = self._boxes(frame, frame.detections, color, 2.0)
+            self._label(boxes, frame.detections, color)
+            if frame.trigger is not None:
+                self._outline(boxes, frame.trigger, YELLOW, 4.0)
             found.append(("/camera/detections", boxes))
         if frame.truth is not None:
-            boxes = self._boxes(frame, frame.truth, CYAN, labelled=False)
+            boxes = self._boxes(frame, frame.truth, CYAN, 1.0)
             found.append(("/camera/truth", boxes))
         return found
 
@@ -123,24 +126,30 @@ class _Converter:
         pose.rotation.z, pose.rotation.w = math.sin(half_rad), math.cos(half_rad)
         return _stamped(pose, frame.sim_time_ns)
 
-    def _boxes(self, frame: Frame, marks: list[Mark], color: Color, *, labelled: bool) -> Any:
+    def _boxes(self, frame: Frame, marks: list[Mark], color: Color, thickness_px: float) -> Any:
         found = self._annotations()
         for mark in marks:
-            loop = found.points.add(type=self._line_loop, thickness=2.0 if labelled else 1.0)
-            right, bottom = mark.x_px + mark.width_px, mark.y_px + mark.height_px
-            for x, y in (
-                (mark.x_px, mark.y_px),
-                (right, mark.y_px),
-                (right, bottom),
-                (mark.x_px, bottom),
-            ):
-                loop.points.add(x=x, y=y)
-            _paint(loop.outline_color, color)
-            if labelled and mark.label:
-                text = found.texts.add(text=mark.label, font_size=10.0)
+            self._outline(found, mark, color, thickness_px)
+        return _stamped(found, frame.sim_time_ns)
+
+    def _outline(self, target: Any, mark: Mark, color: Color, thickness_px: float) -> None:
+        loop = target.points.add(type=self._line_loop, thickness=thickness_px)
+        right, bottom = mark.x_px + mark.width_px, mark.y_px + mark.height_px
+        for x, y in (
+            (mark.x_px, mark.y_px),
+            (right, mark.y_px),
+            (right, bottom),
+            (mark.x_px, bottom),
+        ):
+            loop.points.add(x=x, y=y)
+        _paint(loop.outline_color, color)
+
+    def _label(self, target: Any, marks: list[Mark], color: Color) -> None:
+        for mark in marks:
+            if mark.label:
+                text = target.texts.add(text=mark.label, font_size=10.0)
                 text.position.x, text.position.y = mark.x_px, mark.y_px
                 _paint(text.text_color, color)
-        return _stamped(found, frame.sim_time_ns)
 
     def _event(self, event: Event) -> Any:
         levels = {"INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}

@@ -5,18 +5,19 @@ from __future__ import annotations
 from schemas.view import CaseEnd, CaseStart, clock
 
 _SCALARS = {
-    "dtc_min_m": "closest [m]",
-    "aeb_time_s": "AEB after [s]",
-    "aeb_dtc_m": "AEB at [m]",
-    "impact_speed_mps": "impact [m/s]",
-    "decel_peak_mps2": "peak deceleration [m/s²]",
-    "sim_time_s": "sim time [s]",
+    "dtc_min_m": ("closest", "m"),
+    "aeb_time_s": ("AEB after", "s"),
+    "aeb_dtc_m": ("AEB at", "m"),
+    "impact_speed_mps": ("impact", "m/s"),
+    "decel_peak_mps2": ("peak deceleration", "m/s²"),
+    "sim_time_s": ("sim time", "s"),
 }
 _LANE_SCALARS = {
-    "distance_m": "along the lane [m]",
-    "lateral_error_rms_m": "lateral error RMS [m]",
-    "lateral_error_max_m": "largest lateral error [m]",
+    "distance_m": ("along the lane", "m"),
+    "lateral_error_rms_m": ("lateral error RMS", "m"),
+    "lateral_error_max_m": ("largest lateral error", "m"),
 }
+"""Scalar -> what it is called, unit."""
 
 
 def running_text(start: CaseStart, hand: str = "") -> str:
@@ -31,11 +32,12 @@ def ended_text(start: CaseStart, end: CaseEnd | None, lost: int) -> str:
     name = (end.verdict or end.outcome) if end is not None else ""
     title = name.replace("_", " ").upper() or "NO VERDICT"
     reasons = "; ".join(end.reasons) if end is not None else "the attempt's end is missing"
-    paragraphs = [f"**{title}** {reasons}".strip(), _what(start)]
+    paragraphs = [f"**{title}** {reasons}".strip()]
+    if end is not None and end.scalars:
+        paragraphs.append(_figures(end))
+    paragraphs.append(_what(start))
     if lost:
         paragraphs.append(f"_Recording incomplete: {lost} samples are missing._")
-    if end is not None and end.scalars:
-        paragraphs.append(_table(end))
     return "\n\n".join(paragraphs) + "\n"
 
 
@@ -45,10 +47,11 @@ def _what(start: CaseStart) -> str:
     return f"{start.case} · {conditions} · {start.campaign}, attempt {start.attempt}"
 
 
-def _table(end: CaseEnd) -> str:
-    lines = ["| | |", "|---|---|"]
+def _figures(end: CaseEnd) -> str:
+    """All scalars as running text: a row for each would not fit into the panel."""
     lane = {} if end.scalars.get("distance_m") is None else _LANE_SCALARS
-    for name, label in {**lane, **_SCALARS}.items():
+    said = []
+    for name, (label, unit) in {**lane, **_SCALARS}.items():
         value = end.scalars.get(name)
-        lines.append(f"| {label} | {'-' if value is None else f'{value:.2f}'} |")
-    return "\n".join(lines)
+        said.append(f"{label} -" if value is None else f"{label} {value:.2f} {unit}")
+    return " · ".join(said)

@@ -15,12 +15,12 @@ import numpy as np
 from msgspec import Struct
 
 from conductor.fingerprint import Fingerprint
-from conductor.report.curves import CURVES, Curve
+from conductor.report.curves import BINS, CURVES, SHARED, Curve
 from twin.fabric.files import write_atomic
 
 FOLDER = ".report"
 _FILE = "read.msgpack"
-_VERSION = 1
+_VERSION = 2
 """Of the entries' meaning, together with the columns that are drawn and the package's version: the
 byte stream of a fingerprint and the thinning of curves are code too."""
 
@@ -49,6 +49,8 @@ class Entry(Struct, frozen=True, array_like=True):
     """Most points that the curve was thinned to; 0: no curve was kept."""
     curve: bytes = b""
     """Time and columns one after the other, float32."""
+    means: bytes = b""
+    """Means of the shared columns one after the other, float32."""
 
 
 class Cache(Struct):
@@ -86,13 +88,16 @@ def stamp(path: Path, kpi_sha256: str) -> Stamp | None:
     return Stamp(kpi_sha256, found.st_size, found.st_mtime_ns)
 
 
-def packed(curve: Curve) -> bytes:
-    """A curve for an :class:`Entry`."""
+def packed(curve: Curve) -> tuple[bytes, bytes]:
+    """``curve`` and ``means`` of an :class:`Entry`."""
     columns = [curve.time_s, *(curve.values[name] for name in CURVES)]
-    return np.stack(columns).astype("<f4").tobytes()
+    means = [curve.means[name] for name in SHARED]
+    return np.stack(columns).astype("<f4").tobytes(), np.stack(means).astype("<f4").tobytes()
 
 
 def unpacked(entry: Entry) -> Curve:
     """The curve of an :class:`Entry`."""
     rows = np.frombuffer(entry.curve, "<f4").reshape(len(CURVES) + 1, -1)
-    return Curve(rows[0], dict(zip(CURVES, rows[1:], strict=True)), entry.ticks)
+    means = np.frombuffer(entry.means, "<f4").reshape(len(SHARED), BINS)
+    values = dict(zip(CURVES, rows[1:], strict=True))
+    return Curve(rows[0], values, entry.ticks, dict(zip(SHARED, means, strict=True)))

@@ -13,6 +13,7 @@ from conductor.report.axes import axis_label, axis_value, axis_values, varied_ax
 from conductor.report.cells import case_number, severity
 from conductor.report.dossier import Dossier, Row
 from conductor.report.palette import status_color, status_symbol
+from conductor.report.systems import system_names
 from conductor.report.tables import case_columns, statuses
 
 _REASONS, _REASON_CHARS = 2, 90
@@ -53,10 +54,11 @@ def case_data(dossier: Dossier) -> dict[str, Any]:
 
 def _axis(dossier: Dossier, axis: str) -> dict[str, Any]:
     values = axis_values(dossier, axis)
+    names = system_names(dossier) if axis == "model" else {}
     place = {value: number for number, value in enumerate(values)}
     return {
         "label": axis_label(axis),
-        "values": [str(value) for value in values],
+        "values": [names.get(value, str(value)) for value in values],
         "of": [place[axis_value(row.case, axis)] for row in dossier.rows],
     }
 

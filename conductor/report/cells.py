@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from conductor.report.axes import axis_value, axis_values
-from conductor.report.dossier import Dossier, Row
+from conductor.report.dossier import NOT_ENDED, Dossier, Row
 
+_OTHER = ""
 # From bad to good: a cell of several cases shows the worst of them.
-_WORST_FIRST = ("collision", "lane_departure", "failed", "unresolved", "cancelled", "not ended")
+_WORST_FIRST = (
+    *("collision", "lane_departure", "failed", "unresolved", "cancelled", NOT_ENDED),
+    *(_OTHER, "time_up", "false_braking", "pass"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +37,8 @@ def cells_of(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> Cel
 
 def severity(row: Row) -> int:
     """Smaller is worse."""
-    if row.status in _WORST_FIRST:
-        return _WORST_FIRST.index(row.status)
-    return len(_WORST_FIRST) + (row.passed is True)
+    status = row.status if row.status in _WORST_FIRST else _OTHER
+    return _WORST_FIRST.index(status)
 
 
 def worst(cell: list[Row]) -> Row:
@@ -51,8 +54,8 @@ def cell_number(cell: list[Row]) -> str:
 
 
 def case_number(row: Row) -> str:
-    """Smallest distance [m], of a collision the impact speed [m/s], of lane keeping the lateral
-    error [m]. Empty: it is not known."""
+    """Smallest distance of a case with a verdict [m], of a collision the impact speed [m/s], of
+    lane keeping the lateral error [m]. Empty: it is not known."""
     if row.status == "collision":
         speed = row.scalar("impact_speed_mps")
         return "" if speed is None else f"{speed:.1f}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +20,11 @@ POINTS_MIN = 60
 POINTS_TOTAL = 64_000
 """Points of all cases on a page, together; keeps the page of 256 cases below 10 MB."""
 
+SHARED = ("aeb", "collisions", "throttle", "brake")
+"""Columns of which many cases are drawn as a distribution: their lines would fill the panel."""
+BINS = 100
+"""Stretches of equal length into which the time of a case is cut for distributions."""
+
 _STEPS = ("aeb", "collisions")
 
 Floats = NDArray[np.float32]
@@ -36,6 +41,9 @@ class Curve:
     """By column of :data:`CURVES`."""
     ticks: int
     """Rows before thinning."""
+    means: dict[str, Floats] = field(default_factory=dict)
+    """By column of :data:`SHARED`: means over each of the :data:`BINS` stretches of the case's
+    time, of all rows; NaN where nothing is known."""
 
 
 def drawn(dossier: Dossier) -> tuple[str, ...]:
@@ -59,7 +67,41 @@ def thin(table: pa.Table, points_max: int) -> Curve:
     time_s = _floats(table, "sim_time_ns") / 1e9
     rows = len(time_s)
     keep = _kept(values, points_max) if rows > points_max else np.arange(rows)
-    return Curve(_drawn(time_s[keep]), {n: _drawn(v[keep]) for n, v in values.items()}, rows)
+    return Curve(
+        _drawn(time_s[keep]),
+        {name: _drawn(column[keep]) for name, column in values.items()},
+        rows,
+        {name: _drawn(_means(time_s, values[name])) for name in SHARED},
+    )
+
+
+def _means(time_s: _Column, column: _Column) -> _Column:
+    """Means over :data:`BINS` stretches of equal length; a value holds until the next row."""
+    if len(time_s) < 2:
+        return np.full(BINS, np.nan)
+    edges = np.linspace(time_s[0], time_s[-1], BINS + 1)
+    return binned(time_s, column[:-1], edges)
+
+
+def binned(starts_s: _Column, values: _Column, edges_s: _Column) -> _Column:
+    """Means between neighbouring ``edges_s`` of what is constant in stretches.
+
+    Args:
+        starts_s: begin of every stretch and the end of the last [s], ascending.
+        values: of the stretches, one fewer; NaN: not known.
+        edges_s: ascending [s].
+
+    Returns:
+        One fewer than ``edges_s``; NaN where nothing is known.
+    """
+    known = np.isfinite(values)
+    lengths = np.diff(starts_s) * known
+    integral = np.append(0.0, np.cumsum(np.where(known, values, 0.0) * lengths))
+    covered = np.append(0.0, np.cumsum(lengths))
+    sums = np.diff(np.interp(edges_s, starts_s, integral))
+    parts = np.diff(np.interp(edges_s, starts_s, covered))
+    least = 1e-9 * max(float(edges_s[-1] - edges_s[0]), 1e-9)
+    return np.where(parts > least, sums / np.maximum(parts, least), np.nan)
 
 
 def _drawn(values: _Column) -> Floats:

@@ -13,7 +13,6 @@ from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.report.autodrive_layout import Imported, read_imported
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import campaign_digest
-from schemas.perception import file_fields
 from schemas.verdict import no_collision
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -142,25 +141,6 @@ def open_dossier(folder: Path) -> Dossier:
         written_s=written_s,
         imported=imported,
     )
-
-
-def perception_text(case: Case) -> str:
-    """What the perception variant of ``case`` really is, e.g. ``ground_truth stand-in,
-    contrast_min 0.05``: the name of a network alone would claim too much. Files by their name."""
-    spec = case.perception
-    kind = str(spec.__struct_config__.tag or "")
-    defaults = dict(
-        zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
-    )
-    values = msgspec.to_builtins(spec)
-    values.update((name, Path(path).name) for name, path in file_fields(spec).items())
-    stand_in = kind == "ground_truth" and case.model != kind
-    shown = [
-        name if values[name] is True else f"{name} {values[name]}"
-        for name in spec.__struct_fields__
-        if name == "contrast_min" or values[name] != defaults.get(name)
-    ]
-    return ", ".join([f"{kind} stand-in" if stand_in else kind, *shown])
 
 
 def _read_campaign(path: Path) -> Campaign:

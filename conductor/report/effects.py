@@ -80,12 +80,12 @@ def _level(value: str, rows: list[Row]) -> Level:
     )
 
 
-def effects_figure(effects: list[Effect]) -> dict[str, Any] | None:
+def effects_figure(effects: list[Effect], *, columns_max: int = _COLUMNS) -> dict[str, Any] | None:
     """Plotly JSON, a small plot per axis; None where nothing is varied or decided."""
     shown = [e for e in effects if any(level.total for level in e.levels)]
     if not shown:
         return None
-    columns = min(_COLUMNS, len(shown))
+    columns = min(columns_max, len(shown))
     rows = -(-len(shown) // columns)
     figure = make_subplots(
         rows=rows,

@@ -13,6 +13,8 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from conductor.report.spread import SHARES
+
 SAFETY_M = 1.0
 """Factor of safety of the paper's Fig. 5 [m]."""
 GRID_ROWS_MAX = 8
@@ -28,6 +30,13 @@ TITLES = {
     "speed_mps": ("Speed", "speed [m/s]"),
 }
 """Curve -> title of its row, title of its axis."""
+SPREAD_TITLES = {
+    "aeb": ("AEB trigger, share of cases", "share [-]"),
+    "collisions": ("Collided, share of cases", "share [-]"),
+    "throttle": ("Throttle, spread over cases", "throttle [-]"),
+    "brake": ("Brake, spread over cases", "brake [-]"),
+}
+"""Likewise, where there are too many cases for a line each."""
 
 _SAFETY_COLOR = "#B3261E"
 _ROW_HEIGHTS = {
@@ -40,40 +49,50 @@ _ROW_HEIGHTS = {
 _GRID_ROW_PX = 170
 
 
+def titles(*, spread: bool) -> dict[str, tuple[str, str]]:
+    """Titles of the curves; ``spread``: of distributions over many cases."""
+    return {**TITLES, **SPREAD_TITLES} if spread else TITLES
+
+
+def column_title(name: str, *, spread: bool) -> str:
+    """Title and unit of a curve in one."""
+    title, axis = titles(spread=spread)[name]
+    return f"{title} [{axis.rpartition('[')[2]}"
+
+
 def grid_frame(
-    curves: tuple[str, ...], models: list[str], ranges: dict[str, tuple[float, float]]
+    curves: tuple[str, ...],
+    models: list[str],
+    ranges: dict[str, tuple[float, float]],
+    *,
+    spread: bool = False,
+    stacked: bool = False,
 ) -> dict[str, Any]:
     """The paper's Fig. 5 without traces: a row per system under test, a column per KPI.
 
     Axis ``y<row * len(curves) + column + 1>`` belongs to a model and a curve. ``ranges`` holds the
-    least and most value of each curve: systems share it, so that they can be compared.
+    least and most value of each curve: systems share it, so that they can be compared. ``spread``:
+    of many cases. ``stacked``: all panels below each other, for narrow screens.
     """
-    rows = len(models)
-    figure = make_subplots(
-        rows=rows,
-        cols=len(curves),
-        shared_xaxes="all",
-        shared_yaxes="columns",
-        horizontal_spacing=0.03,
-        vertical_spacing=0.14 / rows,
-        column_titles=[f"{TITLES[n][0]} [{TITLES[n][1].rpartition('[')[2]}" for n in curves],
-        row_titles=[html.escape(model, quote=False) for model in models],
-    )
+    names = [column_title(name, spread=spread) for name in curves]
+    models = [html.escape(model, quote=False) for model in models]
+    figure = _stacked(names, models) if stacked else _beside(names, models)
     for note in figure.layout.annotations:
         note.update(font={"size": 12, "weight": 600})
-    for number in range(rows):
+    for number in range(len(models)):
         for column, name in enumerate(curves, 1):
-            _set_range(figure, name, number + 1, column)
-            if name not in ("aeb", "throttle", "brake"):
+            row, col = (number * len(curves) + column, 1) if stacked else (number + 1, column)
+            _set_range(figure, name, row, col, spread=spread)
+            if name not in ("aeb", "throttle", "brake", *(SHARES if spread else ())):
                 low, high = ranges.get(name, (0.0, 1.0))
                 span = [min(low, 0.0), high + 0.04 * (high - low)]
-                figure.update_yaxes(range=span, row=number + 1, col=column)
+                figure.update_yaxes(range=span, row=row, col=col)
             if name == "dtc_m":
-                _safety_line(figure, number + 1, column, told=number == 0)
-    figure.update_xaxes(title={"text": "Sim time [s]"}, row=rows)
+                _safety_line(figure, row, col, told=number == 0)
+    if not stacked:
+        figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(models))
     figure.update_layout(
         template=go.layout.Template(),
-        height=150 + _GRID_ROW_PX * rows,
         margin={"l": 36, "r": 26, "t": 98, "b": 48},
         hovermode="closest",
         legend=_LEGEND,
@@ -81,25 +100,55 @@ def grid_frame(
     return _plain(figure)
 
 
-def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
+def _beside(names: list[str], models: list[str]) -> Any:
+    rows = len(models)
+    figure = make_subplots(
+        rows=rows,
+        cols=len(names),
+        shared_xaxes="all",
+        shared_yaxes="columns",
+        horizontal_spacing=0.03,
+        vertical_spacing=0.14 / rows,
+        column_titles=names,
+        row_titles=models,
+    )
+    return figure.update_layout(height=150 + _GRID_ROW_PX * rows)
+
+
+def _stacked(names: list[str], models: list[str]) -> Any:
+    rows = len(names) * len(models)
+    figure = make_subplots(
+        rows=rows,
+        cols=1,
+        vertical_spacing=0.36 / rows,
+        subplot_titles=[f"{model}<br>{name}" for model in models for name in names],
+    )
+    for note in figure.layout.annotations:
+        note.update(x=0, xanchor="left", align="left")
+    figure.update_xaxes(matches="x").update_layout(xaxis_matches=None)
+    return figure.update_layout(height=150 + _GRID_ROW_PX * rows)
+
+
+def curve_frame(curves: tuple[str, ...], *, spread: bool = False) -> dict[str, Any]:
     """Layout of the curve figure: one row per KPI over a shared sim time axis, without traces.
 
-    Axis ``y<n>`` belongs to the n-th of ``curves``.
+    Axis ``y<n>`` belongs to the n-th of ``curves``. ``spread``: of many cases.
     """
+    told = titles(spread=spread)
     figure = make_subplots(
         rows=len(curves),
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.035,
         row_heights=[_ROW_HEIGHTS.get(name, 0.8) for name in curves],
-        subplot_titles=[TITLES[name][0] for name in curves],
+        subplot_titles=[told[name][0] for name in curves],
     )
     # make_subplots centres the titles; a reader looks for them at the left.
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left", font={"size": 13, "weight": 600})
     for index, name in enumerate(curves, 1):
-        figure.update_yaxes(title={"text": TITLES[name][1]}, row=index, col=1)
-        _set_range(figure, name, index, 1)
+        figure.update_yaxes(title={"text": told[name][1]}, row=index, col=1)
+        _set_range(figure, name, index, 1, spread=spread)
     _safety_line(figure, curves.index("dtc_m") + 1, 1, told=True)
     figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(curves), col=1)
     figure.update_layout(
@@ -112,19 +161,21 @@ def curve_frame(curves: tuple[str, ...]) -> dict[str, Any]:
     return _plain(figure)
 
 
-# Below the tool bar, above the first row, whatever the height.
+# The page's script makes room for it.
 _LEGEND = {
     "orientation": "h",
     "yref": "container",
-    "y": 0.97,
+    "y": 1,
     "yanchor": "top",
     "x": 0,
     "itemsizing": "constant",
 }
 
 
-def _set_range(figure: Any, name: str, row: int, column: int) -> None:
-    if name == "aeb":
+def _set_range(figure: Any, name: str, row: int, column: int, *, spread: bool) -> None:
+    if name in ("aeb", "collisions") and spread:
+        figure.update_yaxes(range=[0, 1.04], tickvals=[0, 0.5, 1], row=row, col=column)
+    elif name == "aeb":
         figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 1], row=row, col=column)
     elif name in ("throttle", "brake"):
         figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 0.5, 1], row=row, col=column)

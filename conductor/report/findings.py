@@ -24,6 +24,7 @@ from conductor.report.statistics import (
     newcombe_paired,
     wilson,
 )
+from conductor.report.systems import system_names
 
 EARLY = 2.0
 """A first AEB trigger further from the obstacle than so many times ``scenario.false_braking_m``
@@ -108,12 +109,13 @@ def _missing(dossier: Dossier) -> list[Finding]:
 
 def _passed(dossier: Dossier) -> list[Finding]:
     found = []
-    for model in _models(dossier):
+    names = system_names(dossier)
+    for model in names:
         rows = [row for row in dossier.rows if row.case.model == model]
         passed = sum(row.passed is True for row in rows)
         low, high = wilson(passed, len(rows))
         text = (
-            f"{model} passed {passed} of {counted(len(rows), 'case', 'cases')} "
+            f"{names[model]} passed {passed} of {counted(len(rows), 'case', 'cases')} "
             f"({percent(passed / len(rows))}, 95 % interval {percent(low)} to {percent(high)})."
         )
         found.append(Finding("passed", text, cases=_ids(r for r in rows if r.passed is not True)))
@@ -122,7 +124,8 @@ def _passed(dossier: Dossier) -> list[Finding]:
 
 def _systems(dossier: Dossier) -> list[Finding]:
     """Systems under test beside each other, in cases that differ in nothing else."""
-    models = _models(dossier)
+    names = system_names(dossier)
+    models = list(names)
     if not 2 <= len(models) <= SYSTEMS_MAX:
         return []
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
@@ -138,7 +141,7 @@ def _systems(dossier: Dossier) -> list[Finding]:
             tests.append((one, two, pairs))
     corrected = holm([mcnemar(*_only(pairs)) for _, _, pairs in tests])
     found = [
-        _pair(one, two, pairs, p_value)
+        _pair(names[one], names[two], pairs, p_value)
         for (one, two, pairs), p_value in zip(tests, corrected, strict=True)
         if p_value < ALPHA
     ]
@@ -179,7 +182,8 @@ def _axes(dossier: Dossier) -> list[Finding]:
     tests: list[tuple[str, str, dict[Any, list[Row]], Homogeneity]] = []
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     values = {axis: axis_values(dossier, axis) for axis in axes}
-    for model in _models(dossier):
+    names = system_names(dossier)
+    for model in names:
         rows = [r for r in dossier.rows if r.case.model == model and r.passed is not None]
         if len({row.passed for row in rows}) < 2:
             continue
@@ -192,7 +196,7 @@ def _axes(dossier: Dossier) -> list[Finding]:
             groups = {value: group for value, group in groups.items() if group}
             if len(groups) > 1:
                 counts = [(sum(r.passed is True for r in g), len(g)) for g in groups.values()]
-                tests.append((model, axis, groups, homogeneity(counts)))
+                tests.append((names[model], axis, groups, homogeneity(counts)))
     corrected = holm([test.p_value for *_, test in tests])
     return [_axis(*test, p) for test, p in zip(tests, corrected, strict=True)]
 
@@ -262,8 +266,9 @@ def _braked_early(dossier: Dossier) -> list[Finding]:
 
 
 def _by_model(dossier: Dossier, rows: list[Row]) -> str:
-    counts = [(m, sum(row.case.model == m for row in rows)) for m in _models(dossier)]
-    parts = [f"{model} {count}" for model, count in counts if count]
+    names = system_names(dossier)
+    counts = [(name, sum(row.case.model == m for row in rows)) for m, name in names.items()]
+    parts = [f"{name} {count}" for name, count in counts if count]
     return f" ({', '.join(parts)})" if parts and len(counts) > 1 else ""
 
 
@@ -285,10 +290,6 @@ def _collisions(rows: list[Row]) -> list[Finding]:
         f"trigger and {len(logged) - len(blind)} in spite of one{last}."
     )
     return [Finding("collision", text, cases=_ids(hit))]
-
-
-def _models(dossier: Dossier) -> list[str]:
-    return [str(model) for model in axis_values(dossier, "model")]
 
 
 def _ids(rows: Iterable[Row]) -> tuple[str, ...]:

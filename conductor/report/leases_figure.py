@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 from conductor.report.dossier import Dossier
 from conductor.report.leases import STILL_OPEN, Leases, Span
 from conductor.report.palette import status_color
+from conductor.report.tables import statuses
 from conductor.timeline import COMMITTED
 
 SPANS_MAX = 6000
@@ -116,6 +117,8 @@ def _lease_traces(
     for span, place in zip(spans, places, strict=True):
         kind = status.get(span.case, COMMITTED) if span.how == COMMITTED else span.how
         kinds.setdefault(kind, []).append((span, place))
+    order = statuses(dossier)
+    kinds = {kind: kinds[kind] for kind in (*order, *kinds) if kind in kinds}
     traces = []
     for kind, found in kinds.items():
         x: list[float | None] = []

@@ -38,6 +38,8 @@ from conductor.report.perception_cost import perception_costs
 from conductor.report.provenance import file_digests
 from conductor.report.recorded import Failure
 from conductor.report.resources_figure import resource_figure
+from conductor.report.spread import LINES_MAX, spread_of
+from conductor.report.systems import system_names
 from conductor.report.tables import case_columns, statuses, verdict_table, without_verdict
 from conductor.report.templates import ASSETS, environment
 
@@ -49,7 +51,8 @@ FINDINGS_MAX = 40
 
 def render(content: Content, failures: list[Failure]) -> str:
     """The page; ``failures`` are the cases that it shows with pictures."""
-    dossier = content.dossier
+    dossier, names = content.dossier, system_names(content.dossier)
+    data = _page_data(content)
     script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return _template().render(
         dossier=dossier,
@@ -65,11 +68,15 @@ def render(content: Content, failures: list[Failure]) -> str:
         replay=lambda each: "\n".join(_replay(each)),
         highlights=highlights(dossier),
         perception=perception_costs(dossier),
+        names=names,
         systems=verdict_table(dossier),
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),
+        lines_max=LINES_MAX,
         shown=content.shown,
-        columns=case_columns(dossier),
+        columns=_columns(content),
+        repeated=any(row.end.attempts > 1 for row in content.shown),
+        spread=bool(data["spread"]),
         further=[(axis, axis_label(axis)) for axis in further_axes(dossier.campaign)],
         axis_value=axis_value,
         color=status_color,
@@ -78,11 +85,20 @@ def render(content: Content, failures: list[Failure]) -> str:
         files=file_digests(dossier),
         versions=versions(),
         made=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        data=Markup(_script_json(_page_data(content))),
+        data=Markup(_script_json(data)),
         plotly=Markup(get_plotlyjs()),
         style=Markup((ASSETS / "page.css").read_text(encoding="utf-8")),
         script=Markup(f'"use strict";\n(() => {{\n{script}\n}})();'),
     )
+
+
+def _columns(content: Content) -> list[tuple[str, str]]:
+    """Numbers of the case table that some case has."""
+    return [
+        (title, name)
+        for title, name in case_columns(content.dossier)
+        if any(row.scalar(name) is not None for row in content.shown)
+    ]
 
 
 def prepare() -> None:
@@ -102,31 +118,49 @@ def _template() -> jinja2.Template:
 def _page_data(content: Content) -> dict[str, Any]:
     """What the page's script draws from."""
     dossier = content.dossier
-    curves = drawn(dossier)
+    curves = _known(content)
     grid = tuple(name for name in curves if name != "speed_mps" or dossier.lane_keeping)
-    models = axis_values(dossier, "model")
+    names = system_names(dossier)
+    models = list(names)
+    rows = [names[model] for model in models[:GRID_ROWS_MAX]]
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     groups = [*(axes or ["weather"]), "model", "status"]
     if "weather" in groups:
         groups = ["weather", *(axis for axis in groups if axis != "weather")]
+    spreads = dict(_spreads(content, models))
+    many, ranges = bool(spreads), _ranges(content, grid)
     x_axis, y_axis = heat_axes(dossier)
     per = "" if "model" in (x_axis, y_axis) else "model"
     return {
         "all": case_data(dossier),
         "heat": {"x": x_axis, "y": y_axis, "per": per if per in map_axes(dossier) else ""},
         "effects": effects_figure(content.effects),
+        "effects_stacked": effects_figure(content.effects, columns_max=1),
         "curves": curves,
-        "frame": curve_frame(curves)["layout"],
+        "frame": curve_frame(curves, spread=many)["layout"],
         "grid_curves": grid,
         "grid_models": models[:GRID_ROWS_MAX],
-        "grid": grid_frame(grid, models[:GRID_ROWS_MAX], _ranges(content, grid))["layout"],
+        "grid": grid_frame(grid, rows, ranges, spread=many)["layout"],
+        "grid_stacked": grid_frame(grid, rows, ranges, spread=many, stacked=True)["layout"],
+        "spread": spreads,
         "collision_color": status_color("collision"),
         "models": models,
+        "names": names,
         "groups": [_group(dossier, axis) for axis in groups],
-        "cases": list(_drawn_cases(content, groups)),
+        "cases": list(_drawn_cases(content, groups, curves)),
         "resources": resource_figure(content.resources),
         "leases": leases_figure(dossier, content.leases),
     }
+
+
+def _spreads(content: Content, models: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Distributions of the systems under test that have many cases."""
+    for model in models:
+        rows = [row for row in content.shown if row.case.model == model]
+        found = spread_of([content.curves[r.case.id] for r in rows if r.case.id in content.curves])
+        if found is not None:
+            values = {name: [_packed(row) for row in part] for name, part in found.values.items()}
+            yield model, {"cases": found.cases, "time_s": _packed(found.time_s), "values": values}
 
 
 def _ranges(content: Content, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
@@ -160,7 +194,20 @@ def _group(dossier: Dossier, axis: str) -> dict[str, Any]:
     return {"axis": axis, "label": label, "styles": line_styles(axis, values)}
 
 
-def _drawn_cases(content: Content, groups: list[str]) -> Iterator[dict[str, Any]]:
+def _known(content: Content) -> tuple[str, ...]:
+    """Curves that some case has; distance and collisions in any case."""
+    always = ("dtc_m", "collisions") if content.curves else drawn(content.dossier)
+    return tuple(
+        name
+        for name in drawn(content.dossier)
+        if name in always
+        or any(np.isfinite(curve.values[name]).any() for curve in content.curves.values())
+    )
+
+
+def _drawn_cases(
+    content: Content, groups: list[str], curves: tuple[str, ...]
+) -> Iterator[dict[str, Any]]:
     for row in content.shown:
         curve = content.curves.get(row.case.id)
         yield {
@@ -172,9 +219,7 @@ def _drawn_cases(content: Content, groups: list[str]) -> Iterator[dict[str, Any]
                 for axis in groups
             },
             "time_s": _packed(curve.time_s) if curve else None,
-            "values": [_packed(curve.values[name]) for name in drawn(content.dossier)]
-            if curve
-            else [],
+            "values": [_packed(curve.values[name]) for name in curves] if curve else [],
         }
 
 

@@ -29,6 +29,8 @@ _SYMBOLS = {
     NOT_ENDED: "…",
 }
 _OTHER = "#009E73"
+_CONTRAST_MIN = 3.6
+"""Least contrast of white text, as WCAG 2 counts it."""
 
 # Two weathers of a family share a hue and differ in their dash.
 _WEATHER = {
@@ -48,6 +50,15 @@ _DASHES = ("solid", "dash", "dot", "dashdot")
 def status_color(status: str) -> str:
     """Fill of a status."""
     return _STATUS.get(status, _OTHER)
+
+
+def status_ink(status: str) -> str:
+    """Colour of text on the fill of a status: white where that can be read, else nearly black."""
+    color = status_color(status)
+    parts = [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+    return "#FFFFFF" if 1.05 / (luminance + 0.05) >= _CONTRAST_MIN else "#16191D"
 
 
 def status_symbol(status: str) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from conductor.report.dossier import Dossier, Row, perception_text
+from conductor.report.dossier import Dossier, Row
+from conductor.report.systems import system_name, system_text
 from schemas.messages import PerceptionCost
 
 
@@ -13,8 +14,10 @@ class CostRow:
     """One line of the table; sums over the committed attempts of its cases."""
 
     model: str
+    name: str
+    """What the page calls it."""
     perception: str
-    """What the perception really is."""
+    """What it really is."""
     runtime: str
     """What ran it."""
     cases: int
@@ -43,7 +46,8 @@ def _row(
     wall_s = sum(cost.wall_s for _, cost in found)
     return CostRow(
         model=model,
-        perception=perception_text(found[0][0].case),
+        name=system_name(found[0][0].case),
+        perception=system_text(found[0][0].case),
         runtime=runtime,
         cases=len(found),
         frames=frames,

@@ -133,8 +133,8 @@ def read_case(folder: Path, name: str, end: CaseOutcome, points: int) -> tuple[E
     path = kpi_path(folder, name, end)
     stamp = caching.stamp(path, end.kpi_sha256)  # before: a later change is noticed
     table, rows = committed_rows(folder, name, end)
-    curve = caching.packed(thin(table, points)) if points else b""
-    return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve), rows
+    curve, means = caching.packed(thin(table, points)) if points else (b"", b"")
+    return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve, means), rows
 
 
 def _outcomes_digest(dossier: Dossier) -> str:

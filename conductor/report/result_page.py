@@ -22,7 +22,7 @@ from PIL import Image
 from conductor.folders import CAMPAIGN_FILE
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.content import Content, read_content
-from conductor.report.dossier import Dossier, Row, open_dossier, perception_text
+from conductor.report.dossier import Dossier, Row, open_dossier
 from conductor.report.evidence import commands, versions
 from conductor.report.heat_picture import heat_picture
 from conductor.report.losses import (
@@ -39,6 +39,7 @@ from conductor.report.prose import SUMMARY, block, check_known, model_block, rea
 from conductor.report.provenance import file_digests, text_digest
 from conductor.report.recorded import ask_viewer
 from conductor.report.statistics import wilson
+from conductor.report.systems import system_name, system_names, system_text
 from conductor.report.tables import statuses, verdict_table
 from conductor.report.templates import environment, number, words
 from schemas.yaml_file import dump_yaml
@@ -68,6 +69,7 @@ class Section:
     """What the page says about one model."""
 
     model: str
+    name: str
     perception: str
     passed: int
     no_collision: int
@@ -133,6 +135,7 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
         systems=verdict_table(dossier),
         other_statuses=[status for status in statuses(dossier) if status != "pass"],
         models=[section.model for section in sections],
+        names=system_names(dossier),
         axes=[axis_label(axis) for axis in page_axes(dossier)],
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
@@ -201,7 +204,8 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
         sections.append(
             Section(
                 model=model,
-                perception=perception_text(own[0].case),
+                name=system_name(own[0].case),
+                perception=system_text(own[0].case),
                 passed=sum(row.passed is True for row in own),
                 no_collision=sum(row.no_collision is True for row in own),
                 ended=sum(bool(row.end.outcome) for row in own),

@@ -9,8 +9,9 @@ from typing import Any
 import msgspec
 
 from conductor.report.axes import axis_value, further_axes
-from conductor.report.dossier import NOT_ENDED, Dossier, Row, perception_text
+from conductor.report.dossier import NOT_ENDED, Dossier, Row
 from conductor.report.statistics import wilson
+from conductor.report.systems import system_name, system_text
 from schemas.kpi import SCALARS
 
 KNOWN_STATUSES = (
@@ -34,8 +35,10 @@ class SystemRow:
     """One line of the verdict table: a system under test, or all of them."""
 
     model: str
+    name: str
+    """What the page calls it, see :func:`conductor.report.systems.system_name`."""
     perception: str
-    """What the perception really is."""
+    """What it really is: its perception, or whose stack it is."""
     batches: list[int]
     passed: int
     """Cases with the verdict ``pass``."""
@@ -75,17 +78,16 @@ def verdict_table(dossier: Dossier) -> list[SystemRow]:
     groups: dict[str, list[Row]] = {}
     for row in dossier.rows:
         groups.setdefault(row.case.model, []).append(row)
-    lines = [
-        _system(dossier, model, perception_text(rows[0].case), rows)
-        for model, rows in groups.items()
-    ]
-    return [*lines, _system(dossier, "All", "", dossier.rows)]
+    lines = [_system(dossier, model, rows) for model, rows in groups.items()]
+    return [*lines, _system(dossier, "All", dossier.rows)]
 
 
-def _system(dossier: Dossier, model: str, perception: str, rows: list[Row]) -> SystemRow:
+def _system(dossier: Dossier, model: str, rows: list[Row]) -> SystemRow:
+    everyone = rows is dossier.rows
     return SystemRow(
         model=model,
-        perception=perception,
+        name=model if everyone else system_name(rows[0].case),
+        perception="" if everyone else system_text(rows[0].case),
         batches=sorted({row.case.batch for row in rows if row.case.batch}),
         passed=sum(row.passed is True for row in rows),
         no_collision=sum(row.no_collision is True for row in rows),
@@ -129,7 +131,7 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
     return {
         "case": row.case.id,
         **{axis: axis_value(row.case, axis) for axis in (*axes, *further_axes(dossier.campaign))},
-        "perception": perception_text(row.case),
+        "perception": system_text(row.case),
         "status": row.status,
         "outcome": end.outcome or None,
         "verdict": end.verdict or None,

@@ -9,12 +9,13 @@ from typing import Any
 
 import msgspec
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 from unit.report.test_report_leases import one_after_the_other
 from unit.report.test_report_resources import sample, write_parts
 
 from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
 from conductor.report import make_report
+from schemas.campaign import WEATHERS
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 # The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
@@ -67,11 +68,11 @@ def page(browser: Any, report: Path) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def looked_at(browser: Any, path: Path) -> Iterator[Any]:
-    """An open page; it may not complain or call out."""
+def looked_at(browser: Any, path: Path, width: int = 1280) -> Iterator[Any]:
+    """An open page, ``width`` pixels wide; it may not complain or call out."""
     complaints: list[str] = []
     requests: list[str] = []
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page = browser.new_page(viewport={"width": width, "height": 900})
     page.on("console", lambda m: complaints.append(m.text) if m.type != "log" else None)
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: requests.append(request.url))
@@ -108,7 +109,7 @@ def test_the_table_sorts_with_missing_values_last(page: Any) -> None:
     button = page.locator("#cases th button", has_text="Min DTC")
     button.click()
     values = page.eval_on_selector_all(
-        "#cases tbody tr", "rows => rows.map(r => r.querySelectorAll('td')[5].dataset.sort)"
+        "#cases tbody tr", "rows => rows.map(r => r.querySelectorAll('td')[6].dataset.sort)"
     )
     numbers = [float(value) for value in values if value]
     assert numbers == sorted(numbers)
@@ -253,3 +254,138 @@ def test_the_paper_s_256_cases(browser: Any, tmp_path: Path) -> None:
         assert page.locator("#heat .js-plotly-plot").count() == 4
         assert page.locator("#cases tbody tr").count() == 256
         assert page.locator("#leases .main-svg").count() >= 1
+
+
+# --- widths -------------------------------------------------------------------------------------
+
+COLLIDING_LABELS = """plot => {
+  const quads = [...plot.querySelectorAll('svg text')].filter(t => t.textContent.trim()).map(t => {
+    const [box, to] = [t.getBBox(), t.getScreenCTM()];
+    const [x0, y0, x1, y1] = [box.x + 1, box.y + 2, box.x + box.width - 1, box.y + box.height - 2];
+    const corner = (x, y) => [to.a * x + to.c * y + to.e, to.b * x + to.d * y + to.f];
+    return [t.textContent, [corner(x0, y0), corner(x1, y0), corner(x1, y1), corner(x0, y1)]];
+  }).filter(([, q]) => Math.hypot(q[0][0] - q[2][0], q[0][1] - q[2][1]) > 4);
+  const axes = quad => quad.slice(0, 2).map(
+    (p, i) => [quad[i + 1][1] - p[1], p[0] - quad[i + 1][0]]);
+  const span = (quad, [x, y]) => {
+    const along = quad.map(p => p[0] * x + p[1] * y);
+    return [Math.min(...along), Math.max(...along)];
+  };
+  const apart = (one, two) => [...axes(one), ...axes(two)].some(axis => {
+    const [a, b] = [span(one, axis), span(two, axis)];
+    return a[1] < b[0] || b[1] < a[0];
+  });
+  const found = [];
+  quads.forEach(([said, quad], i) => quads.slice(0, i).forEach(([other, with_]) => {
+    if (!apart(quad, with_)) found.push(`${said} / ${other}`);
+  }));
+  return found;
+}"""
+"""Pairs of texts in a figure that overlap, whatever way they are turned."""
+
+
+def _folder(kind: str, folder: Path) -> Path:
+    """A campaign folder: eight cases, one system with 64, or four with 64 each."""
+    if kind == "256 cases":
+        campaign = campaign_of(256)
+        write_outcomes(folder, campaign, write_files(folder, campaign), left=0)
+    elif kind == "64 cases":
+        hours = [f"{hour:02}:00" for hour in range(5, 21, 2)]
+        matrix = {"weather": list(WEATHERS), "time_of_day": hours}
+        stack = {"stack": "my_rather_long_package.module:CautiousStack"}
+        make_campaign(folder, campaign_data(autonomy=stack, matrix=matrix), every_kind)
+    else:
+        make_campaign(folder, change=every_kind)
+    return folder
+
+
+def every_kind(case: Any, end: Any) -> Any:
+    """A case of every verdict and outcome, with reasons as long as real ones."""
+    place = sum(map(ord, case.id)) % 7
+    verdict = ("pass", "collision", "false_braking", "time_up", "", "", "pass")[place]
+    outcome = {4: "unresolved", 5: "failed"}.get(place, "verdict")
+    said = "came to rest 52.80 m from the obstacle; further than 30 m is false braking, and told so"
+    return msgspec.structs.replace(
+        end, outcome=outcome, verdict=verdict, passed=verdict == "pass", reasons=[said, said]
+    )
+
+
+@pytest.fixture(scope="module", params=["8 cases", "64 cases", "256 cases"])
+def any_report(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    folder = _folder(request.param, tmp_path_factory.mktemp("any"))
+    write_parts(folder, *(sample(moment, host=host) for moment in (1, 2) for host in ("a", "b")))
+    page = folder / "report.html"
+    page.write_text(page_of(folder))
+    return request.param, page
+
+
+@pytest.mark.parametrize("width", [420, 1280])
+def test_no_page_scrolls_sideways(browser: Any, any_report: tuple[str, Path], width: int) -> None:
+    with looked_at(browser, any_report[1], width) as page:
+        page.wait_for_selector("#curves .scatterlayer .trace")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        page.select_option("#pick-model", "")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+@pytest.mark.parametrize("width", [420, 1280])
+def test_labels_of_figures_are_apart(
+    browser: Any, any_report: tuple[str, Path], width: int
+) -> None:
+    with looked_at(browser, any_report[1], width) as page:
+        page.wait_for_selector("#curves .scatterlayer .trace")
+        for model in ["", *page.evaluate("Object.keys(JSON.parse(data.textContent).names)")][:2]:
+            page.select_option("#pick-model", model)
+            plots = page.locator(".js-plotly-plot")
+            assert plots.count() >= 4
+            assert [plots.nth(i).evaluate(COLLIDING_LABELS) for i in range(plots.count())] == [
+                [] for _ in range(plots.count())
+            ]
+
+
+def test_the_case_table_keeps_its_reasons(browser: Any, any_report: tuple[str, Path]) -> None:
+    with looked_at(browser, any_report[1]) as page:
+        head = page.locator("#cases th", has_text="Reasons")
+        place = head.evaluate("head => head.cellIndex")
+        seen = page.evaluate(
+            """place => {
+              const edge = document.querySelector('.tall').getBoundingClientRect().right;
+              return [...document.querySelectorAll('#cases tbody tr')].map(row => {
+                const cell = row.cells[place], box = cell.getBoundingClientRect();
+                const whole = cell.scrollWidth <= cell.clientWidth + 1;
+                return [box.right <= edge, box.width >= 180, whole];
+              });
+            }""",
+            place,
+        )
+        assert len(seen) == page.locator("#cases tbody tr").count() > 0
+        assert all(all(row) for row in seen)
+
+
+def test_many_cases_are_drawn_as_distributions(browser: Any, any_report: tuple[str, Path]) -> None:
+    kind, path = any_report
+    with looked_at(browser, path) as page:
+        page.wait_for_selector("#curves .scatterlayer .trace")
+        columns = page.evaluate(
+            """() => {
+              const found = {};
+              for (const trace of document.getElementById('curves').data) {
+                if (trace.yaxis && Number(trace.yaxis.slice(1) || 1) <= 5 && trace.mode === 'lines')
+                  (found[trace.yaxis] ??= []).push(trace.fill ?? 'none');
+              }
+              return found;
+            }"""
+        )
+        if kind == "8 cases":
+            assert {fill for fills in columns.values() for fill in fills} == {"none"}
+            return
+        assert columns["y"] == columns["y3"] == ["tozeroy"], "AEB, collisions: a share each"
+        bands = ["none", "tonexty", "none", "tonexty", "none"]
+        assert columns["y4"] == columns["y5"] == bands, "throttle, brake: 90 %, 50 %, median"
+        assert "none" in columns["y2"], "distances are lines still"
+        assert "AEB trigger, share of cases" in page.locator("#curves").inner_text()
+        case = page.locator("#cases tbody tr").first
+        case.click()
+        name = case.get_attribute("data-case")
+        lit = f"document.getElementById('curves').data.filter(t => t.name === '{name}').length"
+        assert page.evaluate(lit) in (0, 5, 6), "a case that is picked is drawn in every panel"

@@ -183,6 +183,7 @@ def _controls(command: Command | None) -> Controls | None:
         aeb=command.aeb,
         lights=command.lights,
         detections=command.detections,
+        trigger=command.trigger,
     )
 
 

@@ -33,6 +33,29 @@ function traces(cases, row, axis, style) {
   };
 }
 
+/** Distributions over many cases in the panel of a curve; see spread.py. */
+function spreads(name, model, axis) {
+  const { cases, time_s, values } = data.spread[model];
+  const [time, rows] = [floats(time_s), values[name].map(floats)];
+  const known = [...time.keys()].filter((i) => Number.isFinite(rows[0][i]));
+  const percent = (value) => `${Math.round(100 * value)} %`;
+  const trace = (row, more) => ({
+    type: "scatter", mode: "lines", x: known.map((i) => time[i]), y: known.map((i) => rows[row][i]),
+    xaxis: `x${axis}`, yaxis: `y${axis}`, name: esc(data.names[model]), showlegend: false, hoverinfo: "skip", ...more,
+  });
+  const hover = (said) => ({ hoverinfo: "text", hovertext: known.map((i) => `${time[i].toFixed(1)} s: ${said(i)}`) });
+  const ink = name === "collisions" ? data.collision_color : color("--spread");
+  if (rows.length === 1) {
+    const of = name === "collisions" ? `all ${cases} cases` : "the running cases";
+    return [trace(0, { line: { color: ink, width: 1.5 }, fill: "tozeroy", fillcolor: `${ink}44`, ...hover((i) => `${percent(rows[0][i])} of ${of}`) })];
+  }
+  const none = { line: { width: 0, color: ink } };
+  const band = (opacity) => ({ ...none, fill: "tonexty", fillcolor: ink + opacity });
+  const said = (i) => `median ${rows[2][i].toFixed(2)}<br>half of the cases ${rows[1][i].toFixed(2)} to ${rows[3][i].toFixed(2)}` +
+    `<br>90 % of the cases ${rows[0][i].toFixed(2)} to ${rows[4][i].toFixed(2)}`;
+  return [trace(0, none), trace(4, band("2a")), trace(1, none), trace(3, band("55")), trace(2, { line: { color: ink, width: 2 }, ...hover(said) })];
+}
+
 /** A cross where each collision happened, on the distance and on the count. */
 function impacts(cases, panels, legend) {
   const count = data.curves.indexOf("collisions");
@@ -47,21 +70,23 @@ function impacts(cases, panels, legend) {
   }));
 }
 
-/** Curves of `cases` in `panels`, pairs of a curve and the number of its axes. */
-function drawCases(cases, panels, group, lit, named) {
-  const found = [];
-  const width = cases.length > LINES_MANY ? 1 : 1.5;
+/** Curves of `cases` of `model` in `panels`, pairs of a curve and the number of its axes. */
+function drawCases(cases, model, all, group, lit, named) {
+  const spread = (row) => data.spread[model]?.values[data.curves[row]] !== undefined;
+  const found = all.filter(([row]) => spread(row)).flatMap(([row, axis]) => spreads(data.curves[row], model, axis));
+  const panels = all.filter(([row]) => !spread(row));
+  const width = cases.length > LINES_MANY ? 0.8 : 1.5;
   for (const [value, [hue, dash]] of Object.entries(group.styles)) {
     const members = cases.filter((c) => c.groups[group.axis] === value);
     if (!members.length) continue;
     const style = { group: value, color: hue, dash, width, alpha: lit ? "55" : "dd" };
-    style.name = words(value);
+    style.name = group.axis === "model" ? esc(data.names[value]) : words(value);
     panels.forEach(([row, axis], n) => found.push(traces(members, row, axis, { ...style, legend: n === 0 && !named.has(value) })));
     named.add(value);
   }
   if (lit && cases.includes(lit)) {
     const style = { name: esc(lit.id), group: " picked", color: color("--ink"), dash: "solid", width: 3, alpha: "" };
-    panels.forEach(([row, axis], n) => found.push(traces([lit], row, axis, { ...style, legend: n === 0 })));
+    all.forEach(([row, axis], n) => found.push(traces([lit], row, axis, { ...style, legend: n === 0 })));
   }
   const crosses = impacts(cases, panels, !named.has(" collision"));
   if (crosses.length) named.add(" collision");
@@ -83,18 +108,19 @@ function draw() {
   const named = new Set();
   let drawn = [];
   if (model) {
-    drawn = drawCases(selected(), data.curves.map((_, row) => [row, axisName(row + 1)]), group, lit, named);
+    drawn = drawCases(selected(), model, data.curves.map((_, row) => [row, axisName(row + 1)]), group, lit, named);
   } else {
     const wanted = data.grid_curves.map((name) => data.curves.indexOf(name));
     data.grid_models.forEach((name, line) => {
       const own = selected().filter((c) => c.model === name);
       const panels = wanted.map((row, n) => [row, axisName(line * wanted.length + n + 1)]);
-      drawn.push(...drawCases(own, panels, group, lit, named));
+      drawn.push(...drawCases(own, name, panels, group, lit, named));
     });
   }
-  const layout = themed(model ? data.frame : data.grid);
+  const layout = themed(model ? data.frame : NARROW.matches ? data.grid_stacked : data.grid);
   layout.uirevision = `${model}/${group.axis}`; // keeps zoom and hidden groups
   layout.legend.title = { text: `${esc(group.label)}  ` };
+  placeLegend(layout, [group.label, ...named], curves, NARROW.matches ? 0 : LEGEND_BELOW_PX, TITLE_PX[Number(NARROW.matches && !model)]);
   if (at("near").checked) {
     const near = model ? [data.curves.indexOf("dtc_m") + 1]
       : data.grid_models.map((_, line) => line * data.grid_curves.length + data.grid_curves.indexOf("dtc_m") + 1);
@@ -127,9 +153,9 @@ function pick(id, scroll) {
 }
 
 option(at("pick-model"), "", `all (${data.models.length})`);
-data.models.forEach((model) => option(at("pick-model"), model, model));
+data.models.forEach((model) => option(at("pick-model"), model, data.names[model]));
 // Thousands of lines take long to draw: begin with one system under test.
-if (data.cases.length > GRID_CASES_MAX) at("pick-model").value = data.models[0];
+if (data.cases.length > GRID_CASES_MAX || NARROW.matches) at("pick-model").value = data.models[0];
 data.groups.forEach((group, index) => option(at("pick-group"), String(index), group.label));
 option(at("pick-case"), "", "no case");
 data.cases.forEach((c) => option(at("pick-case"), c.id, `${c.id}: ${c.status.replaceAll("_", " ")}`));
@@ -143,4 +169,4 @@ at("pick-group").addEventListener("change", draw);
 at("near").addEventListener("change", draw);
 at("pick-case").addEventListener("change", () => pick(at("pick-case").value, false));
 draw();
-if (curves.on) curves.on("plotly_click", (event) => pick(event.points[0].text, false));
+if (curves.on) curves.on("plotly_click", (event) => byId.has(event.points[0].text) && pick(event.points[0].text, false));

@@ -3,7 +3,12 @@ at("no-effects").hidden = Boolean(data.effects);
 at("interaction-section").hidden = !data.effects;
 const FIGURES = [["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
 function drawFigures() {
-  for (const [id, config] of FIGURES) Plotly.react(at(id), data[id].data, themed(data[id].layout), config);
+  for (const [id, config] of FIGURES) {
+    const layout = themed(((NARROW.matches && data[`${id}_stacked`]) || data[id]).layout);
+    const names = data[id].data.filter((trace) => trace.showlegend !== false && trace.name).map((trace) => trace.name);
+    if (names.length && layout.showlegend !== false) placeLegend(layout, names, at(id), config === CONFIG ? LEGEND_BELOW_PX : 0, TITLE_PX[0]);
+    Plotly.react(at(id), data[id].data, layout, config);
+  }
   drawInteractions();
 }
 drawFigures();

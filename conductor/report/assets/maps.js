@@ -4,14 +4,17 @@ const AXES = Object.keys(all.axes);
 const HOVER_CASES = 6;
 const MAPS_MAX = 24;
 const MAP_ROW_PX = 34;
+const MAP_LEFT_PX = 96;
+const CELL_CHAR_PX = 7;
 const STATUS_SCALE = all.statuses.flatMap((s, i) => [
   [i / all.statuses.length, s.color], [(i + 1) / all.statuses.length, s.color],
 ]);
 
-function cellText(cell, worst) {
+function cellText(cell, worst, room) {
   const symbol = all.statuses[all.status[worst]].symbol;
-  if (cell.length === 1) return `${symbol} ${all.number[worst]}`.trimEnd();
-  return `${symbol} ${cell.filter((n) => all.passed[n] === 1).length}/${cell.length}`;
+  const number = cell.length === 1 ? all.number[worst] : `${cell.filter((n) => all.passed[n] === 1).length}/${cell.length}`;
+  const text = `${symbol} ${number}`.trimEnd();
+  return text.length * CELL_CHAR_PX > room ? symbol : text; // where it does not fit, hovering tells it
 }
 
 function cellHover(cell) {
@@ -20,7 +23,7 @@ function cellHover(cell) {
   return lines.join("<br>");
 }
 
-function heatMap(members, xAxis, yAxis) {
+function heatMap(members, xAxis, yAxis, width) {
   const [across, down] = [all.axes[xAxis], all.axes[yAxis]];
   const cells = down.values.map(() => across.values.map(() => []));
   for (const n of members) cells[down.of[n]][across.of[n]].push(n);
@@ -29,15 +32,16 @@ function heatMap(members, xAxis, yAxis) {
     const worst = cell.reduce((a, b) => (all.severity[b] < all.severity[a] ? b : a));
     return said(cell, worst);
   }));
+  const room = (width - MAP_LEFT_PX) / across.values.length - 6;
   const trace = {
     type: "heatmap", x: across.values.map(words), y: down.values.map(words),
-    z: over((_, worst) => all.status[worst]), text: over((cell, worst) => cellText(cell, worst)),
+    z: over((_, worst) => all.status[worst]), text: over((cell, worst) => cellText(cell, worst, room)), textfont: { size: 12 },
     hovertext: over((cell) => cellHover(cell)), customdata: over((_, worst) => all.ids[worst]),
     texttemplate: "%{text}", hovertemplate: "%{hovertext}<extra></extra>", hoverongaps: false,
     zmin: -0.5, zmax: all.statuses.length - 0.5, colorscale: STATUS_SCALE, showscale: false, xgap: 2, ygap: 2,
   };
   const layout = {
-    height: Math.max(170, 92 + MAP_ROW_PX * down.values.length), margin: { l: 96, r: 8, t: 8, b: 52 },
+    height: Math.max(170, 92 + MAP_ROW_PX * down.values.length), margin: { l: MAP_LEFT_PX, r: 8, t: 8, b: 52 },
     xaxis: { title: { text: esc(across.label) }, type: "category", showgrid: false },
     yaxis: { title: { text: esc(down.label), standoff: 14 }, type: "category", autorange: "reversed", showgrid: false },
   };
@@ -45,6 +49,13 @@ function heatMap(members, xAxis, yAxis) {
 }
 
 let maps = [];
+function fillMaps(drawn) {
+  const [xAxis, yAxis] = [at("heat-x").value, at("heat-y").value];
+  for (const { plot, members } of maps) {
+    const map = heatMap(members, xAxis, yAxis, plot.clientWidth);
+    drawn(plot, map.data, themed(map.layout), PLAIN);
+  }
+}
 function drawMaps() {
   const [xAxis, yAxis, per] = ["heat-x", "heat-y", "heat-per"].map((id) => at(id).value);
   for (const { plot } of maps) Plotly.purge(plot);
@@ -60,12 +71,12 @@ function drawMaps() {
     head.textContent = title;
     figure.append(head, plot);
     at("heat").append(figure);
-    return { plot, map: heatMap(members, xAxis, yAxis) };
+    return { plot, members };
   });
   if (parts.length > MAPS_MAX) at("heat").append(`and ${parts.length - MAPS_MAX} more maps`);
   // Drawn when all have their place: the width of one depends on how many there are.
-  for (const { plot, map } of maps) {
-    Plotly.newPlot(plot, map.data, themed(map.layout), PLAIN);
+  fillMaps(Plotly.newPlot);
+  for (const { plot } of maps) {
     plot.on("plotly_click", (event) => event.points[0].customdata && pick(event.points[0].customdata, true));
   }
 }
@@ -116,9 +127,10 @@ function drawInteractions() {
   const title = measure < 0 ? "passed [%]" : `${all.measures[measure].label}, median`;
   const layout = {
     height: 360, margin: { l: 64, r: 12, t: 12, b: 60 }, hovermode: "closest", showlegend: Boolean(by),
-    xaxis: { title: { text: esc(across.label) }, type: "category" },
+    xaxis: { title: { text: esc(across.label) }, type: "category" }, legend: {},
     yaxis: { title: { text: title }, ...(measure < 0 ? { range: [-4, 104] } : { rangemode: "tozero" }) },
   };
+  if (by) placeLegend(layout, lines.map(String), at("interactions"), 0, 10);
   Plotly.react(at("interactions"), traces, themed(layout), PLAIN);
 }
 

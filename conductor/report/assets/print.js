@@ -1,10 +1,11 @@
 // --- dark mode and print ---
 function restyle() {
-  for (const { plot, map } of maps) Plotly.react(plot, map.data, themed(map.layout), PLAIN);
+  fillMaps(Plotly.react);
   draw();
   drawFigures();
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
+NARROW.addEventListener("change", restyle);
 const wide = () => [...FIGURES.map(([id]) => id), ...(data.effects ? ["interactions"] : [])].map(at);
 addEventListener("beforeprint", () => {
   restyle();

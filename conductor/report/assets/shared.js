@@ -10,6 +10,10 @@ const PRINT_WIDTH_PX = 1000; // A4 landscape between the margins of page.css
 const PRINT_HEIGHT_PX = 640;
 const GRID_CASES_MAX = 400; // in the figure of all systems
 const LINES_MANY = 24; // above this, thinner lines
+const NARROW = matchMedia("(max-width: 700px)"); // figures are drawn below each other
+const LEGEND_BELOW_PX = 30; // height of Plotly's tool bar
+const [LEGEND_ENTRY_PX, LEGEND_CHAR_PX, LEGEND_ROW_PX] = [48, 7.2, 20];
+const TITLE_PX = [26, 42]; // of the first row: one line, two lines
 const at = (id) => document.getElementById(id);
 const curves = at("curves");
 let picked = "";
@@ -31,6 +35,16 @@ function themed(layout) {
     if (key[0] === "y") result[key].fixedrange = false;
   }
   return result;
+}
+
+/** Room for the legend between tool bar and plots, whatever it holds: Plotly gives all entries the same width. */
+function placeLegend(layout, entries, plot, barPx, titlePx) {
+  const wide = LEGEND_ENTRY_PX + LEGEND_CHAR_PX * Math.max(...entries.map((text) => text.length));
+  const room = Math.max(1, Math.floor((plot.clientWidth - layout.margin.l - layout.margin.r) / wide));
+  const top = barPx + LEGEND_ROW_PX * Math.ceil(entries.length / room) + titlePx;
+  layout.height += top - layout.margin.t;
+  layout.margin.t = top;
+  layout.legend = { ...layout.legend, orientation: "h", x: 0, yref: "container", y: 1 - barPx / layout.height, yanchor: "top" };
 }
 
 const PLAIN = { ...CONFIG, displayModeBar: false };

@@ -122,6 +122,7 @@ def test_brakes_for_the_car_ahead_and_holds():
     assert commands[4].lights.indicators == 0
     assert commands[3].detections == []
     assert [d.label for d in commands[4].detections] == ["car"]
+    assert [c.trigger for c in commands] == [None] * 5 + [0] + [None] * 19
 
 
 def test_keeps_braking_when_the_car_disappears():

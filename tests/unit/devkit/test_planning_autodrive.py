@@ -9,7 +9,7 @@ import pytest
 from camera_sites import camera_site
 
 from devkit.planning import Brake, Cruise, Plan, Planner, React, plan
-from devkit.planning_autodrive import brakes
+from devkit.planning_autodrive import trigger
 from devkit.view import View
 from schemas.messages import Detection
 
@@ -18,6 +18,10 @@ PLANNER = Planner(rules="autodrive", cruise_speed_mps=5.0)
 CAR = Detection("car", 0.5, 0.0, 0.0, 40.0, 25.0)
 
 changed = msgspec.structs.replace
+
+
+def brakes(detections, width_px, height_px):
+    return trigger(detections, width_px, height_px) is not None
 
 
 @pytest.mark.parametrize(
@@ -48,6 +52,7 @@ def test_the_last_confident_box_decides_alone():
     assert not brakes([CAR, person], 640, 360)
     assert brakes([CAR, faint], 640, 360)
     assert not brakes([CAR, changed(CAR, width_px=10.0)], 640, 360)
+    assert trigger([person, faint, CAR, faint], 640, 360) == 2
 
 
 def test_every_frame_decides_anew_and_ticks_between_frames_keep_it():
@@ -57,7 +62,7 @@ def test_every_frame_decides_anew_and_ticks_between_frames_keep_it():
         seen.append(asked.aeb)
     assert seen == [False, False, True, True, True, False, False, True]
     assert isinstance(state, React)
-    assert asked == Plan(0.0, aeb=True)
+    assert asked == Plan(0.0, aeb=True, trigger=0)
     assert plan(state, [], 0.0, VIEW, PLANNER) == (React(), Plan(5.0, aeb=False))
 
 

@@ -18,7 +18,7 @@ from devkit.planning import (
     Planner,
     extent_m,
     is_relevant,
-    nearest_m,
+    nearest,
     plan,
 )
 from devkit.view import View
@@ -35,6 +35,12 @@ THREAT = Detection("car", 0.9, 280.0, 150.0, 80.0, 60.0)
 """At 20 m: 2.5 s away at 8 m/s."""
 
 changed = msgspec.structs.replace
+
+
+def nearest_m(detections: list[Detection], *args: Any) -> float:
+    """Distance of the nearest relevant object in the path; infinite: there is none [m]."""
+    found = nearest(detections, *args)
+    return found.ahead_m if found else math.inf
 
 
 def box_of(
@@ -298,7 +304,19 @@ def test_a_window_smaller_than_the_count_is_refused():
 
 
 def test_the_tick_of_the_trigger_already_brakes():
-    assert plan(Cruise((True,)), [THREAT], 8.0, VIEW, PLANNER) == (Brake(), Plan(0.0, aeb=True))
+    braking = Plan(0.0, aeb=True, trigger=0)
+    assert plan(Cruise((True,)), [THREAT], 8.0, VIEW, PLANNER) == (Brake(), braking)
+
+
+def test_the_trigger_is_the_nearest_object_in_the_path_and_told_once():
+    parked, far = box_of(9.0, -5.0, -3.0), box_of(22.0, -0.9, 0.9)
+    faint = changed(THREAT, confidence=0.1)
+    seen = [parked, faint, far, THREAT]
+    state, first = plan(Cruise(), seen, 8.0, VIEW, PLANNER)
+    assert first == Plan(8.0, aeb=False)
+    state, second = plan(state, seen, 8.0, VIEW, PLANNER)
+    assert second == Plan(0.0, aeb=True, trigger=3)
+    assert plan(state, seen, 8.0, VIEW, PLANNER)[1] == Plan(0.0, aeb=True), "latched, not triggered"
 
 
 def test_brake_is_latched_and_ends_below_standstill_speed():

@@ -43,7 +43,7 @@ def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     found = report_json(tmp_path)
     assert f"<strong>{found['passed']}</strong> of 8 cases passed" in text
     assert "yolov3</b>" in text
-    assert "ground_truth stand-in, contrast_min 0.05" in text
+    assert "ground_truth: the simulator&#39;s boxes, no network, contrast_min 0.05" in text
     assert fingerprint(tmp_path).sha256 in text
     assert 'id="alarms"' not in text
     assert 'id="incomplete"' not in text

@@ -16,8 +16,10 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from unit.report.test_report_leases import one_after_the_other
 from unit.viewer.recorded_case import write
 
-from conductor.report import make_report, plots, recorded
+from conductor.report import make_report, plot_kpis, plots, recorded
+from conductor.report.content import Content, read_content
 from conductor.report.dossier import open_dossier
+from schemas.campaign import WEATHERS
 from viewer.strip import WIDTH_PX
 
 replace = msgspec.structs.replace
@@ -108,6 +110,112 @@ def test_plots_are_files_of_both_kinds(tmp_path: Path) -> None:
         assert path.read_bytes() == first[path], path
 
 
+def _content(folder: Path, data: dict[str, Any], change: Any = None) -> Content:
+    make_campaign(folder, data, change)
+    one_after_the_other(folder)
+    return read_content(open_dossier(folder))
+
+
+def _every_kind(case: Any, end: Any) -> Any:
+    place = sum(map(ord, case.id)) % 6
+    verdict = ("pass", "collision", "false_braking", "time_up", "", "")[place]
+    outcome = {4: "unresolved", 5: "failed"}.get(place, "verdict")
+    return replace(end, outcome=outcome, verdict=verdict, passed=verdict == "pass")
+
+
+def _large() -> dict[str, Any]:
+    """256 cases of four systems."""
+    hours = [f"{hour:02}:00" for hour in range(5, 21, 2)]
+    names = ["yolov2-w25", "yolov2-tiny-w25", "yolov3-w25", "a-rather-long-name-of-a-network-w25"]
+    return campaign_data(
+        autonomy={"perception": {name: {"type": "ground_truth"} for name in names}},
+        matrix={"model": names, "weather": list(WEATHERS), "time_of_day": hours},
+    )
+
+
+def _own_stack() -> dict[str, Any]:
+    stack = {"stack": "my_rather_long_package.and_its_module:CautiousStack"}
+    return campaign_data(autonomy=stack, matrix={"weather": list(WEATHERS)})
+
+
+@pytest.fixture(scope="module", params=[_large, _own_stack, campaign_data])
+def drawn_sheets(request: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Every plot of a campaign by name: the figure, and every text that is drawn with its box."""
+    figure = pytest.importorskip("matplotlib.figure", reason="install the package 'matplotlib'")
+    agg = pytest.importorskip("matplotlib.backends.backend_agg")
+    matplotlib = pytest.importorskip("matplotlib")
+    content = _content(tmp_path_factory.mktemp("plots"), request.param(), _every_kind)
+    sheets = {}
+    for name, draw in plots.PLOTS.items():
+        with matplotlib.rc_context(plots.STYLE):
+            sheet = figure.Figure(layout="constrained")
+            assert draw(content, sheet), name
+            agg.FigureCanvasAgg(sheet).draw()
+            sheets[name] = sheet, _drawn_texts(sheet)
+    return sheets
+
+
+def _drawn_texts(sheet: Any) -> list[tuple[str, Any]]:
+    """Every text that is drawn, with its box; ticks outside of the limits are not."""
+    text_type = sys.modules["matplotlib.text"].Text
+    drawn: list[Any] = []
+    real = text_type.draw
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(text_type, "draw", lambda text, to: [drawn.append(text), real(text, to)])
+        sheet.canvas.draw()
+    shown = [text for text in drawn if text.get_visible() and text.get_text().strip()]
+    return [(text.get_text(), text.get_window_extent()) for text in shown]
+
+
+@pytest.mark.parametrize("name", list(plots.PLOTS))
+def test_labels_of_plots_are_apart_and_whole(drawn_sheets: dict[str, Any], name: str) -> None:
+    sheet, texts = drawn_sheets[name]
+    assert len(texts) > 4
+    whole = sheet.bbox.padded(1)
+    cut = [said for said, box in texts if not _inside(box, whole)]
+    assert cut == []
+    pairs = [
+        (one, two)
+        for i, (one, a) in enumerate(texts)
+        for two, b in texts[:i]
+        if a.padded(-1).overlaps(b.padded(-1))
+    ]
+    assert pairs == []
+
+
+def _inside(box: Any, whole: Any) -> bool:
+    return bool(
+        whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1
+    )
+
+
+def test_cells_of_maps_have_borders_and_legible_text(drawn_sheets: dict[str, Any]) -> None:
+    for axes in drawn_sheets["heat"][0].axes:
+        if axes.axison:
+            (mesh,) = axes.collections
+            assert mesh.get_linewidth()[0] >= 1
+            assert mesh.get_edgecolor()[0].tolist() == [1, 1, 1, 1]
+            assert {text.get_color() for text in axes.texts} == {"#FFFFFF", "#16191D"}
+
+
+def test_nothing_that_cannot_be_negative_is_drawn_below_zero(
+    drawn_sheets: dict[str, Any],
+) -> None:
+    for axes in drawn_sheets["kpis"][0].axes:
+        assert axes.get_ylim()[0] == 0
+        ticks = [float(label.get_text()) for label in axes.get_yticklabels() if label.get_text()]
+        assert all(tick >= 0 for tick in ticks)
+
+
+def test_many_cases_are_plotted_as_distributions(drawn_sheets: dict[str, Any]) -> None:
+    sheet, _ = drawn_sheets["kpis"]
+    many = len(sheet.axes) == 4 * 5
+    kinds = [[type(part).__name__ for part in axes.collections] for axes in sheet.axes[:5]]
+    lines, share = ["LineCollection"], ["FillBetweenPolyCollection"]
+    bands = share * 2
+    assert kinds == ([share, lines, share, bands, bands] if many else [lines] * 5)
+
+
 def test_plots_that_have_nothing_to_show_are_removed(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
     make_campaign(tmp_path)
@@ -155,7 +263,7 @@ def test_curves_are_shared_between_models_and_wide_maps_are_left_out(
 ) -> None:
     pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
     make_campaign(tmp_path, many_models(weather=["clear", "heavy_fog"]))
-    monkeypatch.setattr(plots, "LINES_MAX", 6)
+    monkeypatch.setattr(plot_kpis, "LINES_MAX", 6)
     monkeypatch.setattr(plots, "HEAT_MAX", 1)
     made = make_report(tmp_path)
     assert "has 2 values and a map at most 1" in made.plots_missing

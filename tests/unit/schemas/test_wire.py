@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 
 from schemas import SCHEMA_VERSION
 from schemas.kpi import headlight_code
-from schemas.messages import Beat, Command, Commands, Reply, Request, Tick, command_mistake
+from schemas.messages import (
+    Beat,
+    Command,
+    Commands,
+    Detection,
+    Reply,
+    Request,
+    Tick,
+    command_mistake,
+)
 from schemas.wire import WireError, decode, encode
 
 
@@ -68,6 +77,15 @@ def test_garbage_never_escapes(data):
 def test_command_ranges(values, mistake):
     assert mistake in command_mistake(Command(0, 0, 0, *values))
     assert bool(mistake) == bool(command_mistake(Command(0, 0, 0, *values)))
+
+
+@pytest.mark.parametrize(("trigger", "fits"), [(None, True), (0, True), (1, False), (-1, False)])
+def test_a_trigger_is_one_of_the_detections(trigger, fits):
+    seen = [Detection("car", 0.9, 0.0, 0.0, 9.0, 9.0)]
+    command = Command(0, 0, 0, 0.0, 1.0, 0.0, detections=seen, trigger=trigger)
+    said = command_mistake(command)
+    wrong = f"command trigger is {trigger}, allowed: the place of one of its 1 detections, from 0"
+    assert said == ("" if fits else wrong)
 
 
 def test_headlight_codes_are_the_originals():

@@ -11,10 +11,11 @@ from viewer.recording import Recording
 PICTURES = [jpeg(np.full((36, 64, 3), shade, np.uint8)) for shade in (10, 120, 230)]
 
 
-def write(folder, ended=True, brakes=True, **changes):
+def write(folder, ended=True, brakes=True, told=None, **changes):
     """Six ticks of 50 ms: pictures at 0, 2, 4; braking from 3 on; closest at 4.
 
-    One near and one far detection in all but the last, for which the stack was not asked.
+    One near and one far detection in all but the last, for which the stack was not asked. ``told``:
+    the tick in which the stack says that the near one is what it brakes for.
     """
     recording = Recording(start(folder, **changes))
     seq = 1
@@ -24,7 +25,8 @@ def write(folder, ended=True, brakes=True, **changes):
             recording.camera(camera(seq, tick), PICTURES[tick // 2])
             seq += 1
         found = [detection(20.0), detection(2.0)]
-        asked = controls(brakes and tick >= 3, found) if tick < 5 else None
+        trigger = 0 if tick == told else None
+        asked = controls(brakes and tick >= 3, found, trigger) if tick < 5 else None
         dtc_m = 20.0 - 2.0 * tick if tick < 5 else 13.0
         recording.state(
             state(seq, tick, controls=asked, boxes=boxes, dtc_m=dtc_m, ttc_s=None if tick else 2.0)

@@ -1,5 +1,6 @@
 """Every layout that is shipped, rendered by the native viewer: it complains of nothing."""
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from recorded_case import PICTURES, write
 from view_messages import STAGE, camera, controls, detection, end, start, state, thumbnail
 
 from schemas import SCHEMA_VERSION
+from schemas.kpi import SCALARS
 from schemas.lens import Lens
 from schemas.messages import CameraSite, LidarSite
 from schemas.view import PointsSample
@@ -16,9 +18,11 @@ from twin.fabric.bus import Sample
 from viewer import naming, native
 from viewer.blueprint import case_blueprint, overview_blueprint
 from viewer.focus import Focus, Scenes
+from viewer.folder import Moment
 from viewer.hub import Hub
 from viewer.overview import Overview
 from viewer.pulse import Pulse
+from viewer.shot import shoot
 
 pytestmark = pytest.mark.skipif(
     not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
@@ -106,3 +110,23 @@ def test_every_layout_is_rendered_without_a_warning(tmp_path):
             assert [report for view in state.views for report in view.reports] == [], name
         logs = [entry for entry in shown.client.get_logs() if "WARN" in str(entry).upper()]
         assert logs == []
+
+
+LONG = (
+    "collision with pedestrian walker-3 at 6.31 m/s, while the obstacle was 55.25 m away; its "
+    "nearest point was the left edge of the bonnet"
+)
+CASE_END = (slice(238, 254), slice(756, 1270))
+"""Rows and columns [px] of the panel Case, just above its lower edge."""
+
+
+@pytest.mark.parametrize(("reasons", "fits"), [([LONG], True), ([LONG] * 4, False)])
+def test_the_case_panel_shows_its_last_row(tmp_path, monkeypatch, reasons, fits):
+    scalars = {column.name: 12.34 for column in SCALARS}
+    closing = {"reasons": reasons, "scalars": scalars, "verdict": "collision", "passed": False}
+    monkeypatch.setattr("recorded_case.end", lambda seq, tick: end(seq, tick=tick, **closing))
+    names = {"case": "yolov2-tiny-w25-1300-heavy_rain-60", "campaign": "latency-study"}
+    out = tmp_path / "shot.png"
+    shoot(write(tmp_path, **names), Moment(0, "start"), out, (1280, 720))
+    shades = cv2.imread(str(out))[CASE_END].reshape(-1, 3)
+    assert (len(np.unique(shades, axis=0)) == 1) is fits, "text is cut where the panel ends"

@@ -142,6 +142,39 @@ def test_far_boxes_have_no_labels_and_aeb_is_red():
     assert styles[naming.DETECTIONS_FAR] == [False]
 
 
+def test_the_box_that_triggered_is_marked_until_the_next_frame():
+    seen = [detection(4.0), detection(20.0)]
+    samples = [
+        state(0, 0, controls=controls(False, seen)),
+        state(1, 1, controls=controls(True, seen, trigger=1)),
+        state(2, 2, controls=controls(True), boxes=None),
+        state(3, 3, controls=controls(True, seen)),
+        state(4, 4, controls=controls(True, seen)),
+    ]
+    shown = converted(*samples)
+    assert [len(row) for row in shown[naming.TRIGGER]["half_sizes"]] == [1, 0]
+    assert shown[naming.TRIGGER]["half_sizes"][0] == [[10.0, 4.0]]
+    said = [text for [text] in shown[naming.EVENTS]["text"] if text.startswith("AEB")]
+    assert said == ["AEB triggered at 19.0 m, 9.0 m/s, by car 0.90"]
+    # Messages come one by one to a live viewer.
+    converter = CaseConverter(start())
+    alone = [values(converter.states([s])).get(naming.TRIGGER) for s in samples]
+    assert [row and [len(r) for r in row["half_sizes"]] for row in alone] == [
+        None,
+        [1],
+        None,
+        [0],
+        None,
+    ]
+
+
+@pytest.mark.parametrize("trigger", [None, -1, 1])
+def test_a_stack_that_does_not_say_what_triggered_gets_no_mark(trigger):
+    shown = converted(state(0, controls=controls(True, [detection()], trigger)))
+    assert naming.TRIGGER not in shown
+    assert shown[naming.EVENTS]["text"][-1] == ["AEB triggered at 20.0 m, 9.0 m/s"]
+
+
 def test_no_detections_clear_the_boxes():
     shown = converted(state(0, controls=controls(), boxes=[]))
     assert shown[naming.DETECTIONS]["half_sizes"] == [[]]
@@ -159,12 +192,11 @@ def test_verdict_and_its_words():
     text = ended_text(start(), end(9), lost=4)
     assert "**PASS** came to rest 3.00 m" in text
     assert "4 samples are missing" in text
-    assert "| AEB after [s] | - |" in text
+    assert "closest 3.00 m · AEB after - · " in text
     assert "lateral" not in text
     kept = {"distance_m": 100.2, "lateral_error_rms_m": 0.05, "lateral_error_max_m": None}
     lane = ended_text(start(), end(9, scalars=kept), lost=0)
-    assert "| lateral error RMS [m] | 0.05 |" in lane
-    assert "| largest lateral error [m] | - |" in lane
+    assert "lateral error RMS 0.05 m · largest lateral error - · " in lane
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
     given_up = CaseConverter(start()).end(end(9, outcome="", verdict=""))
     assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]

@@ -10,7 +10,7 @@ from twin.worker.view_samples import jpeg
 from viewer.drawing import LINE_PX, drawn, figures
 from viewer.folder import Moment
 from viewer.frames import Frame, Mark, read_case
-from viewer.scenery import CYAN, ORANGE, RED
+from viewer.scenery import CYAN, ORANGE, RED, YELLOW
 from viewer.still import write_still
 from viewer.strip import write_strip
 
@@ -42,6 +42,19 @@ def test_boxes_stand_where_they_were_seen():
     assert len(colored(drawn(frame(), frame(detections=[car], aeb=True)), RED)) == len(where)
     thin = colored(drawn(frame(), frame(truth=[car])), CYAN)
     assert 0 < len(thin) < len(where) * 0.75
+
+
+def test_the_box_that_triggered_is_told_from_the_others():
+    cause, other = Mark(10.0, 12.0, 20.0, 8.0, "car 0.90"), Mark(40.0, 12.0, 20.0, 8.0, "bus 0.80")
+    seen = {"detections": [other, cause], "aeb": True}
+    plain = drawn(frame(), frame(**seen))
+    assert len(colored(plain, YELLOW)) == 0, "nobody said which it was"
+    marked = drawn(frame(), frame(**seen, trigger=cause))
+    where = colored(marked, YELLOW)
+    assert len(where) > 500
+    assert where[:, 1].max() <= 310, "the other box is not marked"
+    assert len(colored(marked[:118], YELLOW)) > 300, "a label above it"
+    assert (marked[:, 380:] == plain[:, 380:]).all()
 
 
 def test_a_label_never_hides_that_of_a_larger_box():

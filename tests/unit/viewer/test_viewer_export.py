@@ -83,7 +83,7 @@ def test_the_same_recording_gives_the_same_bytes(tmp_path):
 
 
 def test_an_mcap_file_read_back(tmp_path):
-    case = read_case(write(tmp_path))
+    case = read_case(write(tmp_path, told=2))
     out = tmp_path / "a.mcap"
     written = write_mcap(case, out)
     with out.open("rb") as file:
@@ -107,6 +107,9 @@ def test_an_mcap_file_read_back(tmp_path):
     boxes = found["/camera/detections", "foxglove.ImageAnnotations"][0]
     assert [text.text for text in boxes.texts] == ["car 0.90", "car 0.90"]
     assert [(p.x, p.y) for p in boxes.points[0].points] == [(10, 10), (30, 10), (30, 18), (10, 18)]
+    assert [
+        len(box.points) for box in found["/camera/detections", "foxglove.ImageAnnotations"]
+    ] == [*(2, 2, 3, 2, 2)], "the box that triggered is drawn twice"
     first, *_, last = found["/state", "drivetwin.State"]
     assert (first.speed_mps, first.ttc_s, first.HasField("aeb"), first.aeb) == (9, 2, True, False)
     # Missing is absent, never 0.

@@ -34,6 +34,14 @@ def test_every_tick_comes_back_in_order_with_what_was_seen(tmp_path):
     assert case.properties["verdict"]["passed"] is True
 
 
+def test_the_box_that_triggered_comes_back_in_its_tick_alone(tmp_path):
+    frames = read_case(write(tmp_path, told=2)).frames
+    near = Mark(10.0, 10.0, 20.0, 8.0, "car 0.90")
+    assert [frame.trigger for frame in frames] == [None, None, near, None, None, None]
+    assert near in frames[2].detections, "it is still one of the detections"
+    assert all(frame.trigger is None for frame in read_case(write(tmp_path)).frames)
+
+
 @pytest.mark.parametrize(("time_ms", "index"), [(0, 0), (99, 0), (100, 1), (1e6, 2)])
 def test_the_picture_of_a_time_is_the_latest_until_then(tmp_path, time_ms, index):
     case = read_case(write(tmp_path))
