@@ -53,6 +53,8 @@ class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     verdict: str = ""
     reasons: list[str] = []
     scalars: dict[str, float | int | None] = {}
+    names: dict[str, str] = {}
+    """Scalars that are names, such as what was hit: :data:`schemas.kpi.NAMES`."""
     attempt_dir: str = ""
     """Folder of the committed attempt, relative to the campaign folder."""
     attempt: int = 0
@@ -226,6 +228,7 @@ def _case(case: CaseState) -> CaseOutcome:
         verdict=end.result.verdict,
         reasons=end.result.reasons,
         scalars=end.result.scalars,
+        names=end.result.names,
         attempt_dir=end.result.attempt_dir,
         attempt=end.attempt,
         kpi_sha256=end.result.kpi_sha256,

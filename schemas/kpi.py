@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-ColumnType = Literal["bool", "int32", "int64", "float64", "detections"]
+ColumnType = Literal["bool", "int32", "int64", "float64", "detections", "name"]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One KPI column; ``detections`` is a list of (label, confidence, x, y, width, height)."""
+    """One KPI column; ``detections`` is a list of (label, confidence, x, y, width, height), a
+    ``name`` what the scene calls an object."""
 
     name: str
     type: ColumnType
@@ -48,6 +49,25 @@ KPI_COLUMNS: tuple[Column, ...] = (
     Column("headlights", "int32", "", "Headlight code 0-11 of AutoDRIVE", nullable=True),
     Column("indicators", "int32", "", "0 off, 1 left, 2 right, 3 hazard", nullable=True),
     Column("detections", "detections", "px", "Detections of the stack", nullable=True),
+    # Columns are added behind these: files of earlier versions end here, and keep their bytes.
+    Column(
+        "nearest_m",
+        "float64",
+        "m",
+        "Distance from the ego's hull to the nearest of all others: obstacle, parked and scripted "
+        "vehicles, people, buildings, posts",
+        nullable=True,
+    ),
+    Column("nearest_object", "name", "", "Whose hull that is", nullable=True),
+    Column(
+        "nearest_ttc_s",
+        "float64",
+        "s",
+        "Least time until the ego's hull touches another, if all go straight on at constant "
+        "velocity; null: it would touch none",
+        nullable=True,
+    ),
+    Column("nearest_ttc_object", "name", "", "Whose hull that is", nullable=True),
 )
 
 SCALARS: tuple[Column, ...] = (
@@ -73,7 +93,30 @@ SCALARS: tuple[Column, ...] = (
         nullable=True,
     ),
     Column("lateral_error_max_m", "float64", "m", "Largest of it; lane_keeping", nullable=True),
+    Column(
+        "nearest_min_m",
+        "float64",
+        "m",
+        "Smallest distance to anything; 0: collision",
+        nullable=True,
+    ),
+    Column("nearest_ttc_min_s", "float64", "s", "Least time to any collision", nullable=True),
+    Column(
+        "hit_hull",
+        "int32",
+        "",
+        "Which hull of the object was hit first, from 1; null: no collision",
+        nullable=True,
+    ),
 )
+
+NAMES: tuple[Column, ...] = (
+    Column("hit_object", "name", "", "What the ego hit first", nullable=True),
+    Column("hit_class", "name", "", "Its class", nullable=True),
+    Column("nearest_object", "name", "", "What the ego came nearest to", nullable=True),
+    Column("nearest_ttc_object", "name", "", "What it would have hit soonest", nullable=True),
+)
+"""Scalars of a case that are names; a missing one is left out."""
 
 DETECTION_FIELDS = ("label", "confidence", "x_px", "y_px", "width_px", "height_px")
 

@@ -425,6 +425,8 @@ class Result(Judged, Struct, frozen=True):
     ``failed``."""
     scalars: dict[str, float | int | None] = {}
     reasons: list[str] = []
+    names: dict[str, str] = {}
+    """Scalars that are names, :data:`schemas.kpi.NAMES`."""
     attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
     """Attempt folder, relative to the campaign folder."""
     kpi_sha256: str = ""

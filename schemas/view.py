@@ -132,7 +132,7 @@ class StateSample(Struct, frozen=True):
     """None: no frame was due."""
     movers: list[list[float]] = []
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
-    width, height [m]; live only."""
+    width, height [m]."""
     hand: str = ""
     """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 

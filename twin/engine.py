@@ -38,6 +38,7 @@ from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.model import PHYSICS_STEP_NS
+from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.environment import CaseEnvironment
@@ -46,6 +47,7 @@ from twin.world.kernel_cache import prepare_kernels
 from twin.world.motion import Placement
 from twin.world.scene import load_scene
 from twin.world.street import World, build_world
+from twin.world.things import Thing
 from twin.world.wind import Winds
 
 _NO_LIGHTS = Lights()
@@ -66,6 +68,8 @@ class Finished:
     reasons: list[str]
     scalars: dict[str, float | int | None]
     table: KpiTable
+    names: dict[str, str] = field(default_factory=dict)
+    """Scalars that are names, :data:`schemas.kpi.NAMES`."""
 
     @property
     def passed(self) -> bool:
@@ -174,19 +178,27 @@ class Engine(Steerable):
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
-        self._recorder = Recorder(slots, target=self._world.target is not None)
+        names = [thing.name for thing in self._world.things]
+        self._recorder = Recorder(slots, names, target=self._world.target is not None)
         self._limits = judging.Limits.of(slots)
         self._course = Course.of(self._world, vehicle)
+        self._nearest = np.zeros((slots, len(NEAREST)))
+        self._placed_ns = np.full(slots, -1, np.int64)
+        """Sim times at which the scripted objects stand in the fleet."""
         self._unmeasured = False  # no vehicle was placed since the state was measured last
 
     @property
     def state(self) -> np.ndarray:
         """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.state.COLUMN`;
         a view, for those who only look."""
+        self._refresh()
+        return self._vehicles.state[:, 0]
+
+    def _refresh(self) -> None:
+        """Measure the vehicles that were placed; once for all that begin together."""
         if self._unmeasured:
             self._vehicles.refresh()
             self._unmeasured = False
-        return self._vehicles.state[:, 0]
 
     @property
     def world(self) -> World:
@@ -315,16 +327,21 @@ class Engine(Steerable):
 
     def _place_objects(self) -> None:
         """Scripted objects as they are at the current ticks, for eyes and for contacts."""
-        placement = self._placement = self._motion.at(self.sim_time_ns / 1e9)
-        if not placement.kind.size:
-            return
+        self._placement = self._motion.at(self.sim_time_ns / 1e9)
+        self._placed_ns[...] = self.sim_time_ns
+        self._vehicles.movers[...] = self._movers(self._placement)
+
+    def _movers(self, placement: Placement) -> np.ndarray:
+        """Hulls of scripted objects [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`."""
         there = placement.kind >= 0
-        hulls = self._vehicles.movers
-        hulls[..., 0:2] = placement.position_m[..., :2]
-        hulls[..., 2] = placement.yaw_rad
-        hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
-        hulls[..., 5:7] = placement.velocity_mps[..., :2]
-        hulls[..., 7] = placement.yaw_rate_radps
+        hulls = np.zeros_like(self._vehicles.movers)
+        if hulls.size:
+            hulls[..., 0:2] = placement.position_m[..., :2]
+            hulls[..., 2] = placement.yaw_rad
+            hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
+            hulls[..., 5:7] = placement.velocity_mps[..., :2]
+            hulls[..., 7] = placement.yaw_rate_radps
+        return hulls
 
     def _lamps(self) -> list[Lights | None]:
         """The lamps in force at the current ticks; a command that is due now counts already."""
@@ -364,6 +381,7 @@ class Engine(Steerable):
                 mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
             else:
                 good.append((slot, run, command))
+        self._nearest = self._survey()
         self._record([slot for slot, _, _ in good], [command for _, _, command in good])
         self._record(list(mistakes), [None] * len(mistakes))
         finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
@@ -436,7 +454,17 @@ class Engine(Steerable):
         for slot in slots:
             run = self._runs[slot]
             lateral_m.append(run.lane.lateral_m if run is not None and run.lane else None)
-        self._recorder.add(slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m)
+        self._recorder.add(
+            slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m, self._nearest
+        )
+
+    def _survey(self) -> np.ndarray:
+        """What every ego is nearest to at the current ticks, see :meth:`Fleet.nearest`."""
+        self._refresh()
+        movers = self._vehicles.movers
+        if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
+            movers = self._movers(self._motion.at(self.sim_time_ns / 1e9))
+        return self._vehicles.nearest(movers)
 
     def _ended(self) -> list[Finished]:
         """The cases that end at the tick just reached."""
@@ -448,7 +476,10 @@ class Engine(Steerable):
                 run.lane.move(float(state[slot, COLUMN["x_m"]]), float(state[slot, COLUMN["y_m"]]))
                 over[slot] |= judging.has_left(run.case.scenario, run.lane)
         finished = []
-        for slot in np.flatnonzero((over | faulty) & self.active).tolist():
+        ending = np.flatnonzero((over | faulty) & self.active).tolist()
+        if ending:
+            self._nearest = self._survey()
+        for slot in ending:
             if faulty[slot]:
                 fault = self._vehicles.fault(slot)
                 time_s = self.sim_time_ns[slot] / 1e9
@@ -462,12 +493,19 @@ class Engine(Steerable):
         assert run is not None
         self._record([slot], [None])
         rows = self._recorder.of(slot)
-        result = judging.judge(run.case.scenario, rows, state, run.lane, self._course)
+        hit = self._hit(slot)
+        result = judging.judge(run.case.scenario, rows, state, run.lane, self._course, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        scalars = judging.scalars(rows, state, run.lane)
+        scalars = judging.scalars(rows, state, run.lane, hit)
+        names = judging.names(rows, state, hit)
         table = rows.table()
         self.clear(slot)
-        return Finished(slot, "verdict", result.verdict, reasons, scalars, table)
+        return Finished(slot, "verdict", result.verdict, reasons, scalars, table, names)
+
+    def _hit(self, slot: int) -> Thing | None:
+        """What the ego of a slot hit first."""
+        index = self._vehicles.first_hit(slot)
+        return self._world.things[index] if 0 <= index < len(self._world.things) else None
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._runs[slot], self._recorder.of(slot)

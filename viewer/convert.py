@@ -56,6 +56,8 @@ class CaseConverter:
         """What somebody has done to the case, as of the latest state."""
         self._tick = 0
         """The latest."""
+        self._moving = False
+        """Objects that move are drawn."""
 
     def start(self) -> list[Logged]:
         """Static scene, intrinsics and styles; logged without a time.
@@ -90,7 +92,7 @@ class CaseConverter:
         rows += self._detections(looked)
         rows.append(self._triggers(looked))
         rows.append(_truth([s for s in samples if s.boxes is not None]))
-        rows.append(_moving([s for s in samples if s.movers]))
+        rows.append(_moving([s for s in samples if self._has_moved(s)]))
         for sample in samples:
             rows += self._changes(sample)
         self._tick = samples[-1].tick
@@ -124,6 +126,14 @@ class CaseConverter:
     def touched(self) -> list[Logged]:
         """What stands above the case after a hand has done something to it, static."""
         return [(naming.SUMMARY, _document(running_text(self._start, self.hand)))]
+
+    def _has_moved(self, sample: StateSample) -> bool:
+        """Whether objects that move are to be drawn, or one that has gone is to be taken away. In
+        the last row, which has no controls, nobody has looked at them: they stay."""
+        if sample.controls is None:
+            return bool(sample.movers)
+        before, self._moving = self._moving, bool(sample.movers)
+        return before or self._moving
 
     def _changes(self, sample: StateSample) -> list[Rows]:
         """Events, and a coloured bar of the planner's state where it changes."""

@@ -28,6 +28,8 @@ FLUSH_BYTES = 2 << 20
 """Or of this size [bytes]."""
 STATE_BYTES = 1024
 """What a state counts for [bytes]."""
+MOVER_BYTES = 64
+"""What an object that moves adds to it [bytes]."""
 
 
 class Recording:
@@ -83,7 +85,7 @@ class Recording:
         """A KPI row that came at ``now_s``, on a clock that does not jump [s]."""
         if self._sequence.take(sample.seq):
             self._states.append(sample)
-            self._came(STATE_BYTES, now_s)
+            self._came(STATE_BYTES + MOVER_BYTES * len(sample.movers), now_s)
 
     def camera(self, sample: CameraSample, jpeg: bytes, now_s: float = 0.0) -> None:
         """A picture, like :meth:`state`."""

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from conductor.report.axes import PLAIN, axis_value, further_axes
 from conductor.report.dossier import Dossier, open_dossier
-from schemas.kpi import SCALARS
+from schemas.kpi import NAMES, SCALARS
 from schemas.realtime import Realtime
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
@@ -29,7 +29,7 @@ def write_summary(folder: Path) -> pa.Table:
 
     One row per case in campaign order: id, axes, outcome, verdict, ``passed`` and
     ``no_collision`` (null without a verdict: missing is never a pass), reasons, the scalars of
-    :data:`schemas.kpi.SCALARS`, and where the result came from.
+    :data:`schemas.kpi.SCALARS` and :data:`schemas.kpi.NAMES`, and where the result came from.
 
     Raises:
         UsageError: no campaign was run here, or nothing was simulated in it.
@@ -84,6 +84,8 @@ def summary_table(dossier: Dossier) -> pa.Table:
     for column in SCALARS:
         values = [row.scalar(column.name) for row in rows]
         add(column.name, values, _SCALAR_TYPES[column.type])
+    for column in NAMES:
+        text(column.name, [row.end.names.get(column.name, "") for row in rows])
     if dossier.campaign.clock == "realtime":
         for name in Realtime.__struct_fields__:
             values = [row.end.realtime and getattr(row.end.realtime, name) for row in rows]

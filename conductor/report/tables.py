@@ -12,7 +12,7 @@ from conductor.report.axes import axis_value, further_axes
 from conductor.report.dossier import NOT_ENDED, Dossier, Row
 from conductor.report.statistics import wilson
 from conductor.report.systems import system_name, system_text
-from schemas.kpi import SCALARS
+from schemas.kpi import NAMES, SCALARS
 
 KNOWN_STATUSES = (
     "pass",
@@ -139,6 +139,7 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
         "no_collision": row.no_collision,
         "reasons": end.reasons,
         **{column.name: row.scalar(column.name) for column in SCALARS},
+        **{column.name: row.end.names.get(column.name) for column in NAMES},
         "realtime": msgspec.to_builtins(end.realtime),
         "attempts": end.attempts,
         "charges": end.charges,

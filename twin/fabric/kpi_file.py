@@ -31,6 +31,7 @@ _TYPES = {
     "int64": pa.int64(),
     "float64": pa.float64(),
     "detections": pa.list_(_DETECTION),
+    "name": pa.string(),
 }
 KPI_SCHEMA = pa.schema(
     [
@@ -39,6 +40,8 @@ KPI_SCHEMA = pa.schema(
     ]
 )
 """Arrow schema of ``kpi.parquet``."""
+COLUMNS_MIN = KPI_SCHEMA.get_field_index("detections") + 1
+"""Columns of the first version; later versions have more behind them."""
 
 
 def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
@@ -59,7 +62,7 @@ def write_kpi(table: pa.Table, path: Path) -> None:
 
 
 def read_kpi(path: Path) -> pa.Table:
-    """Read ``kpi.parquet``.
+    """Read ``kpi.parquet``, of this version or an earlier one, which has fewer columns.
 
     Raises:
         InfrastructureError: missing, damaged, or with other columns.
@@ -70,10 +73,19 @@ def read_kpi(path: Path) -> pa.Table:
             table = file.read(use_threads=False)
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
-    if [(f.name, f.type) for f in table.schema] != [(f.name, f.type) for f in KPI_SCHEMA]:
+    if not _is_known(table.schema):
         raise InfrastructureError(f"{path}: not the KPI columns of this version")
     # Which columns may be missing has changed between versions; no value has.
-    return table if table.schema.equals(KPI_SCHEMA) else table.cast(KPI_SCHEMA)
+    schema = pa.schema(list(KPI_SCHEMA)[: table.num_columns])
+    return table if table.schema.equals(schema) else table.cast(schema)
+
+
+def _is_known(schema: pa.Schema) -> bool:
+    """Whether these are the columns of a version so far: this one's, or the first of them."""
+    count = len(schema)
+    if not COLUMNS_MIN <= count <= len(KPI_SCHEMA):
+        return False
+    return [(f.name, f.type) for f in schema] == [(f.name, f.type) for f in KPI_SCHEMA][:count]
 
 
 def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
@@ -94,8 +106,9 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
 
 def canonical(table: pa.Table) -> Iterator[bytes]:
     """Byte stream of the values: per column in schema order its name, type, validity, offsets and
-    little-endian values, missing values and NaN in one pattern each."""
-    for column in KPI_COLUMNS:
+    little-endian values, missing values and NaN in one pattern each. Columns that an earlier
+    version did not have are left out: its files keep their stream."""
+    for column in KPI_COLUMNS[: table.num_columns]:
         data = table.column(column.name).combine_chunks()
         if isinstance(data, pa.ChunkedArray):  # no rows
             data = pa.array([], _TYPES[column.type])
@@ -127,7 +140,11 @@ def _values(data: pa.Array, column: Column) -> Iterator[bytes]:
             else:
                 yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
         return
-    if column.type == "float64":
+    if column.type == "name":
+        names = data.fill_null("").to_pylist()
+        prefixed = {name: _prefixed(name.encode()) for name in set(names)}
+        yield b"".join([prefixed[name] for name in names])
+    elif column.type == "float64":
         values = data.fill_null(0.0).to_numpy(zero_copy_only=False)
         yield _prefixed(_floats(values))
     elif column.type == "bool":

@@ -21,10 +21,13 @@ _TYPES: dict[str, type] = {
     "int32": np.int32,
     "int64": np.int64,
     "float64": np.float64,
+    "name": np.int32,
 }
+"""How rows are kept; a name as its number in the table of names."""
 _FIRST_ROWS = 256
 _PLAIN = [column for column in KPI_COLUMNS if column.type != "detections"]
 _NULLABLE = frozenset(column.name for column in KPI_COLUMNS if column.nullable)
+_NAMES = frozenset(column.name for column in KPI_COLUMNS if column.type == "name")
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "collisions")
 
 
@@ -34,8 +37,15 @@ class Recorder:
     What a row costs hardly depends on the number of slots.
     """
 
-    def __init__(self, slots: int, *, target: bool = True) -> None:
-        """``target``: something stands in the lane, to which distances are measured."""
+    def __init__(self, slots: int, names: Sequence[str] = (), *, target: bool = True) -> None:
+        """Rows for so many slots.
+
+        Args:
+            slots: S.
+            names: of the objects that ``nearest`` of :meth:`add` counts.
+            target: something stands in the lane, to which ``dtc_m`` is measured.
+        """
+        self._names = np.array(["", *names])
         self._target = target
         self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _PLAIN}
         self._valid = {
@@ -59,6 +69,7 @@ class Recorder:
         state: np.ndarray,
         commands: Sequence[Command | None],
         lateral_error_m: Sequence[float | None],
+        nearest: np.ndarray | None = None,
     ) -> None:
         """Append a row to every one of ``slots``.
 
@@ -69,6 +80,8 @@ class Recorder:
             state: vehicle states of all slots [S, T].
             commands: n, given for this tick.
             lateral_error_m: n; None: not a case of lane keeping.
+            nearest: what all slots are nearest to [S, 4], columns
+                :data:`twin.vehicle.nearest.NEAREST`; None: nothing was measured.
         """
         which = np.array(slots, np.int64)
         row = self._rows[which]
@@ -89,8 +102,20 @@ class Recorder:
         along = np.array([error is not None for error in lateral_error_m], np.bool_)
         error_m = np.array([error or 0.0 for error in lateral_error_m])
         self._set("lateral_error_m", which, row, error_m, along)
+        self._set_nearest(which, row, nearest)
         self._set_commands(which, row, commands)
         self._rows[which] += 1
+
+    def _set_nearest(self, which: np.ndarray, row: np.ndarray, nearest: np.ndarray | None) -> None:
+        if nearest is None:
+            nearest = np.full((self._rows.size, 4), -1.0)
+        for at, (value, name) in (
+            (0, ("nearest_m", "nearest_object")),
+            (2, ("nearest_ttc_s", "nearest_ttc_object")),
+        ):
+            known = nearest[which, at + 1] >= 0.0
+            self._set(value, which, row, nearest[which, at], known)
+            self._set(name, which, row, nearest[which, at + 1] + 1.0, known)
 
     def _set_commands(
         self, which: np.ndarray, row: np.ndarray, commands: Sequence[Command | None]
@@ -137,6 +162,7 @@ class Recorder:
         return CaseRows(
             {name: values[slot, :rows] for name, values in self._values.items()},
             {name: valid[slot, :rows] for name, valid in self._valid.items()},
+            self._names,
             Detections(
                 offsets=np.array(self._offsets[slot], np.int32),
                 valid=np.array(self._commanded[slot], np.bool_),
@@ -157,16 +183,22 @@ class CaseRows:
         self,
         values: dict[str, np.ndarray],
         valid: dict[str, np.ndarray],
+        names: np.ndarray,
         detections: Detections,
     ) -> None:
         self._values = values
         self._valid = valid
+        self._names = names
         self._detections = detections
         self.rows = len(values["tick"])
 
     def column(self, name: str) -> np.ndarray:
-        """Values of a column [rows]."""
+        """Values of a column [rows]; of a column of names their numbers."""
         return self._values[name]
+
+    def name(self, column: str, row: int) -> str:
+        """A value of a column of names; empty where missing."""
+        return str(self._names[self._values[column][row]])
 
     def valid(self, name: str) -> np.ndarray:
         """Validity of a nullable column [rows]."""
@@ -176,7 +208,8 @@ class CaseRows:
         """The rows, copied."""
         columns = {
             name: KpiColumn(
-                values.copy(), self._valid[name].copy() if name in self._valid else None
+                self._names[values] if name in _NAMES else values.copy(),
+                self._valid[name].copy() if name in self._valid else None,
             )
             for name, values in self._values.items()
         }

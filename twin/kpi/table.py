@@ -15,7 +15,7 @@ class KpiColumn:
     """One column of n rows."""
 
     values: np.ndarray
-    """[n] of the column's type; 0 where not valid."""
+    """[n] of the column's type; 0, or an empty text, where not valid."""
     valid: np.ndarray | None
     """bool [n]; None where a column is never missing."""
 

@@ -14,6 +14,7 @@ from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import CaseRows
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.state import COLUMN
+from twin.world.things import Thing
 
 Scalars = dict[str, float | int | None]
 
@@ -71,7 +72,9 @@ def has_left(scenario: Scenario, lane: LaneProgress) -> bool:
     return lane.distance_m >= scenario.distance_m or abs(lane.lateral_m) > scenario.lateral_limit_m
 
 
-def scalars(recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None) -> Scalars:
+def scalars(
+    recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None, hit: Thing | None = None
+) -> Scalars:
     """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
@@ -101,7 +104,37 @@ def scalars(recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None) ->
         values["distance_m"] = lane.distance_m
         values["lateral_error_rms_m"] = _rms(error)
         values["lateral_error_max_m"] = float(np.abs(error).max())
+    for name, column in (("nearest_min_m", "nearest_m"), ("nearest_ttc_min_s", "nearest_ttc_s")):
+        least = _least(recorder, column)
+        values[name] = None if least is None else float(recorder.column(column)[least])
+    if state[COLUMN["collisions"]] > 0:
+        # Between two rows, at the impact, it was 0: what moves may be away again by now.
+        values["nearest_min_m"] = 0.0
+        values["hit_hull"] = hit.hull if hit else None
     return values
+
+
+def names(recorder: CaseRows, state: np.ndarray, hit: Thing | None) -> dict[str, str]:
+    """Scalars of :data:`schemas.kpi.NAMES`; a missing one is left out."""
+    found = {}
+    for name, column in (
+        ("nearest_object", "nearest_m"),
+        ("nearest_ttc_object", "nearest_ttc_s"),
+    ):
+        least = _least(recorder, column)
+        if least is not None:
+            found[name] = recorder.name(name, least)
+    if hit is not None and state[COLUMN["collisions"]] > 0:
+        found |= {"hit_object": hit.name, "hit_class": hit.kind, "nearest_object": hit.name}
+    return found
+
+
+def _least(recorder: CaseRows, column: str) -> int | None:
+    """The first row in which a column is least; None: it has no value."""
+    valid = np.flatnonzero(recorder.valid(column))
+    if not len(valid):
+        return None
+    return int(valid[np.argmin(recorder.column(column)[valid])])
 
 
 def _rms(values: np.ndarray) -> float:
@@ -114,12 +147,15 @@ def judge(
     state: np.ndarray,
     lane: LaneProgress | None,
     course: Course,
+    hit: Thing | None,
 ) -> Verdict:
-    """The verdict of an ended case; ``lane`` is given in lane keeping."""
+    """The verdict of an ended case; ``lane`` is given in lane keeping, ``hit`` is what the ego hit
+    first, if anything."""
     if state[COLUMN["collisions"]] > 0:
         speed = state[COLUMN["impact_speed_mps"]]
         at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9
-        return Verdict("collision", [f"collision at {speed:.2f} m/s after {at:.3f} s"])
+        what = f" with {hit.words}" if hit else ""
+        return Verdict("collision", [f"collision at {speed:.2f} m/s after {at:.3f} s{what}"])
     if lane is not None:
         return _judge_lane_keeping(scenario, recorder, lane)
     if course.target is None:

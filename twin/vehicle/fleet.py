@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from twin.vehicle import kernel
+from twin.vehicle import kernel, nearest
 from twin.vehicle.carry_kernel import carry_kernel
 from twin.vehicle.ground import FlatGround, GroundMesh
 from twin.vehicle.guard import FAULTS
 from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel, vehicle_model
+from twin.vehicle.nearest import NEAREST
 from twin.vehicle.powertrain import COMMANDS
 from twin.vehicle.props import PROP_STATE, PropKind, PropModel, prop_model
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
@@ -91,6 +92,8 @@ class Fleet:
         self._first_step = Mirror((slots,), wp.int32, device)
         self._active = Mirror((slots,), wp.int32, device)
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
+        self._scene_movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
+        self._nearest = Mirror((slots, len(NEAREST)), wp.float64, device)
         self._outputs = [self._state]
         self._unseen = False
         """Events on the device are newer than those on the host."""
@@ -107,6 +110,7 @@ class Fleet:
         self.active = self._active.host
         self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
+        wp.load_module(nearest, device=device, block_dim=_BLOCK)
 
     @property
     def events(self) -> np.ndarray:
@@ -119,6 +123,46 @@ class Fleet:
         """How many collisions there were [S], also those beyond E; a view."""
         self._see()
         return self._event_count.host
+
+    def first_hit(self, slot: int) -> int:
+        """What vehicle 0 of a slot hit first, counted as :meth:`nearest` counts; -1: nothing, or
+        another vehicle."""
+        first = {kernel.WALL: 0, kernel.MOVER: self._scene.colliders.shape[0]}
+        first[kernel.PROP] = first[kernel.MOVER] + self.movers.shape[1]
+        count = min(int(self.event_count[slot]), kernel.EVENTS_MAX)
+        for _, vehicle, kind, partner, *_ in self.events[slot, :count].tolist():
+            if vehicle == 0.0 and kind in first:
+                return first[int(kind)] + int(partner)
+        return -1
+
+    def nearest(self, movers: np.ndarray) -> np.ndarray:
+        """What vehicles 0 are nearest to [S, 4], columns
+        :data:`twin.vehicle.nearest.NEAREST`; a view. Inactive slots: nothing.
+
+        Args:
+            movers: hulls of the scripted objects at the same times as the state [S, M, 8].
+        """
+        self._scene_movers.host[...] = movers
+        self._scene_movers.push()
+        self._active.push()
+        wp.launch(
+            nearest.nearest_kernel,
+            self.slots,
+            inputs=[
+                self._models,
+                self._scene.colliders,
+                self._scene.props,
+                self._active.device,
+                self._rows,
+                self._scene_movers.device,
+                self._props.device,
+            ],
+            outputs=[self._nearest.device],
+            device=self._device,
+            block_dim=_BLOCK,
+        )
+        self._nearest.pull()
+        return self._nearest.host
 
     def _see(self) -> None:
         """Bring the events over: hardly anybody looks at them, and not at every step."""

@@ -40,6 +40,7 @@ def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
         verdict=finished.verdict,
         scalars=finished.scalars,
         reasons=finished.reasons,
+        names=finished.names,
         attempt_dir=relative,
         kpi_sha256=sha,
         manifest_sha256=digest([b"kpi.parquet", sha.encode(), b"log.txt", log_sha.encode()]),
@@ -70,6 +71,7 @@ def _log_text(lease: Lease, finished: Finished) -> str:
     ]
     for name, value in finished.scalars.items():
         lines.append(f"{name}: {'-' if value is None else value}")
+    lines += [f"{name}: {value}" for name, value in finished.names.items()]
     lines += finished.reasons
     lines.append(f"{finished.outcome}: {finished.verdict}")
     return "\n".join(lines) + "\n"

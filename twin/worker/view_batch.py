@@ -14,6 +14,8 @@ BYTES_MAX = 256 << 10
 
 SAMPLE_BYTES = 512
 """What a sample counts for without its picture [bytes]."""
+MOVER_BYTES = 64
+"""What an object that moves adds to it [bytes]."""
 
 
 class Batch:
@@ -30,7 +32,8 @@ class Batch:
         if not self._samples:
             self._since_s = now_s
         self._samples.append(sample)
-        self._bytes += SAMPLE_BYTES + len(sample.jpeg)
+        movers = len(sample.state.movers) if sample.state is not None else 0
+        self._bytes += SAMPLE_BYTES + MOVER_BYTES * movers + len(sample.jpeg)
 
     def left_s(self, now_s: float) -> float | None:
         """How long it may wait for more; 0: send it. None: there is nothing to be sent."""

@@ -258,7 +258,7 @@ class ViewFeed:
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
             hand=run.hand if (run := self._runs[slot]) else "",
             target=engine.world.target is not None,
-            movers=_movers(engine, slot) if "state" in due else None,
+            movers=_movers(engine, slot) if recorded or "state" in due else None,
         )
 
     # --- the feed's thread ------------------------------------------------------------------

@@ -17,6 +17,7 @@ from twin.world.parking import PAINTS
 from twin.world.path import Path, TimeLaw, build_path, law_of_speeds, law_of_times
 from twin.world.person import PHASES, add_person, random_looks
 from twin.world.script import Actor, Script
+from twin.world.things import Thing, named
 
 _CLASS = {
     "pedestrian": "pedestrian",
@@ -40,6 +41,8 @@ class Cast:
     motion: Motion
     classes: tuple[int, ...]
     """Of each object, index into :data:`schemas.messages.OBJECT_CLASSES`."""
+    things: tuple[Thing, ...] = ()
+    """Of each object, what messages call it."""
 
 
 def build_cast(objects: list[SceneObject]) -> Cast:
@@ -62,7 +65,11 @@ def build_cast(objects: list[SceneObject]) -> Cast:
             kinds += own
         actors.append(_checked_actor(number, item, *seen[looks]))
     classes = tuple(OBJECT_CLASSES.index(_CLASS[item.kind]) for item in objects)
-    return Cast(tuple(kinds), Script(actors), classes)
+    things = tuple(
+        named(item.name or f"{item.kind} {number}", _CLASS[item.kind])
+        for number, item in enumerate(objects)
+    )
+    return Cast(tuple(kinds), Script(actors), classes, things)
 
 
 def _checked_actor(number: int, item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -23,6 +24,7 @@ from twin.world.mesh import Mesh, MeshBuilder
 from twin.world.motion import Motion, ObjectKind, Still
 from twin.world.parking import add_obstacle, add_parked
 from twin.world.scene import Scene
+from twin.world.things import Thing, named, numbered
 
 _NO_LAMPS = (0.0, -1.0e6)
 """Lamps of a world without a street: so far away that they light nothing."""
@@ -62,6 +64,8 @@ class World:
     """The first collider is the broken-down car."""
     cars: int = 0
     """How many of the first colliders are vehicles; instance i is the object of collider i."""
+    things: tuple[Thing, ...] = ()
+    """What the hulls belong to: one entry per collider, then one per movable object."""
     notes: tuple[str, ...] = ()
     """What was left out or made smaller when files were imported, one line each."""
 
@@ -130,6 +134,7 @@ def _build(scene: Scene) -> World:
     layout = lay_out(scene)
     colliders: list[Hull] = add_obstacle(mesh, scene, layout)
     classes = ["car"] * len(colliders)
+    things = [Thing("obstacle", "car")] * len(colliders)
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
     bent_lamps: np.ndarray | None = None
@@ -140,9 +145,10 @@ def _build(scene: Scene) -> World:
         parked, bodies = add_parked(mesh, scene, layout, len(colliders), free)
         colliders += parked
         classes += bodies
-        others += add_buildings(mesh, scene, layout)
-        others += add_bends(mesh, scene, layout)
-        others += sidewalks.add_trees(mesh, scene, layout)
+        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(bodies, start=1)]
+        houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
+        trees = sidewalks.add_trees(mesh, scene, layout)
+        others += [*houses, *trees]
         lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
         if layout.lane.closed:
             bent_lamps = np.concatenate(lamps)
@@ -152,9 +158,17 @@ def _build(scene: Scene) -> World:
             )
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
-        others += posts + poles + sidewalks.add_pieces(mesh, scene, layout)
+        pieces = sidewalks.add_pieces(mesh, scene, layout)
+        others += posts + poles + pieces
+        things += numbered("building", "building", len(houses))
+        things += numbered("tree", "vegetation", len(trees))
+        things += numbered("street lamp", "pole", len(posts))
+        things += numbered("sign", "traffic_sign", len(poles))
+        things += numbered("street furniture", "pole", len(pieces))
     imported = add_imports(mesh, scene, len(classes))
     classes += imported.classes
+    solid = [item for item in scene.meshes if item.solid]
+    things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
     cast = build_cast(scene.objects)
     meshes = [mesh.build(), *(kind.mesh for kind in cast.kinds)]
     if scene.bake:
@@ -175,5 +189,6 @@ def _build(scene: Scene) -> World:
         mover_classes=cast.classes,
         has_obstacle=scene.obstacle is not None,
         cars=len(colliders),
+        things=(*things, *cast.things),
         notes=imported.notes,
     )

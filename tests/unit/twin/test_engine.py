@@ -329,7 +329,9 @@ def test_table_and_scalars_follow_the_schema():
         assert len(lists[column.name]) == ended.table.rows
         if not column.nullable:
             assert None not in lists[column.name]
-        if column.type != "detections":
+        if column.type == "name":
+            assert ended.table.columns[column.name].values.dtype.kind == "U"
+        elif column.type != "detections":
             assert ended.table.columns[column.name].values.dtype == types[column.type]
     assert lists["throttle"][-1] is None
     assert lists["detections"][-1] is None

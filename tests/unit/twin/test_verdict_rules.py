@@ -105,7 +105,7 @@ def rows_of(speed, x, dtc=None):
         "speed_mps": np.array(speed, float),
         "dtc_m": np.zeros(count) if dtc is None else np.array(dtc, float),
     }
-    return CaseRows(values, {}, NONE)
+    return CaseRows(values, {}, np.array([""]), NONE)
 
 
 def judged(rows, course, *, moved=True):
