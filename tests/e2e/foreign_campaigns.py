@@ -84,14 +84,14 @@ def faulty(folder: Path, faults: dict[str, str]) -> Path:
 
 
 def campaign(folder: Path, name: str, autonomy: dict, **sections: object) -> Path:
-    """A campaign file with cases of about a second."""
+    """A campaign file with cases of two seconds: the client stops before the obstacle."""
     content = {
         "campaign": name,
         "seed": 3,
         "scenario": {
             "ego_start_m": 24,
             "ego_speed_mps": 7,
-            "duration_s": 1.5,
+            "duration_s": 3,
             "standstill_s": 0.5,
         },
         "camera": {"width": 64, "height": 36, "hz": 10},

@@ -246,7 +246,7 @@ def test_the_result_page_shows_what_the_camera_saw(marked, recorded, tmp_path):
     rows = outcomes(folder)
     page = tmp_path / "docs" / "chaos.md"
     done = marked.run("conductor", "report", str(folder), "--markdown", str(page))
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr
     assert done.stdout.splitlines()[-1] == str(page)
     text = page.read_text()
     assert recorded["fingerprint"] in text

@@ -22,7 +22,7 @@ def committed(case, digest, token=1):
 
 def result(case, digest, token=1):
     """Of a case."""
-    return Result("c", case, token, "verdict", "pass", True, kpi_sha256=digest * 64)
+    return Result("c", case, token, "verdict", "pass", kpi_sha256=digest * 64)
 
 
 def judge(tmp_path, *facts):

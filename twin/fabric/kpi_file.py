@@ -45,10 +45,12 @@ COLUMNS_MIN = KPI_SCHEMA.get_field_index("detections") + 1
 
 
 def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
-    """Columns of Python values (None: missing) -> Arrow table in :data:`KPI_SCHEMA`."""
-    return pa.table(
-        [pa.array(columns[c.name], _TYPES[c.type]) for c in KPI_COLUMNS], schema=KPI_SCHEMA
-    )
+    """Columns of Python values (None: missing) -> Arrow table in :data:`KPI_SCHEMA`. Nullable
+    columns may be left out: all their values are missing."""
+    missing = [None] * len(columns["tick"])
+    values = [columns.get(c.name, missing) if c.nullable else columns[c.name] for c in KPI_COLUMNS]
+    arrays = [pa.array(v, _TYPES[c.type]) for v, c in zip(values, KPI_COLUMNS, strict=True)]
+    return pa.table(arrays, schema=KPI_SCHEMA)
 
 
 def write_kpi(table: pa.Table, path: Path) -> None:

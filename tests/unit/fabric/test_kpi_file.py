@@ -2,6 +2,7 @@
 
 import math
 import struct
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -9,7 +10,14 @@ import pytest
 
 from schemas.kpi import KPI_COLUMNS
 from twin.fabric.errors import InfrastructureError
-from twin.fabric.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table, read_kpi, write_kpi
+from twin.fabric.kpi_file import (
+    COLUMNS_MIN,
+    KPI_SCHEMA,
+    kpi_sha256,
+    kpi_table,
+    read_kpi,
+    write_kpi,
+)
 
 DETECTION = {
     "label": "car",
@@ -23,6 +31,7 @@ DETECTION = {
 
 def columns(rows=3):
     plain = {"bool": True, "int32": 5, "int64": 6, "float64": 0.1, "detections": [DETECTION]}
+    plain["name"] = "obstacle"
     return {
         c.name: [None if c.nullable and i == rows - 1 else plain[c.type] for i in range(rows)]
         for c in KPI_COLUMNS
@@ -36,6 +45,36 @@ def test_round_trip_and_chunking_keep_the_digest(tmp_path):
     pq.write_table(table, tmp_path / "chunked.parquet", row_group_size=1, compression="none")
     assert kpi_sha256(read_kpi(tmp_path / "chunked.parquet")) == kpi_sha256(table)
     assert not list(tmp_path.glob("*.tmp"))
+
+
+def test_a_file_of_the_first_version_keeps_its_digest():
+    """Written by 05e2fd0, of a case of chaos-16; its outcomes have this digest."""
+    old = Path(__file__).with_name("data") / "kpi-18-columns.parquet"
+    table = read_kpi(old)
+    assert table.column_names == [column.name for column in KPI_COLUMNS[:COLUMNS_MIN]]
+    committed = "94d56f6031f56b4e0286f6ddea8dda63aa691eb10dbf96b6580704bbd7438b2b"
+    assert kpi_sha256(table) == committed
+
+
+@pytest.mark.parametrize("count", [COLUMNS_MIN - 1, COLUMNS_MIN + 1])
+def test_columns_may_only_be_added_behind(tmp_path, count):
+    table = kpi_table(columns())
+    kept = table.select(KPI_SCHEMA.names[:count])
+    write_kpi(kept, tmp_path / "kpi.parquet")
+    if count > COLUMNS_MIN:
+        assert read_kpi(tmp_path / "kpi.parquet").num_columns == count
+        return
+    with pytest.raises(InfrastructureError, match="not the KPI columns"):
+        read_kpi(tmp_path / "kpi.parquet")
+
+
+def test_a_column_of_another_name_in_between_is_refused(tmp_path):
+    table = kpi_table(columns()).rename_columns(
+        ["other" if name == "nearest_object" else name for name in KPI_SCHEMA.names]
+    )
+    write_kpi(table, tmp_path / "kpi.parquet")
+    with pytest.raises(InfrastructureError, match="not the KPI columns"):
+        read_kpi(tmp_path / "kpi.parquet")
 
 
 def flipped(value):
@@ -57,6 +96,8 @@ def test_one_bit_in_any_column_changes_the_digest(column):
         return
     if column.type == "float64":
         changed[column.name][0] = flipped(first)
+    elif column.type == "name":
+        changed[column.name][0] = first[:-1] + "f"
     else:
         changed[column.name][0] = not first if column.type == "bool" else first ^ 1
     assert kpi_sha256(kpi_table(changed)) != kpi_sha256(kpi_table(columns()))
