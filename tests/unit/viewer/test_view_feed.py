@@ -37,7 +37,8 @@ from twin.worker.view_port import Harmless, NoFeed
 from twin.worker.view_samples import THUMBNAIL_WIDTH_PX
 from twin.world.mesh import MeshBuilder
 from twin.world.motion import Still
-from twin.world.street import World
+from twin.world.scene import load_scene
+from twin.world.street import World, build_world
 
 RIG = "r1"
 IMAGE = np.zeros((2, 36, 64, 3), np.uint8)
@@ -187,6 +188,28 @@ def test_everything_in_order_with_running_numbers(hub):
     assert got[3].boxes is None
     assert len(got[2].boxes) == 1
     assert got[0].folder == "/out/cases/clear/attempt-1"
+
+
+def test_a_recording_gets_whatever_moves(hub):
+    """A pedestrian and a van of the shipped crossing, as the engine places them."""
+    crossing = build_world(load_scene("crossing"))
+    listener = Listener(hub, recorder=True)
+    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    sim = Sim()
+    sim.world = crossing
+    feed.begin(0, lease(), sim)
+    for _ in range(2):
+        sim.placement = crossing.motion.at(sim.sim_time_ns / 1e9 + 5.0)
+        sim.step(feed, camera=False)
+    feed.end(sim.finished())
+    feed.close(10)
+    states = [m for m in listener.wait() if isinstance(m, StateSample)]
+    assert [len(state.movers) for state in states] == [3, 3, 0]
+    walker, _, van = states[0].movers
+    assert walker[4:6] == [0.25, 0.25]
+    assert van[4] > 2.0
+    moved = states[1].movers[0]
+    assert np.hypot(moved[0] - walker[0], moved[1] - walker[1]) == pytest.approx(0.07, abs=0.01)
 
 
 def test_samples_for_the_recorder_travel_together(hub, clock):

@@ -56,6 +56,20 @@ def test_a_complete_recording(tmp_path):
     assert not list(tmp_path.glob("*.tmp"))
 
 
+def test_the_street_shows_who_walks_and_drives_and_forgets_who_has_gone(tmp_path):
+    walker, van = [140.0, -3.9, 0.0, 1.6, 0.25, 0.25, 1.7], [170.0, 3.5, 0.0, 3.1, 2.4, 0.9, 2.0]
+    recording = Recording(start(tmp_path))
+    moving = [[walker, van], [walker], [], []]
+    for seq, hulls in enumerate(moving, start=1):
+        recording.state(state(seq, seq - 1, movers=hulls))
+    # The last row: nobody has looked at what moves.
+    recording.state(state(5, 4, controls=None, boxes=None))
+    assert recording.close(end(6))
+    found = read_recording(tmp_path / naming.RECORDING_FILE)
+    assert found.rows[naming.MOVERS] == 3  # two, one, none; then nothing changes
+    assert naming.MOVERS in found.static
+
+
 @pytest.mark.parametrize(("skip", "lost"), [((1,), 1), ((3, 4), 2), ((6,), 1)])
 def test_gaps_are_told(tmp_path, skip, lost):
     recording, seq = write(tmp_path, skip)
