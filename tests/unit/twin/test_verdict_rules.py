@@ -111,7 +111,7 @@ def rows_of(speed, x, dtc=None):
 def judged(rows, course, *, moved=True):
     state = np.zeros(len(TELEMETRY))
     state[COLUMN["moved"]] = moved
-    return judging.judge(case().scenario, rows, state, None, course)
+    return judging.judge(case().scenario, rows, state, None, course, None)
 
 
 ROAD = Course(straight(0.0, 100.0), np.array([50.0, 0.0, 0.0, 2.0, 0.9]), 1.4, 2.4, 0.9)
