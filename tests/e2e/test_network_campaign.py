@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import msgspec
 import onnx
@@ -22,7 +23,7 @@ CAMPAIGN = {
     "scenario": {
         "ego_start_m": 14,
         "ego_speed_mps": 10,
-        "duration_s": 1.5,
+        "duration_s": 3,
         "standstill_s": 0.2,
     },
     "camera": {"width": 96, "height": 54, "hz": 10},
@@ -69,7 +70,8 @@ def test_real_networks_drive_and_slots_do_not_matter(marked, campaign, tmp_path)
         "dark": "pass",
         "tiny": "collision",
     }
-    assert all(row["perception"]["frames"] == 15 for row in rows.values())
+    for row in rows.values():  # a frame every other tick
+        assert row["perception"]["frames"] == math.ceil(row["scalars"]["ticks"] / 2)
     assert all(0 < row["perception"]["wall_s"] < row["rig_wall_s"] for row in rows.values())
     page = (tmp_path / "slots-2" / "report.html").read_text()
     table = page.split('id="perception-costs"')[1].split("</table>")[0]
