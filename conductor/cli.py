@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+from schemas.words import counted
 
 # isort: split
 import json
@@ -395,7 +396,10 @@ def validate(
         }
         print(json.dumps(found))
         return
-    print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
+    print(
+        f"{campaign}: valid, {counted(len(cases), 'case')}, "
+        f"e.g. {', '.join(case.id for case in cases[:3])}"
+    )
     repository = loaded.autonomy.repository
     if repository is not None and not fetch:
         setup = f", then `{repository.setup}` is run there" if repository.setup else ""

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from conductor.pace import Pace, shown_time
 from schemas.reference import Key
+from schemas.words import counted
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
 _COUNTS_IF_ANY = ("cancelled", "quarantined")
@@ -37,7 +38,7 @@ def alarms(found: dict[str, Any]) -> list[str]:
         count = row.get("disagreements", 0)
         if count:
             lines.append(
-                f"alarm: campaign '{name}': {count} late attempt{'s' if count > 1 else ''} of "
+                f"alarm: campaign '{name}': {counted(count, 'late attempt')} of "
                 f"ended cases came to another result; see `conductor report {row['out']}`"
             )
     if found.get("storage_error"):

@@ -22,6 +22,7 @@ from devkit.stack_rig import running
 from schemas.campaign import Campaign, Case, parse_campaign
 from schemas.messages import Command, command_mistake
 from schemas.perception import with_absolute_files
+from schemas.words import counted
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import InfrastructureError, UsageError
 
@@ -106,7 +107,7 @@ def check_stack(
     slots = case.rig_slots(2)
     try:
         with running(CheckRig, case, slots, timeout_s) as rig:
-            say("starts", True, f"{slots} slot{'s' * (slots > 1)}, ready")
+            say("starts", True, f"{counted(slots, 'slot')}, ready")
             reference = _first_process(rig, slots, ticks, timeout_s, say)
         with running(CheckRig, case, slots, timeout_s) as rig:
             _second_process(rig, slots, ticks, timeout_s, reference, say)

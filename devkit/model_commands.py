@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from schemas.words import counted
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
@@ -158,7 +159,7 @@ def detect(
         if output is Output.json:
             print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(found)}))
             continue
-        print(f"{path}: {len(found)} objects")
+        print(f"{path}: {counted(len(found), 'object')}")
         for d in found:
             size = f"{d.width_px:.0f}x{d.height_px:.0f}"
             print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")

@@ -9,6 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from schemas.verdict import is_pass
+from schemas.words import counted
 from twin.fabric.errors import UsageError
 from viewer.folder import (
     Found,
@@ -190,7 +191,7 @@ def _yes(value: bool) -> str:
 
 
 def _number(names: list[str]) -> str:
-    return f"{len(names)} case{'s' if len(names) > 1 else ''}"
+    return counted(len(names), "case")
 
 
 def _some(names: list[str]) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 from schemas.view import Thumbnail
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.words import counted
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target, choose_target, find_target
 from twin.fabric.endpoint import check_protected
@@ -352,6 +353,7 @@ def _conclude(live: Live, options: LiveOptions) -> None:
         print(json.dumps(found), flush=True)
         return
     print(
-        f"{found['received']} messages of {found['cases']} cases, {found['ended']} ended; "
+        f"{found['received']} messages of {counted(found['cases'], 'case')}, "
+        f"{found['ended']} ended; "
         f"{found['logged']} pictures shown, {found['skipped']} left out"
     )

@@ -123,7 +123,7 @@ def test_an_unfinished_campaign_has_no_fingerprint(tmp_path: Path) -> None:
     cases = _campaign(tmp_path / "one")
     cases["c"] = CaseOutcome(outcome="")
     _write(tmp_path / "one", cases)
-    with pytest.raises(UnfinishedError, match="1 of 3 cases have not ended"):
+    with pytest.raises(UnfinishedError, match="1 of 3 cases has not ended"):
         fingerprint(tmp_path / "one")
 
 
