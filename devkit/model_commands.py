@@ -33,6 +33,9 @@ class RuntimeChoice(StrEnum):
 DescriptionOption = Annotated[
     Path | None, typer.Option(help="JSON about a model whose metadata has none.")
 ]
+Model = Annotated[
+    str, typer.Argument(help="Path of an ONNX file, or a name that `devkit models` prints.")
+]
 RuntimeOption = Annotated[RuntimeChoice, typer.Option(help="What runs the network.")]
 
 
@@ -134,7 +137,7 @@ def check_models(
 
 
 def detect(
-    model: Annotated[Path, typer.Argument(help="ONNX file.")],
+    model: Model,
     images: Annotated[list[Path], typer.Argument(help="Images, e.g. PNG or JPEG.")],
     confidence_min: Annotated[float, typer.Option(min=0.001, max=0.999)] = 0.25,
     overlap_max: Annotated[float, typer.Option(min=0, max=1)] = 0.4,
@@ -146,10 +149,11 @@ def detect(
     from devkit.detector import Detector
     from devkit.detector_decode import Selection
     from devkit.detector_description import read_description
+    from devkit.model_files import model_file
     from twin.fabric.picture_file import read_picture
 
     detector = Detector(
-        model,
+        model_file(model),
         Selection(confidence_min=confidence_min, overlap_max=overlap_max),
         read_description(description) if description else None,
         runtime.value,

@@ -15,6 +15,7 @@ from viewer.folder import (
     Found,
     Moment,
     NotKeptError,
+    PastEndError,
     case_names,
     committed_attempts,
     find_moment,
@@ -163,9 +164,12 @@ def table(catalogue: Catalogue) -> Table:
 
 
 def _moment(found: Found, at: str) -> Moment:
-    """An attempt that was killed before its first row has no moment; it opens at its start."""
+    """An attempt that was killed before its first row has no moment; it opens at its start. One
+    that had ended by then opens at its end."""
     try:
         return find_moment(found, at)
+    except PastEndError as error:
+        return Moment(error.end_ns, f"end at {error.end_ns / 1e9:.2f} s")
     except UsageError:
         if at not in ("aeb", "closest"):
             raise

@@ -88,7 +88,7 @@ def shot(
 
         options = LiveOptions(run=folder, key=key, wait_s=wait)
         wall = shoot_wall(options, out, pixels, wait, watch)
-        print(f"{out}: {wall.cases} cases, {wall.running} running")
+        print(f"{out}: {wall.told}")
         return
     found = find_recording(folder, case)
     moment = find_moment(found, at)

@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from schemas.words import counted
 from twin.fabric.errors import InfrastructureError, UnreachableError
 from viewer.hub import open_hub
 from viewer.live import TURN_S, Live, LiveOptions
@@ -23,6 +24,12 @@ class WallShot:
 
     cases: int
     running: int
+
+    @property
+    def told(self) -> str:
+        """``8 cases: 5 running, 3 ended``."""
+        ended = self.cases - self.running
+        return f"{counted(self.cases, 'case')}: {self.running} running, {ended} ended"
 
 
 def shoot_wall(
