@@ -17,13 +17,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.fingerprint_command import fingerprint
 from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
 from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
+from twin.fabric.errors import (
+    EXIT_INFRASTRUCTURE,
+    EXIT_USAGE,
+    UsageError,
+)
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -35,7 +40,6 @@ app = make_app(
 )
 
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
-Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Listen = Annotated[
     str,
     typer.Option(
@@ -409,17 +413,7 @@ def validate(
         )
 
 
-@app.command()
-def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
-    """Print the SHA-256 over all KPI values of a finished campaign."""
-    from conductor.fingerprint import fingerprint as compute
-
-    found = compute(folder)
-    if output is Output.json:
-        shown = {"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}
-        print(json.dumps({**shown, "realtime": found.realtime}))
-    else:
-        print(f"{found.sha256} {found.caveat}".rstrip())
+app.command("fingerprint")(fingerprint)
 
 
 @app.command()
