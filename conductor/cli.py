@@ -304,23 +304,30 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
+    cases: Annotated[
+        bool, typer.Option("--cases", help="List the cases that run now, and where.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Show campaigns and workers of a conductor that serves."""
+    """Show campaigns and workers of a conductor that serves, or the cases that run."""
     from rich.console import Console
 
     from conductor.client import Client
-    from conductor.tables import status_tables
+    from conductor.tables import running_table, status_tables
     from conductor.watch import watch as watch_status
     from twin.fabric.roles import Role
 
+    if watch and cases:
+        raise UsageError("--cases lists what runs at one moment; leave --watch away")
     with Client(connect, state, namespace, key, Role.viewer) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
-        found = client.status()
+        found = client.status(running=cases)
     if output is Output.json:
         print(json.dumps(found))
+    elif cases:
+        running_table(found["running"])
     else:
         status_tables(found)
 

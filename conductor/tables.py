@@ -23,6 +23,18 @@ def status_tables(found: dict[str, Any]) -> None:
     _print(status_view(found))
 
 
+def running_table(rows: Sequence[dict[str, Any]]) -> None:
+    """Print the cases that run, or that there is none."""
+    if not rows:
+        print("no case runs now")
+        return
+    table = Table("campaign", "case", "worker", "host", "attempt", "tick", "for", "by hand")
+    for row in rows:
+        cells = (row["campaign"], row["case"], row["worker"], row["host"], row["attempt"])
+        table.add_row(*map(str, cells), str(row["tick"]), f"{row['for_s']:.0f} s", row["by_hand"])
+    _print(table)
+
+
 def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
     """Campaigns, workers, notes and alarms; with throughput and remaining time if ``paces``."""
     parts: list[RenderableType] = [_campaigns(found["campaigns"], paces), _workers(found)]
