@@ -337,6 +337,7 @@ def web(
         where = LiveOptions(
             connect=connect, run=run_folder, namespace=namespace, key=key, role=Role.admin
         )
+        where.check()
         options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
         raise typer.Exit(run_web(options))
     moment = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from schemas.words import counted
+from twin.fabric.discovery import refuse_ended
 from twin.fabric.errors import InfrastructureError, UnreachableError
 from viewer.hub import open_hub
 from viewer.live import TURN_S, Live, LiveOptions
@@ -44,6 +45,8 @@ def shoot_wall(
         UnreachableError: no conductor, or no case runs.
         UsageError: ``out`` cannot be written, another key or another version.
     """
+    if options.run is not None:
+        refuse_ended(options.run)
     live = Live(options, open_hub(0, bare=True))
     until_s = time.monotonic() + wait_s
     arguments = ["--window-size", f"{size[0]}x{size[1]}", "--connect", live.hub.url]
