@@ -334,9 +334,9 @@ def lines(rows: Sequence[Row]) -> list[str]:
     told = _columns(table)
     for row in rows:
         told.append(
-            f"{counted(row.slots, 'slot')}: {counted(row.cases, 'case')}, {row.sim_s:,.1f} simulated s in "
-            f"{row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between the first tick and "
-            f"the last; fingerprint {row.fingerprint[:16]}"
+            f"{counted(row.slots, 'slot')}: {counted(row.cases, 'case')}, {row.sim_s:,.1f} "
+            f"simulated s in {row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between "
+            f"the first tick and the last; fingerprint {row.fingerprint[:16]}"
         )
         told += [f"  {line}" for line in _columns(_by_use(row))]
     return told
