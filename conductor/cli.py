@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+from schemas.words import counted
 
 # isort: split
 import json
@@ -16,13 +17,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.fingerprint_command import fingerprint
 from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
 from schemas.view import ViewMode
 from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_USAGE, UsageError
+from twin.fabric.errors import (
+    EXIT_INFRASTRUCTURE,
+    EXIT_USAGE,
+    UsageError,
+)
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -34,7 +40,6 @@ app = make_app(
 )
 
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
-Folder = Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")]
 Listen = Annotated[
     str,
     typer.Option(
@@ -299,23 +304,30 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
+    cases: Annotated[
+        bool, typer.Option("--cases", help="List the cases that run now, and where.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Show campaigns and workers of a conductor that serves."""
+    """Show campaigns and workers of a conductor that serves, or the cases that run."""
     from rich.console import Console
 
     from conductor.client import Client
-    from conductor.tables import status_tables
+    from conductor.tables import running_table, status_tables
     from conductor.watch import watch as watch_status
     from twin.fabric.roles import Role
 
+    if watch and cases:
+        raise UsageError("--cases lists what runs at one moment; leave --watch away")
     with Client(connect, state, namespace, key, Role.viewer) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
-        found = client.status()
+        found = client.status(running=cases)
     if output is Output.json:
         print(json.dumps(found))
+    elif cases:
+        running_table(found["running"])
     else:
         status_tables(found)
 
@@ -395,7 +407,10 @@ def validate(
         }
         print(json.dumps(found))
         return
-    print(f"{campaign}: valid, {len(cases)} cases, e.g. {', '.join(c.id for c in cases[:3])}")
+    print(
+        f"{campaign}: valid, {counted(len(cases), 'case')}, "
+        f"e.g. {', '.join(case.id for case in cases[:3])}"
+    )
     repository = loaded.autonomy.repository
     if repository is not None and not fetch:
         setup = f", then `{repository.setup}` is run there" if repository.setup else ""
@@ -405,17 +420,7 @@ def validate(
         )
 
 
-@app.command()
-def fingerprint(folder: Folder, output: OutputOption = Output.human) -> None:
-    """Print the SHA-256 over all KPI values of a finished campaign."""
-    from conductor.fingerprint import fingerprint as compute
-
-    found = compute(folder)
-    if output is Output.json:
-        shown = {"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}
-        print(json.dumps({**shown, "realtime": found.realtime}))
-    else:
-        print(f"{found.sha256} {found.caveat}".rstrip())
+app.command("fingerprint")(fingerprint)
 
 
 @app.command()

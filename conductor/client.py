@@ -64,9 +64,9 @@ class Client:
         self._ask(request, timeout_s=30.0)
         return str(self.status()["campaigns"][campaign.campaign]["out"])
 
-    def status(self) -> dict[str, Any]:
-        """The conductor's state."""
-        return self._ask(StatusRequest(v=SCHEMA_VERSION)).status
+    def status(self, *, running: bool = False) -> dict[str, Any]:
+        """The conductor's state; with ``running`` also the cases that run now."""
+        return self._ask(StatusRequest(v=SCHEMA_VERSION, running=running)).status
 
     def on_event(self, handler: Callable[[], None]) -> None:
         """Call ``handler`` whenever the conductor publishes a fact, on a thread of the bus."""

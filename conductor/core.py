@@ -36,7 +36,7 @@ from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects
 from conductor.snapshot import take
 from conductor.speculate import straggler
 from conductor.state import CampaignState, CaseState, LiveLease, State, WorkerState
-from conductor.status import status
+from conductor.status import running, status
 from conductor.turn import Turn
 from schemas import SCHEMA_VERSION
 from schemas.messages import (
@@ -407,8 +407,11 @@ def _explain(turn: Turn, request: Explain) -> Reply:
     return turn.reply(status={"explain": lines})
 
 
-def _status(turn: Turn, _: StatusRequest) -> Reply:
-    return turn.reply(status=status(turn.state, turn.now_ns))
+def _status(turn: Turn, request: StatusRequest) -> Reply:
+    found = status(turn.state, turn.now_ns)
+    if request.running:
+        found["running"] = running(turn.state, turn.now_ns)
+    return turn.reply(status=found)
 
 
 def _stop(turn: Turn, _: Stop) -> Reply:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from conductor.facts import ALONE, SHARED, CaseEnded, Committed
 from conductor.grant import avoids, fits, mismatch, present, shunned
 from conductor.state import CampaignState, CaseState, State, WorkerState
+from schemas.words import agree, counted
 
 
 def explain(state: State, campaign: str, case: str, now_ns: int) -> list[str]:
@@ -66,9 +67,10 @@ def _waiting(state: State, campaign: CampaignState, case: CaseState, now_ns: int
         yield "waits: the case is paused"
     if state.config.by_batch and case.case.batch != campaign.lowest_batch():
         blocked = True
+        waiting = campaign.open_batches[campaign.lowest_batch()]
         yield (
             f"waits: batch {case.case.batch} is not open, batch {campaign.lowest_batch()} has "
-            f"{campaign.open_batches[campaign.lowest_batch()]} cases that have not ended"
+            f"{counted(waiting, 'case')} that {agree(waiting, 'has', 'have')} not ended"
         )
     here = [w for w in state.workers.values() if present(state, w, now_ns)]
     if not here:
@@ -83,12 +85,12 @@ def _workers(
 ) -> Iterator[str]:
     matching = [w for w in here if not mismatch(campaign, w)]
     if not matching:
-        yield f"waits: none of {_count(len(here), 'worker')} may run it"
+        yield f"waits: none of {counted(len(here), 'worker')} may run it"
         yield from sorted({mismatch(campaign, worker) for worker in here})
         return
     serving = [worker for worker in matching if not worker.draining]
     if not serving:
-        yield f"waits: all of {_count(len(matching), 'worker')} that may run it are draining"
+        yield f"waits: all of {counted(len(matching), 'worker')} that may run it are draining"
         return
     for worker in serving:
         if shunned(state, campaign, worker, now_ns):
@@ -106,7 +108,7 @@ def _workers(
         others = len(list(campaign.backlog.take(case.rig, case.group))) - 1
         yield (
             "waits for a worker whose rig is empty: it shares its rig only with "
-            f"{_count(others, 'other suspect')} of a rig that died"
+            f"{counted(others, 'other suspect')} of a rig that died"
         )
     for worker in serving:
         if avoids(state, campaign, case, worker, now_ns):
@@ -114,14 +116,14 @@ def _workers(
     before = len([o for o in campaign.backlog.take(case.rig, case.group) if o < case.order])
     busy = sum(len(worker.tokens) for worker in serving)
     yield (
-        f"waits: {_count(before, 'case')} of its kind before it, priority {campaign.priority}; "
-        f"{_count(len(serving), 'worker')} may run it, holding {_count(busy, 'case')}"
+        f"waits: {counted(before, 'case')} of its kind before it, priority {campaign.priority}; "
+        f"{counted(len(serving), 'worker')} may run it, holding {counted(busy, 'case')}"
     )
 
 
 def _past(case: CaseState) -> Iterator[str]:
     if case.attempts > len(case.live) + isinstance(case.end, Committed):
-        yield f"{_count(case.attempts, 'attempt')} so far"
+        yield f"{counted(case.attempts, 'attempt')} so far"
     for number, charge in enumerate(case.charges, 1):
         yield f"charge {number}: {charge}"
     for loss in case.losses:
@@ -130,7 +132,3 @@ def _past(case: CaseState) -> Iterator[str]:
         yield f"no verdict of {steered}"
     for late in case.late:
         yield f"a late result '{late.result.verdict}' of worker {late.worker} is kept as evidence"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from conductor.attempts import attempt_file
 from conductor.outcomes import CaseOutcome, Outcomes, read_outcomes
+from schemas.words import unended
 from twin.fabric.errors import InfrastructureError, UnfinishedError
 from twin.fabric.kpi_file import canonical, read_kpi
 
@@ -84,8 +85,7 @@ def fingerprint(folder: Path) -> Fingerprint:
     if not outcomes.complete:
         left = sum(not case.outcome for case in outcomes.cases.values())
         raise UnfinishedError(
-            f"{folder}: {left} of {len(outcomes.cases)} cases have not ended; "
-            "run the campaign again to finish it"
+            f"{folder}: {unended(left, len(outcomes.cases))}; run the campaign again to finish it"
         )
     found = Fingerprinter()
     for name, case in sorted(outcomes.cases.items()):

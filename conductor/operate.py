@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from conductor.client import Client
+from schemas.words import counted
 from twin.fabric.cli import InsecureOption, KeyOption
 from twin.fabric.roles import Role
 
@@ -82,6 +83,6 @@ def _command(action: Action) -> Callable[..., None]:
     ) -> None:
         with Client(connect, state, namespace, key) as client:
             changed = client.control(action, campaign=campaign, case=case)
-        print(f"{action} {campaign}{f' {case}' if case else ''}: {changed} case(s)")
+        print(f"{action} {campaign}{f' {case}' if case else ''}: {counted(changed, 'case')}")
 
     return act

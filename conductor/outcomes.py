@@ -20,6 +20,7 @@ from schemas.messages import PerceptionCost
 from schemas.realtime import Realtime
 from schemas.verdict import Judged
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.discovery import OUTCOMES_NAME
 from twin.fabric.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
@@ -29,7 +30,7 @@ from twin.fabric.errors import (
     UsageError,
 )
 
-FILE_NAME = "outcomes.json"
+FILE_NAME = OUTCOMES_NAME
 
 
 class Late(msgspec.Struct, frozen=True):

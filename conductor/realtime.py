@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from conductor.outcomes import Outcomes
+from schemas.words import counted
 
 
 def too_slow(outcomes: Outcomes) -> str:
@@ -13,7 +14,7 @@ def too_slow(outcomes: Outcomes) -> str:
         return ""
     worst = max(slow, key=lambda run: run.overruns / max(1, run.ticks))
     return (
-        f"clock realtime: {len(slow)} of {len(runs)} cases ran on a machine that was too slow; in "
-        f"the worst {worst.overruns} of {worst.ticks} ticks overran: do not trust them, take fewer "
-        "workers, smaller pictures or a lower control_hz"
+        f"clock realtime: {len(slow)} of {counted(len(runs), 'case')} ran on a machine that was "
+        f"too slow; in the worst {worst.overruns} of {worst.ticks} ticks overran: do not trust "
+        "them, take fewer workers, smaller pictures or a lower control_hz"
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from schemas.words import unended
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
 from twin.fabric.files import write_atomic
@@ -128,7 +129,7 @@ def compare_folders(before: Path, after: Path) -> Comparison:
     for dossier in (first, second):
         if not dossier.outcomes.complete:
             raise UnfinishedError(
-                f"{dossier.folder}: {dossier.left} of {len(dossier.rows)} cases have not ended; "
+                f"{dossier.folder}: {unended(dossier.left, len(dossier.rows))}; "
                 "run the campaign again to finish it, then compare"
             )
     return compare(first, second, fingerprint(before), fingerprint(after))

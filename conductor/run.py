@@ -42,6 +42,7 @@ from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.verdict import no_collision
 from schemas.view import ViewMode
+from schemas.words import counted
 from twin.fabric.ahead import Told
 from twin.fabric.cli import heed_signals
 from twin.fabric.endpoint import LOOPBACK, is_exposed
@@ -253,14 +254,12 @@ def _work(
         raise UsageError(reply.error)
     row = _row(conductor, campaign)
     if not row["left"]:
-        console.print(
-            f"{options.out}: all {cases} cases have ended already", markup=False, soft_wrap=True
-        )
+        console.print(_all_ended(options.out, cases), markup=False, soft_wrap=True)
         return
     if row["left"] < cases:
         done = cases - row["left"]
         console.print(
-            f"{options.out}: going on, {done} of {cases} cases done",
+            f"{options.out}: going on, {done} of {counted(cases, 'case')} done",
             markup=False,
             soft_wrap=True,
         )
@@ -293,6 +292,12 @@ def _work(
         workers.stop()
         if not places:
             _dismiss(conductor)
+
+
+def _all_ended(folder: Path, cases: int) -> str:
+    """The line of a run that finds nothing to do."""
+    ended = "its case has" if cases == 1 else f"all {cases} cases have"
+    return f"{folder}: {ended} ended already"
 
 
 def _dismiss(conductor: Conductor) -> None:
@@ -332,7 +337,9 @@ def _wait(
                 ended = row["cases"] - row["left"]
                 workers.died = 0
                 if not console.is_terminal:
-                    console.print(f"{campaign.campaign}: {ended} of {row['cases']} cases done")
+                    console.print(
+                        f"{campaign.campaign}: {ended} of {counted(row['cases'], 'case')} done"
+                    )
             note = f"{row['passed']} passed, {row['leased']} running"
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:

@@ -9,6 +9,7 @@ from conductor.lease import POLICIES, expired, first_expiry_ns
 from conductor.state import CaseState, LiveLease, State
 from conductor.turn import Turn
 from schemas.messages import Release, Result
+from schemas.words import counted
 
 DETAIL_CHARS_MAX = 2000
 """Longest reason kept of an attempt [characters]."""
@@ -164,8 +165,7 @@ def _quarantine(turn: Turn, lease: LiveLease, case: CaseState, text: str) -> Non
 
 def _told(one: str, charges: Sequence[Charge], many: str = "") -> str:
     workers = len({charge.worker for charge in charges})
-    noun = one if len(charges) == 1 else many or f"{one}s"
     return (
-        f"{len(charges)} {noun} on {workers} worker{'s' if workers > 1 else ''}, "
+        f"{counted(len(charges), one, many)} on {counted(workers, 'worker')}, "
         f"the last one: {charges[-1]}"
     )

@@ -13,7 +13,7 @@ from conductor.scene_check import scene_mistakes
 from conductor.stack_check import stack_mistakes
 from schemas.assets import asset_digest, file_digest, is_path
 from schemas.autonomy import driver
-from schemas.campaign import UNREPEATABLE, Campaign, Case, only, parse_campaign, parse_cases
+from schemas.campaign import UNREPEATABLE, Campaign, Case, examine, only, parse_campaign
 from schemas.lidar import Lidar
 from schemas.perception import file_fields, with_absolute_files
 from schemas.stack_identity import StackIdentity
@@ -167,12 +167,15 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
         folder: where the file lies: paths of models are relative to it, and absolute in the
             campaign that is returned.
     """
-    campaign, cases, mistakes = parse_cases(data)
-    if campaign is None:
+    campaign, cases, mistakes = examine(data)
+    if campaign is None or not cases:
         return None, mistakes
     campaign = _with_absolute_files(campaign, folder or Path())
-    mistakes = _missing_files(cases)
-    mistakes = mistakes or [*_missing_mounts(cases), *scene_mistakes(campaign, cases)]
+    if missing := _missing_files(cases):
+        mistakes += missing
+    else:
+        mistakes += _missing_mounts(cases)
+        mistakes += scene_mistakes(campaign, cases) if not mistakes else []
     mistakes += _missing_models(campaign, cases)
     mistakes += _missing_image(campaign)
     mistakes += stack_mistakes(campaign, cases)

@@ -26,6 +26,23 @@ def status(state: State, now_ns: int) -> dict[str, Any]:
     }
 
 
+def running(state: State, now_ns: int) -> list[dict[str, Any]]:
+    """The leases, by campaign and case; a case may have two."""
+    return [
+        {
+            "campaign": lease.key[0],
+            "case": lease.key[1],
+            "worker": lease.worker,
+            "host": state.workers[lease.worker].joined.host,
+            "attempt": lease.attempt,
+            "tick": lease.progress,
+            "for_s": (now_ns - lease.granted_ns) / 1e9,
+            "by_hand": lease.touched,
+        }
+        for lease in sorted(state.leases.values(), key=lambda lease: (lease.key, lease.attempt))
+    ]
+
+
 def _broken(state: State) -> list[str]:
     """A line per host that is avoided."""
     hosts = {worker.joined.host for worker in state.workers.values()}

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from conductor.pace import Pace, shown_time
 from schemas.reference import Key
+from schemas.words import counted
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
 _COUNTS_IF_ANY = ("cancelled", "quarantined")
@@ -20,6 +21,18 @@ _COUNTS_IF_ANY = ("cancelled", "quarantined")
 def status_tables(found: dict[str, Any]) -> None:
     """Print campaigns, workers, notes and alarms of a conductor."""
     _print(status_view(found))
+
+
+def running_table(rows: Sequence[dict[str, Any]]) -> None:
+    """Print the cases that run, or that there is none."""
+    if not rows:
+        print("no case runs now")
+        return
+    table = Table("campaign", "case", "worker", "host", "attempt", "tick", "for", "by hand")
+    for row in rows:
+        cells = (row["campaign"], row["case"], row["worker"], row["host"], row["attempt"])
+        table.add_row(*map(str, cells), str(row["tick"]), f"{row['for_s']:.0f} s", row["by_hand"])
+    _print(table)
 
 
 def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
@@ -37,7 +50,7 @@ def alarms(found: dict[str, Any]) -> list[str]:
         count = row.get("disagreements", 0)
         if count:
             lines.append(
-                f"alarm: campaign '{name}': {count} late attempt{'s' if count > 1 else ''} of "
+                f"alarm: campaign '{name}': {counted(count, 'late attempt')} of "
                 f"ended cases came to another result; see `conductor report {row['out']}`"
             )
     if found.get("storage_error"):

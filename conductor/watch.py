@@ -18,6 +18,7 @@ from rich.text import Text
 
 from conductor.pace import Pace, shown_time
 from conductor.tables import alarms, status_view
+from schemas.words import counted
 from twin.fabric.errors import EXIT_PASS, TwinError
 
 POLL_S = 1.0
@@ -62,7 +63,7 @@ class Watched:
             rate = "-" if pace.per_s is None else f"{pace.per_s:.2f}"
             eta = shown_time(pace.eta_s(row["left"]))
             lines.append(
-                f"{name}: {row['cases'] - row['left']} of {row['cases']} cases ended, "
+                f"{name}: {row['cases'] - row['left']} of {counted(row['cases'], 'case')} ended, "
                 f"{row['leased']} running, {rate} cases/s, ETA {eta}"
             )
         return lines + alarms(self.found)

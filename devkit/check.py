@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +23,10 @@ from devkit.stack_rig import running
 from schemas.campaign import Campaign, Case, parse_campaign
 from schemas.messages import Command, command_mistake
 from schemas.perception import with_absolute_files
+from schemas.words import counted
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import InfrastructureError, UsageError
+from twin.fabric.stack_class import class_mistakes
 
 ENTRY_POINT = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
@@ -86,6 +89,23 @@ def campaign_of(stack: str, parameters: dict[str, Any]) -> Campaign:
     return msgspec.structs.replace(campaign, autonomy=autonomy)
 
 
+def check_present(case: Case) -> None:
+    """Before anything is started: a stack that is not there breaks no rule.
+
+    Raises:
+        UsageError: no such class or command, or parameters that the class does not take; one line
+            per mistake.
+    """
+    foreign = case.foreign
+    if foreign is not None and foreign.image is None and foreign.repository is None:
+        command = foreign.command[0]
+        if shutil.which(command) is None:
+            raise UsageError(f"no command '{command}' here; give its path, or one that is on PATH")
+    mistakes = class_mistakes(case.stack, sorted(case.parameters)) if case.stack else []
+    if mistakes:
+        raise UsageError("\n".join(mistake.line(case.stack) for mistake in mistakes))
+
+
 def names_file(stack: str) -> bool:
     """Whether what was given for a stack is the path of a campaign file; a command line may end
     with a file of its own."""
@@ -106,7 +126,7 @@ def check_stack(
     slots = case.rig_slots(2)
     try:
         with running(CheckRig, case, slots, timeout_s) as rig:
-            say("starts", True, f"{slots} slot{'s' * (slots > 1)}, ready")
+            say("starts", True, f"{counted(slots, 'slot')}, ready")
             reference = _first_process(rig, slots, ticks, timeout_s, say)
         with running(CheckRig, case, slots, timeout_s) as rig:
             _second_process(rig, slots, ticks, timeout_s, reference, say)

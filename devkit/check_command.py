@@ -30,11 +30,12 @@ def check(
     Two processes of it see made-up drives, without a simulator: the same frames twice, another case
     between, frames that are lost, a seq that comes again, messages of a later version.
     """
-    from devkit.check import campaign_of, check_stack
+    from devkit.check import campaign_of, check_present, check_stack
     from schemas.campaign import expand
 
     values = parsed_parameters(parameters)
     case = expand(campaign_of(stack, values))[0]
+    check_present(case)
     human = output is Output.human
     done = check_stack(case, ticks, deadline_s, _print if human else _quiet)
     passed = all(one.passed for one in done)

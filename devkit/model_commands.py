@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from schemas.words import counted
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
@@ -31,6 +32,9 @@ class RuntimeChoice(StrEnum):
 
 DescriptionOption = Annotated[
     Path | None, typer.Option(help="JSON about a model whose metadata has none.")
+]
+Model = Annotated[
+    str, typer.Argument(help="Path of an ONNX file, or a name that `devkit models` prints.")
 ]
 RuntimeOption = Annotated[RuntimeChoice, typer.Option(help="What runs the network.")]
 
@@ -133,7 +137,7 @@ def check_models(
 
 
 def detect(
-    model: Annotated[Path, typer.Argument(help="ONNX file.")],
+    model: Model,
     images: Annotated[list[Path], typer.Argument(help="Images, e.g. PNG or JPEG.")],
     confidence_min: Annotated[float, typer.Option(min=0.001, max=0.999)] = 0.25,
     overlap_max: Annotated[float, typer.Option(min=0, max=1)] = 0.4,
@@ -145,10 +149,11 @@ def detect(
     from devkit.detector import Detector
     from devkit.detector_decode import Selection
     from devkit.detector_description import read_description
+    from devkit.model_files import model_file
     from twin.fabric.picture_file import read_picture
 
     detector = Detector(
-        model,
+        model_file(model),
         Selection(confidence_min=confidence_min, overlap_max=overlap_max),
         read_description(description) if description else None,
         runtime.value,
@@ -158,7 +163,7 @@ def detect(
         if output is Output.json:
             print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(found)}))
             continue
-        print(f"{path}: {len(found)} objects")
+        print(f"{path}: {counted(len(found), 'object')}")
         for d in found:
             size = f"{d.width_px:.0f}x{d.height_px:.0f}"
             print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")

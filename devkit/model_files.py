@@ -79,6 +79,17 @@ def _check_content(path: Path, expected: str | None) -> None:
         )
 
 
+def model_file(name_or_path: str) -> Path:
+    """The ONNX file of a shipped model's name, or of a path.
+
+    Raises:
+        ModelError: neither.
+    """
+    if is_model_path(name_or_path) or Path(name_or_path).is_file():
+        return Path(name_or_path)
+    return _shipped(name_or_path)
+
+
 def _shipped(name: str) -> Path:
     known = shipped_models()
     if name in known:

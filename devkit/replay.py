@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from devkit.check import check_present
 from devkit.replay_compare import FieldRow, compared
 from devkit.stack_rig import StackRig, running
 from schemas import SCHEMA_VERSION, topics
@@ -129,6 +130,7 @@ def replay(
         What came of them, and a line for each file that is damaged.
 
     Raises:
+        UsageError: there is no such stack, or it does not take its parameters.
         StackFailedError: the stack does not start.
     """
     done, damaged = [], []
@@ -159,6 +161,7 @@ def replay(
 
 
 def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> ReplayRig:
+    check_present(case)
     try:
         return held.enter_context(running(ReplayRig, case, 1, timeout_s))
     except InfrastructureError as error:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from devkit.model_commands import DescriptionOption, RuntimeChoice, RuntimeOption
+from devkit.model_commands import DescriptionOption, Model, RuntimeChoice, RuntimeOption
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import UsageError
 
@@ -110,7 +110,7 @@ def train(
 
 
 def evaluate(
-    model: Annotated[Path, typer.Argument(help="ONNX file.")],
+    model: Model,
     data: Annotated[Path, typer.Argument(help="Folder that 'twin dataset' has written.")],
     split: Annotated[
         SplitChoice, typer.Option(help="Which images; all: held_out and other_scene.")
@@ -132,20 +132,21 @@ def evaluate(
     from devkit.detector import Detector
     from devkit.detector_description import read_description
     from devkit.labelled_images import TESTS, classes_for, read_head, read_labelled
+    from devkit.model_files import model_file
     from devkit.score_tables import report
     from devkit.scoring import SELECTION, plain, score_detector
     from twin.fabric.progress import progress
 
     described = read_description(description) if description else None
-    detector = Detector(model, SELECTION, described, runtime.value)
+    detector = Detector(model_file(model), SELECTION, described, runtime.value)
     head = read_head(data)
-    chosen = classes_for(detector.description.names, classes, str(model))
+    chosen = classes_for(detector.description.names, classes, model)
     splits = TESTS if split is SplitChoice.all else (split.value,)
     images = read_labelled(head.path, splits, chosen)
     with progress("evaluate", "scoring", "images") as told:
         card = score_detector(detector, images, told)
     if output is Output.json:
-        about = {"model": str(model), "data": str(data), "split": split.value}
+        about = {"model": model, "data": str(data), "split": split.value}
         print(json.dumps({**about, "runtime": runtime.value, **plain(card)}))
     else:
         print(report(card), end="")

@@ -11,6 +11,7 @@ import shlex
 
 from hpc.container import shell_lines
 from hpc.request import JobRequest
+from schemas.words import counted
 
 JOB_NAME_CHARS_MAX = 64
 """Longest job name [characters]."""
@@ -26,8 +27,7 @@ def job_name(campaign: str) -> str:
 def who(request: JobRequest) -> str:
     """``aeb-demo with 2 CPU workers``."""
     kind = "GPU" if request.gpus else "CPU"
-    plural = "s" if request.worker_count > 1 else ""
-    return f"{job_name(request.campaign)} with {request.worker_count} {kind} worker{plural}"
+    return f"{job_name(request.campaign)} with {counted(request.worker_count, f'{kind} worker')}"
 
 
 def names(request: JobRequest, ends: str = "") -> str:

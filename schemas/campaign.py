@@ -7,6 +7,7 @@ the file, so cases may be reordered, added and removed without changing the verd
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -221,14 +222,28 @@ def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
 
 def parse_cases(data: Any) -> tuple[Campaign | None, list[Case], list[Mistake]]:
     """Like :func:`parse_campaign`, with the cases, which are expanded to find mistakes anyway."""
+    campaign, cases, mistakes = examine(data)
+    return (None, [], mistakes) if mistakes else (campaign, cases, [])
+
+
+def examine(data: Any) -> tuple[Campaign | None, list[Case], list[Mistake]]:
+    """Like :func:`parse_cases`, but what can be read of a campaign with mistakes is there, for
+    those who look for further ones: the cases that have none of their own."""
     campaign, mistakes = convert_all(data, Campaign)
     if campaign is None:
         return None, [], mistakes
     mistakes = _cross_checks(campaign)
     cases: list[Case] = []
-    if not mistakes:
-        cases, mistakes = _expand(campaign)
-    return (None, [], mistakes) if mistakes else (campaign, cases, [])
+    if campaign.autonomy.perception and 0 < _count(campaign) <= CASES_MAX:
+        cases, found = _expand(campaign)
+        known = [mistake.path for mistake in mistakes]
+        mistakes += [m for m in found if not any(_same_place(m.path, path) for path in known)]
+    return campaign, cases, mistakes
+
+
+def _same_place(one: str, other: str) -> bool:
+    """Whether one of two paths is, or holds, the other: the mistake is told already."""
+    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
 def expand(campaign: Campaign) -> list[Case]:
@@ -289,14 +304,16 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
         mistakes.append(Mistake("autonomy.perception", "empty; name at least one variant"))
-    count = len(campaign.cases)
-    product = 1
-    for values in campaign.matrix.values():
-        product *= len(values)
-    count += product if campaign.matrix else 0
+    count = _count(campaign)
     if count > CASES_MAX:
         mistakes.append(Mistake("matrix", f"{count} cases, at most {CASES_MAX} are allowed"))
     return mistakes
+
+
+def _count(campaign: Campaign) -> int:
+    """Cases before any is excluded."""
+    product = math.prod(len(values) for values in campaign.matrix.values())
+    return len(campaign.cases) + (product if campaign.matrix else 0)
 
 
 UNREPEATABLE = "a stack cannot be shown a drive again that went with the wall clock; take lockstep"

@@ -582,10 +582,12 @@ class Explain(Struct, frozen=True, tag_field="verb", tag="explain"):
     case: str
 
 
-class StatusRequest(Struct, frozen=True, tag_field="verb", tag="status"):
+class StatusRequest(Struct, frozen=True, tag_field="verb", tag="status", omit_defaults=True):
     """Ask for the conductor's state."""
 
     v: int
+    running: bool = False
+    """Also for the cases that run now, which may be thousands."""
 
 
 class Stop(Struct, frozen=True, tag_field="verb", tag="stop"):

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.words import agree
+
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True):
     """What the ego is asked to do, where, and when that counts as done."""
@@ -37,13 +39,15 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         """Refuse limits that the type would not look at."""
+        defaults = dict(zip(Scenario.__struct_fields__, Scenario.__struct_defaults__, strict=True))
         for type_, names in _OF_TYPE.items():
-            for name in names:
-                default = Scenario.__struct_defaults__[Scenario.__struct_fields__.index(name)]
-                if self.type != type_ and getattr(self, name) != default:
-                    raise ValueError(
-                        f"{name} is set, but it belongs to type {type_} and this is {self.type}"
-                    )
+            foreign = [name for name in names if getattr(self, name) != defaults[name]]
+            if self.type != type_ and foreign:
+                raise ValueError(
+                    f"{' and '.join(foreign)} {agree(len(foreign), 'is', 'are')} set, but "
+                    f"{agree(len(foreign), 'it belongs', 'they belong')} to type {type_} and this "
+                    f"is {self.type}"
+                )
 
 
 _OF_TYPE = {

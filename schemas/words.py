@@ -1,4 +1,4 @@
-"""What strangers wrote, as it may stand in one of our lines."""
+"""Words in our lines: what strangers wrote, and nouns and verbs that go with a number."""
 
 from __future__ import annotations
 
@@ -14,3 +14,18 @@ def plain(text: str, longest: int = WORDS_MAX) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """``1 case``, ``2 cases``; ``many`` is ``one`` with an s if left out."""
+    return f"{number} {one if number == 1 else many or f'{one}s'}"
+
+
+def agree(number: int, one: str, many: str) -> str:
+    """The word that goes with a number: ``has`` or ``have``."""
+    return one if number == 1 else many
+
+
+def unended(left: int, cases: int) -> str:
+    """``1 of 16 cases has not ended``."""
+    return f"{left} of {counted(cases, 'case')} {agree(left, 'has', 'have')} not ended"

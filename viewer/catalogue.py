@@ -9,11 +9,13 @@ from typing import Any
 from rich.table import Table
 
 from schemas.verdict import is_pass
+from schemas.words import counted
 from twin.fabric.errors import UsageError
 from viewer.folder import (
     Found,
     Moment,
     NotKeptError,
+    PastEndError,
     case_names,
     committed_attempts,
     find_moment,
@@ -162,9 +164,12 @@ def table(catalogue: Catalogue) -> Table:
 
 
 def _moment(found: Found, at: str) -> Moment:
-    """An attempt that was killed before its first row has no moment; it opens at its start."""
+    """An attempt that was killed before its first row has no moment; it opens at its start. One
+    that had ended by then opens at its end."""
     try:
         return find_moment(found, at)
+    except PastEndError as error:
+        return Moment(error.end_ns, f"end at {error.end_ns / 1e9:.2f} s")
     except UsageError:
         if at not in ("aeb", "closest"):
             raise
@@ -190,7 +195,7 @@ def _yes(value: bool) -> str:
 
 
 def _number(names: list[str]) -> str:
-    return f"{len(names)} case{'s' if len(names) > 1 else ''}"
+    return counted(len(names), "case")
 
 
 def _some(names: list[str]) -> str:

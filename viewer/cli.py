@@ -88,7 +88,7 @@ def shot(
 
         options = LiveOptions(run=folder, key=key, wait_s=wait)
         wall = shoot_wall(options, out, pixels, wait, watch)
-        print(f"{out}: {wall.cases} cases, {wall.running} running")
+        print(f"{out}: {wall.told}")
         return
     found = find_recording(folder, case)
     moment = find_moment(found, at)
@@ -337,6 +337,7 @@ def web(
         where = LiveOptions(
             connect=connect, run=run_folder, namespace=namespace, key=key, role=Role.admin
         )
+        where.check()
         options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
         raise typer.Exit(run_web(options))
     moment = None

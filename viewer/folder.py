@@ -111,6 +111,14 @@ def case_names(folder: Path) -> list[str]:
     return sorted(path.name for path in cases.iterdir() if path.is_dir())
 
 
+class PastEndError(UsageError):
+    """A moment after the end of a case, at ``end_ns`` of sim time [ns]."""
+
+    def __init__(self, words: str, end_ns: int) -> None:
+        super().__init__(words)
+        self.end_ns = end_ns
+
+
 def find_moment(found: Found, at: str) -> Moment:
     """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
 
@@ -119,6 +127,7 @@ def find_moment(found: Found, at: str) -> Moment:
 
     Raises:
         UsageError: none of these, or the case has no rows yet.
+        PastEndError: the case had ended by then.
     """
     if at not in ("aeb", "closest"):
         try:
@@ -129,7 +138,14 @@ def find_moment(found: Found, at: str) -> Moment:
             raise UsageError(
                 f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
             )
-        return Moment(round(seconds * 1e9), f"{seconds:g} s")
+        time_ns, end_ns = round(seconds * 1e9), max((row[0] for row in _rows(found)), default=0)
+        if time_ns > end_ns:
+            raise PastEndError(
+                f"--at {at}: case '{found.case}' ends at {end_ns / 1e9:g} s of sim time; give "
+                f"0 to {end_ns / 1e9:g}, aeb or closest",
+                end_ns,
+            )
+        return Moment(time_ns, f"{seconds:g} s")
     rows = _rows(found)
     if at == "aeb":
         for time_ns, braking, _ in rows:

@@ -15,8 +15,9 @@ from typing import Any
 
 from schemas.view import Thumbnail
 from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.words import counted
 from twin.fabric.bus import Sample
-from twin.fabric.discovery import Target, choose_target, find_target
+from twin.fabric.discovery import Target, choose_target, find_target, refuse_ended
 from twin.fabric.endpoint import check_protected
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.key_file import UnfitKeyError
@@ -87,6 +88,17 @@ class LiveOptions:
         place = self.connect or str(self.run or self.key)
         return f"{self.ssh}:{place}" if self.ssh else place
 
+    def check(self) -> None:
+        """Before anybody waits for a conductor; a folder that is about to come is waited for only
+        by those who say how long.
+
+        Raises:
+            UsageError: none will come to this folder.
+        """
+        if self.run is None or self.ssh or (self.wait_s is not None and not self.run.exists()):
+            return
+        refuse_ended(self.run)
+
     def tunnel(self) -> Tunnel | None:
         """The way there, not opened yet; None: straight.
 
@@ -124,6 +136,7 @@ def run_live(options: LiveOptions) -> int:
     """
     if len(options.cases) > FOCUS_MAX:
         raise UsageError(f"{len(options.cases)} cases given, at most {FOCUS_MAX} are shown in full")
+    options.check()
     tunnel = options.tunnel()
     if options.run is None and tunnel is None:
         # What is wrong with the endpoint or the key is said at once.
@@ -352,6 +365,7 @@ def _conclude(live: Live, options: LiveOptions) -> None:
         print(json.dumps(found), flush=True)
         return
     print(
-        f"{found['received']} messages of {found['cases']} cases, {found['ended']} ended; "
+        f"{found['received']} messages of {counted(found['cases'], 'case')}, "
+        f"{found['ended']} ended; "
         f"{found['logged']} pictures shown, {found['skipped']} left out"
     )

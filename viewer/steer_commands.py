@@ -81,7 +81,7 @@ def set_(
 
 def step(
     case: Case,
-    ticks: Annotated[int, typer.Option(min=1, max=STEPS_MAX, help="Control ticks.")] = 1,
+    ticks: Annotated[int, typer.Argument(min=1, max=STEPS_MAX, help="Control ticks.")] = 1,
     connect: Connect = "",
     run: RunFolder = None,
     ssh: Ssh = "",

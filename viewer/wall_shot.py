@@ -6,6 +6,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from schemas.words import counted
+from twin.fabric.discovery import refuse_ended
 from twin.fabric.errors import InfrastructureError, UnreachableError
 from viewer.hub import open_hub
 from viewer.live import TURN_S, Live, LiveOptions
@@ -24,6 +26,12 @@ class WallShot:
     cases: int
     running: int
 
+    @property
+    def told(self) -> str:
+        """``8 cases: 5 running, 3 ended``."""
+        ended = self.cases - self.running
+        return f"{counted(self.cases, 'case')}: {self.running} running, {ended} ended"
+
 
 def shoot_wall(
     options: LiveOptions, out: Path, size: tuple[int, int], wait_s: float, watch_s: float = 0.0
@@ -37,6 +45,8 @@ def shoot_wall(
         UnreachableError: no conductor, or no case runs.
         UsageError: ``out`` cannot be written, another key or another version.
     """
+    if options.run is not None:
+        refuse_ended(options.run)
     live = Live(options, open_hub(0, bare=True))
     until_s = time.monotonic() + wait_s
     arguments = ["--window-size", f"{size[0]}x{size[1]}", "--connect", live.hub.url]

@@ -39,6 +39,7 @@ from conductor.report.autodrive_layout import (
     Instance,
     parse_log_name,
 )
+from schemas.words import agree
 
 REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
@@ -272,4 +273,4 @@ def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
 def _lines(numbers: Sequence[int]) -> str:
     if len(numbers) > NAMED_MAX:
         return f"{len(numbers)} lines from line {numbers[0]} on"
-    return f"line{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+    return f"{agree(len(numbers), 'line', 'lines')} {', '.join(map(str, numbers))}"

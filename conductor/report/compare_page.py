@@ -10,10 +10,11 @@ from typing import Any
 from markupsafe import Markup
 
 from conductor.report.compare import AxisLine, Comparison, Flip, Shift
-from conductor.report.findings import counted, p_text, percent, points
+from conductor.report.findings import p_text, percent, points
 from conductor.report.result_page import escaped
 from conductor.report.statistics import ALPHA, Interval
 from conductor.report.templates import ASSETS, environment
+from schemas.words import counted
 
 FLIPS_MAX = 500
 """Most flips in a table; all are in the JSON output."""

@@ -12,6 +12,7 @@ from conductor.fingerprint import Fingerprint
 from conductor.realtime import too_slow
 from conductor.report.dossier import Dossier
 from schemas.identity import DIGESTS
+from schemas.words import unended
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
 
@@ -97,4 +98,4 @@ def commands(dossier: Dossier) -> list[str]:
 def _missing(dossier: Dossier) -> str:
     if dossier.outcomes.complete:
         return "a KPI file is missing or damaged, see the alarm above"
-    return f"{dossier.left} of {len(dossier.rows)} cases have not ended"
+    return unended(dossier.left, len(dossier.rows))

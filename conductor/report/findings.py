@@ -25,6 +25,7 @@ from conductor.report.statistics import (
     wilson,
 )
 from conductor.report.systems import system_names
+from schemas.words import agree, counted
 
 EARLY = 2.0
 """A first AEB trigger further from the obstacle than so many times ``scenario.false_braking_m``
@@ -78,11 +79,6 @@ def p_text(p_value: float) -> str:
     return "p < 0.001" if p_value < 0.001 else f"p = {p_value:.3f}"
 
 
-def counted(number: int, one: str, many: str) -> str:
-    """``1 case``, ``2 cases``."""
-    return f"{number} {one if number == 1 else many}"
-
-
 def _missing(dossier: Dossier) -> list[Finding]:
     undecided = [row for row in dossier.rows if row.passed is None]
     found = []
@@ -90,7 +86,8 @@ def _missing(dossier: Dossier) -> list[Finding]:
         kinds = sorted({row.status for row in undecided})
         parts = [f"{sum(row.status == k for row in undecided)} {k}" for k in kinds]
         text = (
-            f"{len(undecided)} of {counted(len(dossier.rows), 'case', 'cases')} have no verdict "
+            f"{len(undecided)} of {counted(len(dossier.rows), 'case')} "
+            f"{agree(len(undecided), 'has', 'have')} no verdict "
             f"({', '.join(parts)}); none of them counts as passed."
         )
         found.append(Finding("missing", text, cases=_ids(undecided)))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from conductor.report.dossier import Dossier, Row, open_dossier
 from conductor.report.leases import Leases, read_leases
+from schemas.words import unended
 from twin.fabric.errors import UsageError
 
 SERIAL_HINT = "conductor run campaign.yaml --workers 1 --slots 1 --out serial"
@@ -83,7 +84,7 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
 
 def _missing(dossier: Dossier, run: Pace) -> str:
     if not dossier.outcomes.complete:
-        return f"{dossier.left} of {len(dossier.rows)} cases of this run have not ended"
+        return f"this run: {unended(dossier.left, len(dossier.rows))}"
     return "" if run.wall_s else "this run has no timeline of its leases"
 
 

@@ -46,6 +46,7 @@ FAULTS = {
     "garbage": "session.put(f'drive/{RIG}/command', b'hello')",
     "silent": "answer['commands'] = []",
     "major": "answer['v'] = 0",
+    "token": "answer['commands'][0]['token'] += 1",
 }
 """What a stack may do at tick 3; the case's number in this order says which."""
 

@@ -198,16 +198,16 @@ def test_control_by_hand(marked, tmp_path):
     here = ("--state", str(state))
     assert marked.run("conductor", "submit", "chaos-16", *here).returncode == 0
     paused = marked.run("conductor", "pause", "chaos-16", *here)
-    assert paused.stdout == "pause chaos-16: 16 case(s)\n"
+    assert paused.stdout == "pause chaos-16: 16 cases\n"
     case = "yolov3-0500-clear"
     assert "paused" in marked.run("conductor", "explain", "chaos-16", case, *here).stdout
     unknown = marked.run("conductor", "explain", "chaos-16", "nope", *here)
     assert unknown.returncode == 2
     assert "nope" in unknown.stderr
     cancelled = marked.run("conductor", "cancel", "chaos-16", case, *here)
-    assert cancelled.stdout == f"cancel chaos-16 {case}: 1 case(s)\n"
+    assert cancelled.stdout == f"cancel chaos-16 {case}: 1 case\n"
     assert "cancelled" in marked.run("conductor", "explain", "chaos-16", case, *here).stdout
-    assert marked.run("conductor", "retry", "chaos-16", case, *here).stdout.endswith("1 case(s)\n")
+    assert marked.run("conductor", "retry", "chaos-16", case, *here).stdout.endswith("1 case\n")
     worker = marked.start("twin", "worker", *here)
     wait_for(lambda: workers(marked, here), "the worker")
     (name,) = workers(marked, here)

@@ -86,6 +86,12 @@ def test_recorded_drives_for_stacks_without_a_simulator(marked, tmp_path, monkey
     ]
     assert found["cases"][1]["ticks"] == 4
 
+    # One that is not there is bad input, no regression.
+    for wrong in ("gapstack:Gap", "nosuch:Stack", "/no/such/stack"):
+        done = marked.run("devkit", "replay", str(folder), "--stack", wrong)
+        assert done.returncode == 2, done.stderr
+        assert wrong.partition(":")[0] in done.stderr
+
     # An edited one: what it does otherwise, from when on, and by how much.
     edited = ("--stack", "gapstack:GapStack", "--parameters", '{"gap_m": 6.2}')
     done, found = replay(marked, folder, "clear", *edited)
@@ -117,8 +123,8 @@ def test_recorded_drives_for_stacks_without_a_simulator(marked, tmp_path, monkey
     assert [line.partition(":")[0] for line in found["damaged"]] == [str(head), str(middle)]
     assert [line in done.stderr for line in found["damaged"]] == [True, True]
 
-    # One that does not start has no case to be blamed for: one line.
+    # One that is not there has no case to be blamed for: one line.
     done, found = replay(marked, folder / "cases/heavy_rain/attempt-1", "--stack", "gapstack:None")
-    assert (done.returncode, found) == (1, None), done.stderr
+    assert (done.returncode, found) == (2, None), done.stderr
     assert "no class 'None'" in done.stderr
     assert "Traceback" not in done.stderr

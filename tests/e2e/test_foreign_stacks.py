@@ -1,6 +1,7 @@
 """Stacks in processes of their own: the same values as a class, and a reason for every failure."""
 
 import json
+import re
 
 import pyarrow.parquet as parquet
 from foreign_campaigns import CLASS, CLIENT, FAULTS, HOSTILE, campaign, faulty, python
@@ -66,7 +67,11 @@ def test_every_failure_has_its_reason_and_the_last_words(marked, tmp_path):
     assert "crash: stack exit code 7" in reasons["exit"]
     assert "crash: stack killed by SIGSEGV" in reasons["crash"]
     assert "deadline: case repeat_2: no progress for 15 s at tick 3" in reasons["hang"]
-    assert "is for tick 4, expected 3" in reasons["tick"]
+    assert "is for tick 4, expected 3; echo" in reasons["tick"]
+    token, expected = re.search(
+        r"is for token (\d+), expected (\d+); echo", reasons["token"]
+    ).groups()
+    assert int(token) == int(expected) + 1
     assert "stack: not MessagePack" in reasons["garbage"]
     assert "stack: no command for case repeat_7" in reasons["silent"]
     assert "schema version 0 given, this side speaks 1" in reasons["major"]

@@ -235,7 +235,7 @@ def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
 def look(marked, folder, *options):
     """``viewer live`` on the run in ``folder``, which may not have begun; its hub's URL."""
     viewer = marked.start(
-        *("viewer", "live", "--run", str(folder), *options),
+        *("viewer", "live", "--run", str(folder), "--wait", "60", *options),
         *("--no-window", "--output", "json"),
     )
     return viewer, lambda: json.loads(viewer.stdout.readline())

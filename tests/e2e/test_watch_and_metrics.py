@@ -101,3 +101,30 @@ def test_metrics_at_a_port_in_use(marked, served, tmp_path):
     assert other.returncode == 2
     assert "already in use" in other.stderr
     assert len(other.stderr.splitlines()) == 1
+
+
+def test_running_cases_are_listed(marked, tmp_path):
+    """Of a campaign that runs, one line per case; of one that waits, that there is none."""
+    state = tmp_path / "state"
+    server = marked.start(
+        *("conductor", "serve", "--campaign", "chaos-16", "--until-done", "--state", str(state))
+    )
+    wait_for(lambda: listens(state), "the conductor")
+    command = ("conductor", "status", "--cases", "--state", str(state))
+    assert marked.run(*command).stdout == "no case runs now\n"
+    worker = marked.start("twin", "worker", "--state", str(state), "--slots", "2")
+
+    def running():
+        said = marked.run(*command, "--output", "json").stdout
+        return json.loads(said)["running"] if said else []
+
+    wait_for(lambda: len(running()) == 2, "two running cases")
+    shown = marked.run(*command)
+    assert shown.returncode == 0
+    assert "chaos-16" in shown.stdout
+    refused = marked.run(*command, "--watch")
+    assert refused.returncode == 2
+    worker.terminate()
+    worker.wait()
+    server.terminate()
+    assert server.wait() == 75

@@ -8,18 +8,27 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from twin.fabric.errors import InfrastructureError, UsageError
+from schemas.words import counted
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_PASS,
+    EXIT_USAGE,
+    InfrastructureError,
+    UsageError,
+)
 from twin.worker.profile import FOLDER_VARIABLE, QUARTERS, LoopProfile, Quarter
 from twin.worker.resources_gpu import Gpu
 
@@ -119,8 +128,16 @@ class Row:
         return found
 
 
-def measure(request: Request, slots: int) -> Row:
+DONE = re.compile(r"(\d+) of (\d+) cases? done")
+"""How `conductor run` says in a log how far it is."""
+
+
+def measure(
+    request: Request, slots: int, report: Callable[[int, int], object] = lambda *_: None
+) -> Row:
     """Run the campaign once with ``slots`` slots per worker.
+
+    ``report`` is told how many cases have ended, of how many.
 
     Raises:
         UsageError: the campaign cannot be run; its own words.
@@ -141,20 +158,45 @@ def measure(request: Request, slots: int) -> Row:
     begun_s = time.monotonic()
     environment = {**os.environ, FOLDER_VARIABLE: str(profiles.absolute())}
     with watcher:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        code, printed, told = _run(command, environment, report)
     wall_s = time.monotonic() - begun_s
-    if done.returncode == 2:
-        raise UsageError(done.stderr.strip())
-    if done.returncode not in (0, 1) or not done.stdout:
-        tail = " ".join(done.stderr.split()[-40:])
-        raise InfrastructureError(f"conductor run ended with {done.returncode}: {tail}")
+    if code == EXIT_USAGE:
+        raise UsageError(told.strip())
+    if code not in (EXIT_PASS, EXIT_FAILED) or not printed:
+        tail = " ".join(told.split()[-40:])
+        raise InfrastructureError(f"conductor run ended with {code}: {tail}")
     found = [
         msgspec.json.decode(path.read_bytes(), type=LoopProfile)
         for path in sorted(profiles.glob("*.json"))
     ]
     if not found:
         raise InfrastructureError(f"{request.campaign}: no simulator ran; was everything done?")
-    return _row(json.loads(done.stdout), found, wall_s, slots, watcher)
+    return _row(json.loads(printed), found, wall_s, slots, watcher)
+
+
+def _run(
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    report: Callable[[int, int], object],
+) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a run, which says how far it is."""
+    told = []
+    with tempfile.TemporaryFile("w+") as printed:
+        child = subprocess.Popen(
+            command, stdout=printed, stderr=subprocess.PIPE, text=True, env=environment
+        )
+        with child:
+            assert child.stderr is not None
+            try:
+                for line in child.stderr:
+                    told.append(line)
+                    if found := DONE.search(line):
+                        report(int(found[1]), int(found[2]))
+            except BaseException:
+                child.terminate()  # it drains; its workers end with it
+                raise
+        printed.seek(0)
+        return child.returncode, printed.read(), "".join(told)
 
 
 def _row(
@@ -292,9 +334,9 @@ def lines(rows: Sequence[Row]) -> list[str]:
     told = _columns(table)
     for row in rows:
         told.append(
-            f"{row.slots} slots: {row.cases} cases, {row.sim_s:,.1f} simulated s in "
-            f"{row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between the first tick and "
-            f"the last; fingerprint {row.fingerprint[:16]}"
+            f"{counted(row.slots, 'slot')}: {counted(row.cases, 'case')}, {row.sim_s:,.1f} "
+            f"simulated s in {row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between "
+            f"the first tick and the last; fingerprint {row.fingerprint[:16]}"
         )
         told += [f"  {line}" for line in _columns(_by_use(row))]
     return told

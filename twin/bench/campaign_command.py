@@ -5,20 +5,25 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import typer
 
-from twin.bench.campaign import Request, as_json, lines, measure
+from schemas.words import counted
+from twin.bench.campaign import Request, Row, as_json, lines, measure
 from twin.fabric.errors import UsageError
+from twin.fabric.progress import progress
 from twin.fabric.software import device_class
 
 SLOTS_MAX = 4096
+USUAL_SLOTS = (1, 8, 64, 256)
+"""Numbers of slots that are measured where nobody says which."""
 
 
 def show(
     campaign: str,
-    slots: str,
+    slots: str | None,
     device: str,
     cases: int | None,
     workers: str,
@@ -33,13 +38,17 @@ def show(
         UsageError: an option or the campaign cannot be used.
         typer.Exit: with --check, a target was missed or fingerprints differ.
     """
-    counts = _counts(slots)
+    counts = list(USUAL_SLOTS) if slots is None else _counts(slots)
     device_class(device)  # refuses one that is not here
     if not device.startswith("cuda"):
         print("no GPU: the same on the CPU, without targets", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="twin-bench-") as temporary:
         request = Request(campaign, device, out or Path(temporary), cases, workers)
-        rows = [measure(request, count) for count in counts]
+        rows: list[Row] = []
+        while counts:
+            rows.append(_measured(request, counts.pop(0)))
+            if slots is None:
+                counts = filled(counts, rows[-1].cases, workers)
     print("\n".join(lines(rows)) if as_text else json.dumps(as_json(request, rows), indent=1))
     missed = [f"{row.slots} slots: {', '.join(m)}" for row in rows if (m := row.missed(device))]
     # The targets are those of the largest number of slots that was asked for.
@@ -49,6 +58,28 @@ def show(
     if check and missed:
         print(f"twin: below target: {'; '.join(missed)}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+def _measured(request: Request, slots: int) -> Row:
+    """One run, which says how far it is."""
+    name = f"twin: {request.campaign} with {counted(slots, 'slot')}"
+    with progress(name, f"{counted(slots, 'slot')}", "cases") as report:
+        return measure(request, slots, report)
+
+
+def filled(counts: Sequence[int], cases: int, workers: str) -> list[int]:
+    """The numbers of slots that ``cases`` fill; the largest of them just so.
+
+    Args:
+        counts: ascending.
+        cases: of the campaign.
+        workers: as of `conductor run`; words for GPUs count as one worker.
+    """
+    most = -(-cases // (int(workers) if workers.isdecimal() else 1))
+    kept = [count for count in counts if count <= most]
+    if counts and len(kept) < len(counts) and most > (kept[-1] if kept else 1):
+        kept.append(most)
+    return kept
 
 
 def _counts(text: str) -> list[int]:

@@ -185,8 +185,12 @@ def drive(
 def campaign(
     campaign: Annotated[str, typer.Argument(help="Shipped campaign or path of a file.")],
     slots: Annotated[
-        str, typer.Option(help="Cases together per worker: one number, or several with commas.")
-    ] = "1,8,64,256",
+        str | None,
+        typer.Option(
+            help="Cases together per worker: one number, or several with commas; default: "
+            "1,8,64,256, up to what the campaign's cases fill."
+        ),
+    ] = None,
     device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
     cases: Annotated[
         int | None, typer.Option(min=1, help="Only so many cases, the first; default: all.")

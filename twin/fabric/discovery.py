@@ -22,8 +22,21 @@ FILE_NAME = "conductor.json"
 NAMESPACE = "twin"
 """The namespace where nobody says another."""
 
+OUTCOMES_NAME = "outcomes.json"
+"""Name of the file in a campaign folder that says how its cases ended."""
+
 POLL_S = 0.2
 """How often a conductor that is awaited is looked for [s]."""
+
+
+class RunEndedError(UsageError):
+    """Every case of a run has ended, and no conductor serves it any more."""
+
+
+class _Complete(msgspec.Struct, frozen=True):
+    """What is read of ``outcomes.json`` here."""
+
+    complete: bool = False
 
 
 class ConductorFile(msgspec.Struct, frozen=True):
@@ -140,12 +153,23 @@ def find_conductor(folder: Path) -> ConductorFile:
     """Read ``conductor.json`` of a state or campaign folder.
 
     Raises:
+        RunEndedError: it is the folder of a run that has ended.
         UsageError: there is none, or it is damaged.
     """
     path = folder / FILE_NAME
     try:
         return decode_json(path.read_bytes(), ConductorFile)
     except FileNotFoundError:
+        if not folder.is_dir():
+            raise UsageError(
+                f"{folder}: no such folder; give that of a conductor or of a campaign that runs "
+                "(`viewer live --wait SECONDS` waits for one that is about to)"
+            ) from None
+        if _has_ended(folder):
+            raise RunEndedError(
+                f"{folder}: this run has ended; `conductor report {folder}` tells what came of it, "
+                f"`viewer replay {folder}` shows what was recorded"
+            ) from None
         raise UsageError(
             f"{path}: no conductor serves this folder; start one with "
             f"`conductor serve --state {folder}`"
@@ -154,3 +178,23 @@ def find_conductor(folder: Path) -> ConductorFile:
         raise UsageError(f"{path}: {error.strerror}") from None
     except JsonError as error:
         raise UsageError(f"{path}: damaged: {error}") from None
+
+
+def refuse_ended(folder: Path) -> None:
+    """For those who would wait for a conductor: nobody comes to a folder that is not there, nor to
+    a run that has ended.
+
+    Raises:
+        UsageError: one of the two; it says where to look instead.
+    """
+    if folder.is_dir() and not ((folder / FILE_NAME).exists() or _has_ended(folder)):
+        return  # one may start, or come back
+    find_conductor(folder)
+
+
+def _has_ended(folder: Path) -> bool:
+    """Whether all cases of a campaign folder have outcomes."""
+    try:
+        return decode_json((folder / OUTCOMES_NAME).read_bytes(), _Complete).complete
+    except (OSError, JsonError):
+        return False

@@ -106,11 +106,14 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
     return table
 
 
-def canonical(table: pa.Table) -> Iterator[bytes]:
+def canonical(table: pa.Table, names: Sequence[str] = ()) -> Iterator[bytes]:
     """Byte stream of the values: per column in schema order its name, type, validity, offsets and
-    little-endian values, missing values and NaN in one pattern each. Columns that an earlier
-    version did not have are left out: its files keep their stream."""
-    for column in KPI_COLUMNS[: table.num_columns]:
+    little-endian values, missing values and NaN in one pattern each. Without ``names`` of all
+    columns. Columns that an earlier version did not have are left out: its files keep their stream.
+    """
+    for column in KPI_COLUMNS:
+        if column.name not in table.column_names or (names and column.name not in names):
+            continue
         data = table.column(column.name).combine_chunks()
         if isinstance(data, pa.ChunkedArray):  # no rows
             data = pa.array([], _TYPES[column.type])

@@ -27,6 +27,7 @@ from schemas.messages import (
     Touch,
     noop_result,
 )
+from schemas.words import agree, counted
 from twin.worker.spool import pack, unpack
 
 SECOND_NS = 1_000_000_000
@@ -370,7 +371,9 @@ class Core:
         effects = self._drained(now_ns)
         if self.phase == "finishing":
             limit_s = (self.drain_until_ns - now_ns) / SECOND_NS
-            effects.append(Say(f"{detail}: {len(self.held)} cases may end within {limit_s:g} s"))
+            effects.append(
+                Say(f"{detail}: {counted(len(self.held), 'case')} may end within {limit_s:g} s")
+            )
         return effects
 
     # --- decisions --------------------------------------------------------------------------
@@ -389,7 +392,9 @@ class Core:
     def _release(self, now_ns: int) -> list[Effect]:
         self.phase = "draining"
         self.ask_at_ns = now_ns
-        said = Say(f"{self.drain_detail}: leaving, {len(self.held)} cases are given back")
+        held = len(self.held)
+        returned = f"{counted(held, 'case')} {agree(held, 'is', 'are')} given back"
+        said = Say(f"{self.drain_detail}: leaving, {returned}")
         return [said, *self._end_all(self.drain_reason, self.drain_detail)]
 
     def _end_all(self, reason: Release, detail: str) -> list[Effect]:

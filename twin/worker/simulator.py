@@ -395,8 +395,8 @@ class Simulator:
                 raise InfrastructureError(f"stack: no command for case {slot.lease.case.id}")
             if given.token != slot.lease.token or given.tick != ticks[index]:
                 raise InfrastructureError(
-                    f"stack: command of case {slot.lease.case.id} is for tick {given.tick}, "
-                    f"expected {ticks[index]}"
+                    f"stack: command of case {slot.lease.case.id} is for "
+                    + _not_echoed(given, slot.lease.token, ticks[index])
                 )
         return by_slot
 
@@ -446,6 +446,13 @@ class Simulator:
                 ended=ended,
             )
         )
+
+
+def _not_echoed(given: Command, token: int, tick: int) -> str:
+    """Which of token and tick a command does not echo."""
+    echoes = (("token", given.token, token), ("tick", given.tick, tick))
+    wrong = [f"{name} {said}, expected {asked}" for name, said, asked in echoes if said != asked]
+    return f"{' and '.join(wrong)}; echo those of the observation"
 
 
 def steered(finished: Finished, changes: int) -> Finished:

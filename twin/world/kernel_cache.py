@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
+import ctypes
+import functools
 import os
 import shutil
 import stat
@@ -26,17 +29,55 @@ def prepare_kernels() -> None:
     wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is nothing to warn about
     folder = _usual()
     if _writable(folder):
-        wp.init()
+        _init()
         return
     fallback = _fallback()
     # Before wp.init(): it creates the folder and fails where it cannot.
     wp.config.kernel_cache_dir = str(fallback)
-    wp.init()
+    _init()
     print(
         f"kernel cache {folder} cannot be written; using {fallback} "
         "(set WARP_CACHE_PATH to choose another)",
         file=sys.stderr,
     )
+
+
+NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+"""In the line that Warp writes where there is no GPU, whatever its log level."""
+
+
+@functools.cache
+def _init() -> None:
+    """Start Warp; where there is no driver, without the line that says so.
+
+    A machine without a GPU is nothing to warn about: whoever asks for one there is told. Everything
+    else that is written meanwhile is passed on.
+    """
+    if _has_driver():
+        wp.init()
+        return
+    sys.stderr.flush()
+    before, held = os.dup(2), os.memfd_create("stderr")
+    os.dup2(held, 2)
+    try:
+        wp.init()
+    finally:
+        sys.stderr.flush()
+        os.dup2(before, 2)
+        written = os.pread(held, os.fstat(held).st_size, 0)
+        lines = written.splitlines(keepends=True)
+        os.write(2, b"".join(line for line in lines if NO_DRIVER not in line))
+        os.close(before)
+        os.close(held)
+
+
+def _has_driver() -> bool:
+    """Whether Warp will find one, as it looks for it."""
+    for name in ("libcuda.so", "libcuda.so.1"):
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(name)
+            return True
+    return False
 
 
 def wake(device: str) -> None:

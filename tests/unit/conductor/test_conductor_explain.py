@@ -5,6 +5,8 @@ from __future__ import annotations
 from conductor_bench import S, ended, hello, result, started
 
 from conductor.core import worker_lost
+from schemas import SCHEMA_VERSION
+from schemas.messages import StatusRequest
 
 
 def test_the_life_of_a_case_in_sentences() -> None:
@@ -64,3 +66,27 @@ def test_nobody_may() -> None:
     assert bench.explain("repeat_1")[0] == "waits: the conductor is draining and grants nothing"
     bench.control("cancel", case="repeat_1")
     assert bench.explain("repeat_1")[0] == "ended: cancelled: cancelled on request"
+
+
+def test_the_cases_that_run_are_listed_with_where_they_are() -> None:
+    bench = started(cases=3)
+    first, second = bench.lease(k=2)
+    bench.now_ns += 3 * S
+    plain = bench.ask(StatusRequest(v=SCHEMA_VERSION)).status
+    assert "running" not in plain
+    rows = bench.ask(StatusRequest(v=SCHEMA_VERSION, running=True)).status["running"]
+    assert [(row["campaign"], row["case"]) for row in rows] == [
+        (lease.case.campaign, lease.case.id) for lease in (first, second)
+    ]
+    assert rows[0] | {"campaign": "", "case": ""} == {
+        "campaign": "",
+        "case": "",
+        "worker": "w1",
+        "host": "node",
+        "attempt": 1,
+        "tick": 0,
+        "for_s": 3.0,
+        "by_hand": "",
+    }
+    bench.bye()
+    assert bench.ask(StatusRequest(v=SCHEMA_VERSION, running=True)).status["running"] == []

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
+from typer.testing import CliRunner
 
+from conductor.cli import app
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from schemas.kpi import KPI_COLUMNS
@@ -123,7 +126,7 @@ def test_an_unfinished_campaign_has_no_fingerprint(tmp_path: Path) -> None:
     cases = _campaign(tmp_path / "one")
     cases["c"] = CaseOutcome(outcome="")
     _write(tmp_path / "one", cases)
-    with pytest.raises(UnfinishedError, match="1 of 3 cases have not ended"):
+    with pytest.raises(UnfinishedError, match="1 of 3 cases has not ended"):
         fingerprint(tmp_path / "one")
 
 
@@ -136,3 +139,41 @@ def test_no_outcomes(tmp_path: Path) -> None:
     (tmp_path / "outcomes.json").write_text("{")
     with pytest.raises(InfrastructureError, match="damaged"):
         fingerprint(tmp_path)
+
+
+def _command(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["fingerprint", *map(str, arguments)])
+    return done.exit_code, done.stdout
+
+
+def test_one_command_says_that_two_runs_are_the_same(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        _campaign(tmp_path / name)
+    code, said = _command(tmp_path / "one", tmp_path / "two")
+    assert code == 0
+    assert said == f"the same: {fingerprint(tmp_path / 'one').sha256}\n"
+
+
+def test_runs_that_differ_are_told_apart_by_case_and_first_value(tmp_path: Path) -> None:
+    first, second = tmp_path / "one", tmp_path / "two"
+    cases = _campaign(first, 1.0)
+    cases["only"] = CaseOutcome(outcome="cancelled")
+    cases["verdict"] = CaseOutcome(outcome="verdict", verdict="pass")
+    _write(first, cases)
+    cases = _campaign(second, 1.0000000000000002)
+    cases["verdict"] = CaseOutcome(outcome="verdict", verdict="collision")
+    _write(second, cases, software="beef", seed=3)
+    code, said = _command(first, second)
+    assert code == 1
+    assert said.splitlines() == [
+        "not the same: 3 of 4 cases",
+        "  a: speed_mps; first speed_mps at tick 0: 1.0 against 1.0000000000000002",
+        f"  only: only in {first}",
+        "  verdict: verdict/pass against verdict/collision",
+        "note: seed: 0 against 3",
+        "note: software: f00d against beef",
+    ]
+    code, said = _command(first, second, "--output", "json")
+    assert code == 1
+    found = json.loads(said)
+    assert (found["same"], list(found["differences"])) == (False, ["a", "only", "verdict"])

@@ -13,7 +13,7 @@ from rich.console import Console
 
 import conductor.watch
 from conductor.pace import WINDOW_S, Pace, shown_time
-from conductor.tables import alarms, status_view
+from conductor.tables import alarms, running_table, status_view
 from conductor.watch import Watched, watch
 from twin.fabric.errors import InfrastructureError
 
@@ -155,3 +155,13 @@ def test_a_terminal_gets_the_table() -> None:
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "alpha" in shown
     assert "still watching" in shown
+
+
+def test_running_cases_are_a_table(capsys):
+    row = {"campaign": "alpha", "case": "repeat_1", "worker": "w1", "host": "n1", "attempt": 2}
+    running_table([{**row, "tick": 40, "for_s": 3.4, "by_hand": "paused"}])
+    said = capsys.readouterr().out
+    for word in ("alpha", "repeat_1", "w1", "n1", "2", "40", "3 s", "paused"):
+        assert word in said
+    running_table([])
+    assert capsys.readouterr().out == "no case runs now\n"

@@ -1,4 +1,4 @@
-"""conductor.stack_check: a stack is checked by its source, and nothing of it is run."""
+"""A stack is checked by its source, and nothing of it is run."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from waiting import PATIENCE_S
 from devkit.darknet.build import read_network
 from devkit.darknet.weights import write_weights
 from devkit.detector import Detector
+from devkit.model_files import shipped_models
 
 
 def devkit(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -131,3 +132,19 @@ def test_parity(tmp_path):
     assert told["disagreements"][0]["line"] == 5
     assert told["unreadable"][0]["line"] == 4
     assert "no such folder" in refused("parity", tmp_path / "none")
+
+
+def test_detect_and_evaluate_take_the_names_of_shipped_models(files, tmp_path):
+    image = tmp_path / "grey.png"
+    cv2.imwrite(str(image), np.full((96, 160, 3), 128, np.uint8))
+    name = next(iter(shipped_models()))
+    seen = devkit("detect", name, image)
+    assert (seen.returncode, seen.stderr) == (0, "")
+    assert seen.stdout.startswith(f"{image}: ")
+    wrong = devkit("detect", f"{name}x", image)
+    assert wrong.returncode == 2
+    assert f"no such model is shipped; did you mean '{name}'?" in wrong.stderr
+    nothing = devkit("evaluate", name, tmp_path / "none")
+    assert nothing.returncode == 2
+    assert "none" in nothing.stderr
+    assert name not in nothing.stderr, "the model was found"

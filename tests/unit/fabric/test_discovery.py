@@ -9,10 +9,13 @@ import pytest
 from twin.fabric.authority import load_authority, make_keys
 from twin.fabric.discovery import (
     FILE_NAME,
+    OUTCOMES_NAME,
     ConductorFile,
+    RunEndedError,
     await_conductor,
     choose_target,
     find_conductor,
+    refuse_ended,
 )
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.roles import Role
@@ -68,3 +71,33 @@ def test_the_namespace_of_an_invitation_counts_and_is_not_contradicted(tmp_path)
             chosen(connect, "other", invited)
     invited.write_bytes(load_authority(keys).issue(Role.viewer, 1, "tls/a:1"))
     assert chosen("", "other", invited) == ("tls/a:1", "other"), "whoever made it did not know"
+
+
+def campaign(folder, *, complete):
+    """A campaign folder that no conductor serves now."""
+    folder.mkdir()
+    (folder / OUTCOMES_NAME).write_text(f'{{"complete": {str(complete).lower()}, "cases": {{}}}}')
+    return folder
+
+
+def test_a_run_that_has_ended_points_to_its_report_and_recordings(tmp_path):
+    folder = campaign(tmp_path / "done", complete=True)
+    for look in (find_conductor, refuse_ended, lambda f: choose_target("", f, "", None, "viewer")):
+        with pytest.raises(RunEndedError) as error:
+            look(folder)
+        assert f"`conductor report {folder}`" in str(error.value)
+        assert f"`viewer replay {folder}`" in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_nobody_waits_for_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(UsageError, match="none: no such folder"):
+        refuse_ended(tmp_path / "none")
+
+
+def test_a_conductor_may_come_to_a_run_that_has_not_ended(tmp_path):
+    refuse_ended(tmp_path)
+    refuse_ended(campaign(tmp_path / "cut", complete=False))
+    again = campaign(tmp_path / "again", complete=True)
+    announce(again, 1)  # of a conductor that runs some of its cases once more
+    refuse_ended(again)

@@ -194,7 +194,7 @@ def test_an_unfinished_run_has_no_speed_up(tmp_path: Path) -> None:
     write_timeline(run, event(0, "leased", first, 1), event(1, "committed", first, 1))
     found = speed(run, serial)
     assert found["speed_up"] is found["efficiency"] is None
-    assert found["missing"] == "7 of 8 cases of this run have not ended"
+    assert found["missing"] == "this run: 7 of 8 cases have not ended"
 
 
 @pytest.mark.parametrize(

@@ -338,3 +338,23 @@ def test_an_axis_of_an_object_or_a_parameter_that_cannot_be_is_one_line(axis, va
     assert campaign is None
     (mistake,) = mistakes
     assert all(word in mistake.line("c.yaml") for word in words), mistake
+
+
+def test_mistakes_of_all_kinds_are_told_at_once():
+    """Of single keys, of keys that do not go together, of axes, and of things outside the file."""
+    variant = {"type": "network", "model": "no.onnx"}
+    given = {
+        **copy.deepcopy(GOOD),
+        "scenario": {"scene": "downtwn", "vehicle": "none"},
+        "lidars": [{"name": "roof"}, {"name": "roof"}],
+        "autonomy": {"stack": "devkit.aeb:AebStak", "perception": {"a": variant}},
+        "exclude": [{"weather": "cloudy"}],
+    }
+    given["matrix"]["wheather"] = ["clear"]
+    assert [mistake.path for mistake in check(given)[1]] == [
+        *("matrix.wheather", "lidars", "exclude[0]", "scenario.scene", "scenario.vehicle"),
+        *("autonomy.perception.a.model", "autonomy.stack"),
+    ]
+    two = {"scenario": {"type": "lane_keeping", "ego_start_m": 60, "false_braking_m": 5}}
+    (mistake,) = check({**copy.deepcopy(GOOD), **two})[1]
+    assert "ego_start_m and false_braking_m are set, but they belong" in mistake.message

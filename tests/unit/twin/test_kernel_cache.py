@@ -1,6 +1,8 @@
 """A kernel cache that cannot be written is replaced by a folder that nobody else can fill."""
 
 import os
+import subprocess
+import sys
 import tempfile
 
 import warp as wp
@@ -44,3 +46,24 @@ def test_a_link_is_not_followed(tmp_path, monkeypatch):
     planted = tmp_path / f"drivetwin-kernels-{os.getuid()}"
     planted.symlink_to(target)
     assert _fallback() != planted
+
+
+START = """
+import os, threading
+import warp as wp
+from twin.world.kernel_cache import prepare_kernels
+real = wp.init
+def init():
+    os.write(2, b"of another library\\n")
+    real()
+wp.init = init
+prepare_kernels()
+prepare_kernels()
+os.write(2, b"afterwards\\n")
+"""
+
+
+def test_a_machine_without_a_gpu_is_no_warning_and_other_lines_pass():
+    done = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "of another library\nafterwards\n"

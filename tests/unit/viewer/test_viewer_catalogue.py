@@ -83,3 +83,10 @@ def test_where_everything_passed_there_is_nothing_to_see(tmp_path):
     write(tmp_path / "cases" / "a" / "attempt-1", case="a", keep="failed")
     with pytest.raises(UsageError, match=r"all recorded cases passed.*recording.keep: failed"):
         read_catalogue(tmp_path, "aeb")
+
+
+def test_cases_that_had_ended_by_then_open_at_their_end(tmp_path):
+    rows = read_catalogue(campaign(tmp_path), "2.0").rows
+    assert {(row.moment.sim_time_ns, row.moment.label) for row in rows} == {
+        (250_000_000, "end at 0.25 s")
+    }

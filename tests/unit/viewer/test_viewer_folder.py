@@ -69,11 +69,20 @@ def test_moments(tmp_path):
     attempt(tmp_path, "not", aeb=())
     found = find_recording(tmp_path, "braked")
     assert find_moment(found, "aeb").sim_time_ns == 50_000_000
-    assert find_moment(found, "1.25").sim_time_ns == 1_250_000_000
+    assert find_moment(found, "0.1").sim_time_ns == 100_000_000
     moment = find_moment(find_recording(tmp_path, "not"), "aeb")
     assert moment.sim_time_ns == 50_000_000
     assert moment.label == "no AEB trigger; closest approach at 0.05 s"
     assert find_moment(found, "closest").label == "closest approach at 0.05 s"
+
+
+def test_a_moment_after_the_end_is_refused(tmp_path):
+    attempt(tmp_path)
+    with pytest.raises(UsageError) as error:
+        find_moment(find_recording(tmp_path, "clear-1"), "99")
+    assert str(error.value) == (
+        "--at 99: case 'clear-1' ends at 0.1 s of sim time; give 0 to 0.1, aeb or closest"
+    )
 
 
 def test_rows_of_an_older_version_are_read(tmp_path):

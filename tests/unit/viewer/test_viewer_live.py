@@ -8,16 +8,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from test_viewer_focus import Stream
+from typer.testing import CliRunner
 from view_messages import camera, start, state, thumbnail
 from waiting import PATIENCE_S
 
 from schemas import SCHEMA_VERSION
 from schemas.wire import encode
 from twin.fabric.bus import Sample
+from twin.fabric.discovery import RunEndedError
 from twin.fabric.errors import UsageError
 from twin.worker.view_samples import jpeg
 from viewer import live as lively
 from viewer import naming, native
+from viewer.cli import app
 from viewer.live import Live, LiveOptions, run_live
 
 PICTURE = jpeg(np.zeros((90, 160, 3), np.uint8))
@@ -171,3 +174,13 @@ def test_without_a_display_a_laptop_is_told_how(monkeypatch, capsys):
     told = capsys.readouterr().out
     assert "no display here to open a window on" in told
     assert "ssh -N -L 9876:127.0.0.1:9000" in told
+
+
+@pytest.mark.parametrize("command", [["live", "--run"], ["web", "--run"], ["shot"]])
+def test_nobody_waits_for_a_run_that_has_ended(tmp_path, command):
+    (tmp_path / "outcomes.json").write_text('{"complete": true}')
+    done = CliRunner().invoke(app, [*command, str(tmp_path)])
+    assert isinstance(done.exception, RunEndedError)
+    assert "viewer replay" in str(done.exception)
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "none")])
+    assert "no such folder" in str(done.exception)

@@ -29,6 +29,11 @@ def test_all_running_cases_are_on_the_picture(tmp_path):
     assert np.count_nonzero(np.diff(tall.astype(int)) == 1) == 4
 
 
+def test_ended_cases_are_counted_too():
+    assert WallShot(8, 5).told == "8 cases: 5 running, 3 ended"
+    assert WallShot(1, 0).told == "1 case: 0 running, 1 ended"
+
+
 def test_nothing_runs(tmp_path):
     options = LiveOptions(connect=f"tcp/127.0.0.1:{native.free_port()}")
     with pytest.raises(UnreachableError, match="no case has shown itself for 0 s"):

@@ -95,7 +95,8 @@ def working(slots=2, tokens=(1, 2)):
 
 
 def leaving(why, cases):
-    return Say(f"{why}: leaving, {cases} cases are given back")
+    noun = "case is" if cases == 1 else "cases are"
+    return Say(f"{why}: leaving, {cases} {noun} given back")
 
 
 def test_one_request_at_a_time():
