@@ -93,12 +93,12 @@ def render(content: Content, failures: list[Failure]) -> str:
 
 
 def _columns(content: Content) -> list[tuple[str, str]]:
-    """Numbers of the case table that some case has."""
-    return [
-        (title, name)
-        for title, name in case_columns(content.dossier)
-        if any(row.scalar(name) is not None for row in content.shown)
-    ]
+    """Numbers of the case table; without those that imported logs do not hold."""
+    columns = case_columns(content.dossier)
+    if content.dossier.imported is None:
+        return columns
+    rows = content.shown
+    return [(title, n) for title, n in columns if any(row.scalar(n) is not None for row in rows)]
 
 
 def prepare() -> None:
