@@ -93,12 +93,12 @@ def render(content: Content, failures: list[Failure]) -> str:
 
 
 def _columns(content: Content) -> list[tuple[str, str]]:
-    """Numbers of the case table that some case has."""
-    return [
-        (title, name)
-        for title, name in case_columns(content.dossier)
-        if any(row.scalar(name) is not None for row in content.shown)
-    ]
+    """Numbers of the case table; without those that imported logs do not hold."""
+    columns = case_columns(content.dossier)
+    if content.dossier.imported is None:
+        return columns
+    rows = content.shown
+    return [(title, n) for title, n in columns if any(row.scalar(n) is not None for row in rows)]
 
 
 def prepare() -> None:
@@ -195,14 +195,17 @@ def _group(dossier: Dossier, axis: str) -> dict[str, Any]:
 
 
 def _known(content: Content) -> tuple[str, ...]:
-    """Curves that some case has; distance and collisions in any case."""
-    always = ("dtc_m", "collisions") if content.curves else drawn(content.dossier)
-    return tuple(
-        name
-        for name in drawn(content.dossier)
-        if name in always
-        or any(np.isfinite(curve.values[name]).any() for curve in content.curves.values())
-    )
+    """The curves of the page; without those that imported logs do not hold."""
+    names = drawn(content.dossier)
+    if content.dossier.imported is None:
+        return names
+    always = ("dtc_m", "collisions")
+    curves = content.curves.values()
+    return tuple(n for n in names if n in always or any(_any_known(c.values[n]) for c in curves))
+
+
+def _any_known(values: Floats) -> bool:
+    return bool(np.isfinite(values).any())
 
 
 def _drawn_cases(
