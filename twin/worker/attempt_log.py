@@ -41,7 +41,6 @@ def failure(lease: Lease, reason: str) -> Result:
         token=lease.token,
         outcome="failed",
         verdict="",
-        passed=False,
         reasons=[reason],
     )
 

@@ -314,9 +314,10 @@ def test_a_published_script_runs_in_the_folder_in_which_it_lies(tmp_path):
 
 
 def test_a_missing_package_of_the_bridge_is_named_with_its_remedy(monkeypatch):
-    monkeypatch.setitem(BRIDGE_PACKAGES, "autodrive", ("no_such_package", "pip install it"))
-    assert lacking_bridges() == {"autodrive": "no package no_such_package: pip install it"}
-    with pytest.raises(InfrastructureError, match="no package no_such_package: pip install it"):
+    monkeypatch.setitem(BRIDGE_PACKAGES, "autodrive", ("no_such_package",))
+    line = "no package no_such_package: pip install 'drivetwin[autodrive]'"
+    assert lacking_bridges() == {"autodrive": line}
+    with pytest.raises(InfrastructureError, match="no package no_such_package: pip install"):
         AutodriveBridge(1)
 
 

@@ -7,6 +7,7 @@ import pytest
 from devkit.faults import is_machines, refusal, told
 from devkit.host import Inline
 from schemas.messages import Episode
+from schemas.stack_identity import StackSource
 from twin.fabric.errors import InfrastructureError, StackFaultError, UsageError
 
 
@@ -69,11 +70,11 @@ def test_a_stack_that_cannot_be_loaded_says_whose_doing_that_is(tmp_path, monkey
     (tmp_path / "broken_stack.py").write_text(MODULE.format(episode=Episode.__name__))
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(StackFaultError, match="stack: broken_stack:Broken: RuntimeError: no lens"):
-        Inline("broken_stack:Broken", 1, {})
+        Inline("broken_stack:Broken", 1, {}, StackSource())
     assert "line 11, in __init__" in capsys.readouterr().err
     with pytest.raises(StackFaultError, match="unknown parameter"):
-        Inline("broken_stack:Broken", 1, {"speed": 3})
+        Inline("broken_stack:Broken", 1, {"speed": 3}, StackSource())
     for entry, parameters in (("broken_stack:Broken", {"where": "memory"}), ("nowhere:Stack", {})):
         with pytest.raises(InfrastructureError) as caught:
-            Inline(entry, 1, parameters)
+            Inline(entry, 1, parameters, StackSource())
         assert not isinstance(caught.value, StackFaultError)

@@ -241,7 +241,7 @@ def test_a_case_that_was_over_is_no_victim_of_its_rig():
 
 
 def failure(token):
-    return msgspec.structs.replace(result(token), outcome="failed", verdict="", passed=False)
+    return msgspec.structs.replace(result(token), outcome="failed", verdict="")
 
 
 def test_what_a_stack_raises_is_the_outcome_of_a_case_that_was_alone_with_it():
