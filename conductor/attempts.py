@@ -7,6 +7,9 @@ from pathlib import Path, PurePosixPath
 
 from twin.fabric.errors import InfrastructureError
 
+LOG_FILE = "log.txt"
+"""What happened in an attempt, and what its stack printed."""
+
 
 def attempt_folder(folder: Path, attempt_dir: str) -> Path:
     """The folder ``attempt_dir`` of the campaign in ``folder``.

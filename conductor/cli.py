@@ -84,9 +84,9 @@ def run_command(
     workers: Annotated[
         str | None,
         typer.Option(
-            help="Local workers; default: one per core, at most 8; with clock realtime one. cuda: "
-            "one on every GPU, 4xcuda: four on every GPU, each with cores of its own; without a "
-            "GPU, the default."
+            help="Local workers; default: one per core, at most 8; with clock realtime or a bridge "
+            "one. cuda: one on every GPU, 4xcuda: four on every GPU, each with cores of its own; "
+            "without a GPU, the default."
         ),
     ] = None,
     slots: Annotated[
@@ -151,6 +151,8 @@ def run_command(
         loaded = with_render(loaded, render is OnOff.on)
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other
+    if workers is None and loaded.autonomy.bridge != "none":
+        workers = "1"  # two would wait for each other at the port of their scripts
     if record_drive:
         loaded = with_drive(loaded)
     asked, device = where(parse_workers(workers), device)

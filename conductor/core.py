@@ -155,6 +155,7 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         memory_bytes=request.memory_bytes,
         tags=request.tags,
         share=request.share,
+        lacks=request.lacks,
     )
     known = state.workers.get(request.worker)
     if known is None:
@@ -182,7 +183,10 @@ def _oversized(request: Hello) -> str:
         "device class": [request.device_class],
         "software digest": [request.software],
         "tag": request.tags,
+        "bridge": [*request.lacks, *request.lacks.values()],
     }
+    if len(request.lacks) > TAGS_MAX:
+        return f"worker {request.worker}: {len(request.lacks)} bridges, at most {TAGS_MAX}"
     if len(request.tags) > TAGS_MAX:
         return (
             f"worker {request.worker}: {len(request.tags)} tags, at most {TAGS_MAX}; leave some out"

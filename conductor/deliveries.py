@@ -99,7 +99,9 @@ class Deliveries:
             return _refused(f"{attempt}: leads out of {folder} through a symbolic link")
         try:
             attempt.mkdir(parents=True, exist_ok=True)
-            written = [("kpi.parquet", files.kpi), ("log.txt", files.log)]
+            # An attempt that ended without a result has what its stack printed, and no KPIs.
+            kpi = [("kpi.parquet", files.kpi)] if files.kpi else []
+            written = [*kpi, ("log.txt", files.log)]
             for name, data in (*written, *files.extras.items()):
                 path = attempt / name
                 if leads_away(folder, path):

@@ -85,6 +85,7 @@ class WorkerJoined(_Fact, frozen=True):
     memory_bytes: int | None = None
     tags: list[str] = []
     share: Share | None = None
+    lacks: dict[str, str] = {}
 
 
 class WorkerLeft(_Fact, frozen=True):

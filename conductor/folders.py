@@ -6,6 +6,7 @@ never stops the conductor.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import shutil
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 
-from conductor.attempts import leads_away
+from conductor.attempts import LOG_FILE, leads_away
 from conductor.facts import Committed
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import encode_campaign
@@ -129,7 +130,8 @@ class Folders:
         self._refresh_ns = ended_ns + int(pause_ns)
 
     def sweep(self, campaign: CampaignState) -> None:
-        """Remove attempt folders of committed cases that no fact names: killed rigs left them.
+        """Clear attempt folders of committed cases that no fact names, which ended rigs left: what
+        the stack printed stays.
 
         Cases without a committed result keep everything, for whoever looks into them.
         """
@@ -143,7 +145,7 @@ class Folders:
                 continue  # somebody has put a link there: what is behind it is none of ours
             for attempt in folder.glob("attempt-*"):
                 if f"cases/{name}/{attempt.name}" not in named:
-                    shutil.rmtree(attempt, ignore_errors=True)
+                    _clear(attempt)
 
     def flush(self) -> None:
         """Write what is to be written; what fails stays for the next call."""
@@ -183,3 +185,16 @@ class Folders:
             lines.append(f"# software digest: {campaign.software}")
             lines.append(f"# device class: {campaign.device_class or 'any'}")
         return ("\n".join(lines) + "\n" + self._yaml[name]).encode()
+
+
+def _clear(attempt: Path) -> None:
+    """Remove all of an attempt folder but its log."""
+    if attempt.is_symlink() or not (attempt / LOG_FILE).is_file():
+        shutil.rmtree(attempt, ignore_errors=True)
+        return
+    with contextlib.suppress(OSError):
+        for entry in attempt.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            elif entry.name != LOG_FILE:
+                entry.unlink(missing_ok=True)

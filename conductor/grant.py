@@ -44,7 +44,7 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
             f"{campaign.device_class} that campaign '{name}' began with; it gets no case of it, "
             "submit with 'device: any' to mix device classes"
         )
-    lacks = _lacks(campaign.campaign.requires, worker)
+    lacks = _lacks(campaign.campaign.requires, worker) or _bridgeless(campaign, worker)
     if lacks:
         return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
@@ -62,6 +62,15 @@ def _lacks(requires: Requirements, worker: WorkerJoined) -> str:
         )
     missing = [tag for tag in requires.tags if tag not in worker.tags]
     return f"has not the tag {', '.join(missing)}" if missing else ""
+
+
+def _bridgeless(campaign: CampaignState, worker: WorkerJoined) -> str:
+    """What the campaign's bridge needs and the worker has not, or nothing."""
+    autonomy = campaign.campaign.autonomy
+    if autonomy.placement != "worker":
+        return ""
+    lack = worker.lacks.get(autonomy.bridge, "")
+    return f"cannot run the bridge '{autonomy.bridge}', {lack}" if lack else ""
 
 
 def mismatches(state: State, worker: WorkerState) -> list[str]:

@@ -119,14 +119,14 @@ class LocalWorkers:
         return lines
 
     def _rig_deaths(self, child: Child) -> list[str]:
-        """Whole lines that came since the last look and tell of a rig that died."""
+        """Whole lines that came since the last look and tell of a rig that died, or waits."""
         text = os.pread(child.log.fileno(), 1 << 20, child.told)
         text = text[: text.rfind(b"\n") + 1]
         child.told += len(text)
         return [
             f"worker {child.number}: {line}"
             for line in text.decode("utf-8", "replace").splitlines()
-            if line.startswith("rig ended")
+            if line.startswith(("rig ended", "waits for port"))
         ]
 
     def ask(self) -> None:

@@ -28,6 +28,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from conductor.failures import told
 from conductor.fingerprint import Fingerprint, fingerprint
 from conductor.local_workers import LocalWorkers
 from conductor.outcomes import Outcomes, read_outcomes
@@ -387,6 +388,8 @@ def _tell(
 ) -> int:
     counts = count_outcomes(outcomes)
     code = outcomes.exit_code
+    for line in told(options.out, outcomes):
+        print(line, file=sys.stderr)
     if warning := too_slow(outcomes):
         print(warning, file=sys.stderr)
     if options.json:

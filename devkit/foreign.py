@@ -23,8 +23,8 @@ from typing import Any
 import psutil
 
 from schemas import DRIVE_MINOR, SCHEMA_VERSION
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.process import PARENT_VARIABLE, how_it_ended
+from twin.fabric.errors import InfrastructureError, StackFaultError
+from twin.fabric.process import PARENT_VARIABLE, how_it_ended, left_by_itself
 
 PROCESSES_MAX = 256
 """Most processes that a foreign stack may run at once."""
@@ -90,10 +90,9 @@ class Script:
         """
         libc = ctypes.CDLL(None, use_errno=True)
         libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-        environment = {**os.environ, **self._variables}
+        # Python would keep back what it prints to a file, and lose it if it is killed.
+        environment = {"PYTHONUNBUFFERED": "1", **os.environ, **self._variables}
         environment.pop(PARENT_VARIABLE, None)
-        if self._folder is not None:  # files of a repository are read-only, also for root
-            environment["PYTHONDONTWRITEBYTECODE"] = "1"
 
         def bind() -> None:
             # What we ignore it would ignore as well, with all that it starts.
@@ -125,11 +124,13 @@ class Script:
         """Do nothing while it runs as it should.
 
         Raises:
-            InfrastructureError: it has ended, or it runs too many processes.
+            StackFaultError: it has ended by itself.
+            InfrastructureError: something ended it, or it runs too many processes.
         """
         code = self._child.poll()
         if code is not None:
-            raise InfrastructureError(f"command {self.name!r} ended: {how_it_ended(code)}")
+            kind = StackFaultError if left_by_itself(code) else InfrastructureError
+            raise kind(f"command {self.name!r} ended: {how_it_ended(code)}")
         if len(_descendants()) > PROCESSES_MAX:
             raise InfrastructureError(
                 f"command {self.name!r} runs more than {PROCESSES_MAX} processes"

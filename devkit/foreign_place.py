@@ -9,6 +9,7 @@ import contextlib
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 from schemas.foreign import Foreign
 from twin.fabric.fetch import fetch
@@ -25,7 +26,7 @@ def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
     """
     folder = fetch(foreign.repository).folder if foreign.repository is not None else None
     if foreign.image is None:
-        return list(foreign.command), folder
+        return list(foreign.command), folder or _folder_of_script(foreign)
     image = foreign.image
     words = [sys.executable, "-m", "hpc", "enter", "--container", image.path]
     words += ["--runtime", image.runtime, "--name", _name(rig)]
@@ -34,6 +35,18 @@ def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
     if image.gpus:
         words.append("--gpus")
     return [*words, "--", *foreign.command], folder
+
+
+def _folder_of_script(foreign: Foreign) -> str | None:
+    """Where the script behind a bridge lies: published ones find their files in the working folder,
+    and are started there. None: its path does not say."""
+    if foreign.bridge == "none":
+        return None
+    for word in foreign.command:
+        path = Path(word)
+        if path.is_absolute() and path.suffix == ".py" and path.is_file():
+            return str(path.parent)
+    return None
 
 
 def vacate(foreign: Foreign, rig: str) -> None:

@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 
 from devkit.bridges import ScriptBridge
+from devkit.faults import is_machines, line_buffered, refusal, told
 from devkit.foreign import Ending, Script, drive_variables, run_command
 from devkit.foreign import watch_lifeline as watch_script_lifeline
 from devkit.foreign_place import placed, vacate
-from devkit.stack import Observation, Stack, StackError, load_stack
+from devkit.stack import Observation, Stack, StackError, StackMissingError, load_stack
 from schemas import SCHEMA_VERSION
 from schemas.expected import Expected
 from schemas.foreign import Foreign
@@ -30,7 +31,15 @@ from schemas.stack_identity import StackSource
 from twin.fabric import cuda
 from twin.fabric.bus import Bus
 from twin.fabric.drive import Incoming, StackEnd
-from twin.fabric.errors import InfrastructureError, RefusedError, TwinError
+from twin.fabric.errors import (
+    EXIT_FAILED,
+    EXIT_INFRASTRUCTURE,
+    InfrastructureError,
+    RefusedError,
+    StackFaultError,
+    TwinError,
+    UsageError,
+)
 from twin.fabric.files import write_atomic
 from twin.fabric.key_file import Key, read_private
 from twin.fabric.pauses import settle
@@ -79,7 +88,12 @@ class HostOptions:
 
 
 def run_host(options: HostOptions) -> int:
-    """Serve one rig until the process is ended or the simulator goes away."""
+    """Serve one rig until the process is ended or the simulator goes away; the exit code.
+
+    1 says that the stack itself has failed, also before its first case; anything that is the
+    machine's doing has another code.
+    """
+    line_buffered()
     if options.foreign is not None:
         return _run_foreign(options, options.foreign)
     supervised = bool(os.environ.get(PARENT_VARIABLE))
@@ -90,6 +104,17 @@ def run_host(options: HostOptions) -> int:
     else:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     return _run_stack(options, None)
+
+
+def _run_stack(options: HostOptions, script: Script | None) -> int:
+    """Load the stack and serve its rig; the exit code."""
+    try:
+        return _serve_rig(options, script)
+    except TwinError:
+        raise
+    except Exception as error:  # of ours: what a stack raises is dealt with where it is called
+        told(error)
+        return EXIT_INFRASTRUCTURE
 
 
 def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
@@ -103,6 +128,8 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         parameters=options.parameters,
         key=key,
     )
+    if foreign.repository is not None:  # its files are read-only, also for root
+        variables["PYTHONDONTWRITEBYTECODE"] = "1"
     # From here on nothing outlives the worker: neither a fetch of files nor what runs in them.
     supervised = os.environ.pop(PARENT_VARIABLE, "") != ""
 
@@ -135,7 +162,7 @@ def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[],
     return str(folder / "stack.key"), lambda: shutil.rmtree(folder, ignore_errors=True)
 
 
-def _run_stack(options: HostOptions, script: Script | None) -> int:
+def _serve_rig(options: HostOptions, script: Script | None) -> int:
     bus = _open_bus(options)
     try:
         link = StackEnd(bus, options.rig, options.slots)
@@ -143,16 +170,21 @@ def _run_stack(options: HostOptions, script: Script | None) -> int:
             stack, loaded = _loaded(
                 options.named, options.source, options.slots, options.parameters
             )
-            try:
-                if isinstance(stack, ScriptBridge):
-                    stack.attach(script)
-                expect(stack, options.expected)
-                serve(link, stack, loaded)
-            finally:
-                stack.close()
         except RefusedError as error:
             link.refuse(str(error))
             raise
+        except StackFaultError as error:
+            print(error, file=sys.stderr, flush=True)
+            return EXIT_FAILED
+        try:
+            if isinstance(stack, ScriptBridge):
+                stack.attach(script)
+            serve(link, stack, loaded, _expected_by(stack, options.expected))
+        except RefusedError as error:
+            link.refuse(str(error))
+            raise
+        finally:
+            stack.close()
     finally:
         bus.close()
     return 0
@@ -180,10 +212,11 @@ def _refuse(options: HostOptions, error: RefusedError) -> None:
 def _loaded(
     named: Named, source: StackSource, slots: int, parameters: dict[str, Any]
 ) -> tuple[Stack, LoadedModules | None]:
-    """The stack, and what watches which modules it loads.
+    """The stack, whose traceback is told if there is one, and what watches its modules.
 
     Raises:
-        InfrastructureError: it cannot be loaded; one line.
+        StackFaultError: it cannot be loaded, which is its own doing; one line.
+        InfrastructureError: there is no such stack here, or the machine is to blame.
         RefusedError: it is not the one that was submitted; one line.
     """
     found = confirm(named, source, parameters) if named.foreign is None else None
@@ -191,27 +224,67 @@ def _loaded(
     try:
         stack = load_stack(named.stack, slots, parameters)
     except StackError as error:
-        raise InfrastructureError(str(error)) from None
+        cause = error.__cause__
+        told(cause)
+        machines = cause is not None and is_machines(cause) and not isinstance(cause, UsageError)
+        if machines or isinstance(error, StackMissingError):
+            raise InfrastructureError(str(error)) from None
+        raise StackFaultError(f"stack: {error}") from None
     if loaded is not None:
         loaded.check()
     return stack, loaded
 
 
-def serve(link: StackEnd, stack: Stack, loaded: LoadedModules | None = None) -> None:
-    """Answer every seq with the stack's commands; an exception ends the rig with its reason."""
+def _expected_by(stack: Stack, expected: Sequence[Expected]) -> Exception | None:
+    """:func:`expect`; what it raised is told with the first cases, which it is about."""
+    try:
+        expect(stack, expected)
+    except RefusedError:
+        raise
+    except Exception as error:
+        return error
+    return None
+
+
+def serve(
+    link: StackEnd,
+    stack: Stack,
+    loaded: LoadedModules | None = None,
+    failed: Exception | None = None,
+) -> None:
+    """Answer every seq with the stack's commands, until the simulator goes away.
+
+    After an exception the answer is its reason, also to whoever did not hear it the first time.
+
+    Args:
+        link: the stack's end of the lockstep.
+        stack: what is asked.
+        loaded: watches which modules it loads.
+        failed: what was raised before there was anything to answer.
+
+    Raises:
+        InfrastructureError: the simulator went away.
+        RefusedError: a file is not what the campaign was submitted with.
+    """
+    if failed is not None:
+        told(failed)
     link.takes_device_frames = takes_device_frames(stack)
     settle()
     while True:
         incoming = link.receive(lambda: None)
-        try:
-            commands = answer(stack, incoming)
-            if loaded is not None:
-                loaded.check()
-        except RefusedError:
-            raise
-        except Exception as error:
-            link.answer(refusal(incoming.tick.seq, error))
-            raise
+        if failed is None:
+            try:
+                commands = answer(stack, incoming)
+                if loaded is not None:
+                    loaded.check()
+            except RefusedError:
+                raise
+            except Exception as error:
+                told(error)
+                failed = error
+        if failed is not None:
+            commands = refusal(incoming.tick.seq, failed)
+        sys.stdout.flush()  # what it printed is there before its answer is
         link.answer(commands)
 
 
@@ -240,14 +313,6 @@ def answer(stack: Stack, incoming: Incoming) -> Commands:
     return Commands(v=SCHEMA_VERSION, seq=seq, commands=commands, costs=costs, wall_s=wall_s)
 
 
-def refusal(seq: int, error: Exception) -> Commands:
-    """Why the stack cannot go on, in one line."""
-    reason = f"{type(error).__name__}: {error} ({_origin(error)})"
-    if isinstance(error, TwinError):  # one line for people already
-        reason = str(error)
-    return Commands(v=SCHEMA_VERSION, seq=seq, commands=[], error=reason)
-
-
 class Inline:
     """A stack in the simulator's process, which names this class and imports none of it."""
 
@@ -257,7 +322,8 @@ class Inline:
         """Load the stack; ``source``: what it consisted of when the campaign was submitted.
 
         Raises:
-            InfrastructureError: it cannot be loaded; one line.
+            StackFaultError: it cannot be loaded, which is its own doing; one line.
+            InfrastructureError: there is no such stack here.
             RefusedError: it is not the one that was submitted; one line.
         """
         self._stack, self._loaded = _loaded(
@@ -278,9 +344,11 @@ class Inline:
             return commands
         except RefusedError:
             raise
-        except Exception as error:
-            traceback.print_exc()
+        except (Exception, SystemExit) as error:  # who leaves would take the simulator along
+            told(error)
             return refusal(incoming.tick.seq, error)
+        finally:
+            sys.stdout.flush()
 
     def close(self) -> None:
         """Release what the stack holds; one that cannot is no reason for anything."""
@@ -346,12 +414,3 @@ def _claim(folder: Path) -> Path | None:
         except FileNotFoundError:
             continue
     return None
-
-
-def _origin(error: BaseException) -> str:
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    if trace is None:
-        return "unknown place"
-    return f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}"

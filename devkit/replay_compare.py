@@ -15,7 +15,7 @@ from twin.fabric.errors import UsageError
 NUMBERS = ("throttle", "brake", "steering_rad", "handbrake")
 """Fields whose difference is that of two numbers."""
 
-FIELDS = (*NUMBERS, "pose", "aeb", "lights", "detections", "sensors")
+FIELDS = (*NUMBERS, "reverse", "pose", "aeb", "lights", "detections", "sensors")
 """All fields that are compared; slot, token and tick say which attempt it was, and ``trigger``
 marks a box in pictures."""
 

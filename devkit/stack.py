@@ -63,6 +63,10 @@ class StackError(ValueError):
     """The stack cannot be loaded or used; the message is one line for the user."""
 
 
+class StackMissingError(StackError):
+    """There is no such stack here: another machine may have it, and the same one later."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """Everything the sensors of all slots saw at one instant. Read it, never write to it.
@@ -146,7 +150,8 @@ class Stack(ABC):
 
         Returns:
             One command per active slot, in any order, echoing slot, token and tick. An exception
-            ends the rig.
+            is the outcome of the case, ``failed`` with what was raised; if the rig drives several,
+            each is tried again until one raises by itself.
         """
 
     def costs(self) -> list[PerceptionCost | None]:
@@ -162,7 +167,9 @@ def load_stack(entry_point: str, slots: int, parameters: Mapping[str, ParameterV
     """Import and construct the stack named ``module:Class``.
 
     Raises:
-        StackError: one line that says what was given, what is allowed and whose mistake it is.
+        StackMissingError: no such module on the path.
+        StackError: one line that says what was given, what is allowed and whose mistake it is; its
+            cause is what the stack raised, if it did.
     """
     stack_class = _find(entry_point)
     if slots < 1:
@@ -184,7 +191,7 @@ def _find(entry_point: str) -> type[Stack]:
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             raise StackError(f"{module_name}: import failed: {_first_line(error)}") from error
-        raise StackError(
+        raise StackMissingError(
             f"stack {entry_point!r}: no module named {error.name!r}; "
             "install it, or add its folder to PYTHONPATH"
         ) from None

@@ -9,5 +9,5 @@ keys are ignored, so both ends of another minor version understand each other.
 
 0: the first one. 1: ``Ready.minor``, ``Command.handbrake``, the sensor ``pose``, frames in GPU
 memory. 2: ``Command.pose``, ``Episode.cosim``. 3: ``Ready.refused``, ``Commands.refused``,
-``Command.trigger``.
+``Command.trigger``, ``Command.reverse``, ``Commands.infrastructure``, ``Episode.ticks_per_rev``.
 """

@@ -43,7 +43,7 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
     case: Annotated[str, Meta(min_length=1)]
     attempt: Annotated[int, Meta(ge=1)]
     kpi: bytes
-    """Content of ``kpi.parquet``."""
+    """Content of ``kpi.parquet``; empty: the attempt ended without."""
     log: bytes
     """Content of ``log.txt``."""
     sha256: str

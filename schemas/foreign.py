@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from typing import Annotated, Literal
 
@@ -18,6 +19,9 @@ BRIDGES: dict[str, str] = {"autodrive": "devkit.bridges.autodrive:AutodriveBridg
 
 BRIDGE_PACKAGES: dict[str, tuple[str, ...]] = {"autodrive": ("websockets",)}
 """Bridge -> packages that it needs; the extra of the distribution is called like the bridge."""
+
+BRIDGE_PORTS: dict[str, int] = {"autodrive": 4567}
+"""Bridge -> port at which its scripts listen, unless `parameters.port` says another."""
 
 
 Runtime = Literal["auto", "apptainer", "charliecloud", "podman"]
@@ -69,3 +73,12 @@ class Foreign(Struct, frozen=True, forbid_unknown_fields=True):
     """``none``: the command speaks the drive plane itself."""
     repository: Repository | None = None
     image: Image | None = None
+
+
+def lacking_bridges() -> dict[str, str]:
+    """Bridges that cannot run in this installation, with what to do, in a line."""
+    return {
+        bridge: f"no package {lacking}: pip install 'drivetwin[{bridge}]'"
+        for bridge, packages in BRIDGE_PACKAGES.items()
+        if (lacking := ", ".join(name for name in packages if not importlib.util.find_spec(name)))
+    }

@@ -189,6 +189,8 @@ class Episode(Struct, frozen=True):
     """SHA-256 of the files that ``perception`` names, as they were at submission."""
     cosim: bool = False
     """Commands may hold poses; since 1.2."""
+    ticks_per_rev: float = 0.0
+    """Encoder ticks per revolution of a wheel; since 1.3."""
 
     @classmethod
     def of(
@@ -223,6 +225,7 @@ class Episode(Struct, frozen=True):
             device=device,
             files=case.model_files(),
             cosim=case.cosim,
+            ticks_per_rev=case.sensors.encoders.ppr * case.sensors.encoders.cgr,
         )
 
 
@@ -299,6 +302,9 @@ class Command(Struct, frozen=True):
     trigger: int | None = None
     """Place in ``detections`` of the one that this command begins to brake for; pictures mark it.
     None: no trigger in this tick, or the stack does not say. Since 1.3."""
+    reverse: bool = False
+    """The selector is in reverse: the throttle drives backwards once the car is as slow as a walk;
+    a faster one coasts. Since 1.3."""
 
 
 class Commands(Struct, frozen=True):
@@ -308,7 +314,8 @@ class Commands(Struct, frozen=True):
     seq: int
     commands: list[Command]
     error: str = ""
-    """Not empty: the stack cannot go on; the rig ends with this reason."""
+    """Not empty: the stack cannot go on, which is its own doing; the case ends as ``failed`` with
+    this reason."""
     refused: bool = False
     """With an error: because a file is not what the campaign was submitted with, so no case is
     charged. Since 1.3."""
@@ -316,6 +323,9 @@ class Commands(Struct, frozen=True):
     """One per command, None where no frame was looked at; empty: the stack does not measure it."""
     wall_s: float = 0.0
     """From the last sensor message to this answer; for benches, never a KPI [s]."""
+    infrastructure: bool = False
+    """The ``error`` is the machine's doing (no memory, a full disk, a lost connection): the attempt
+    is repeated. Since 1.3."""
 
 
 _COMMAND_RANGES = (
@@ -513,6 +523,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """What campaigns may ask for, see :class:`schemas.campaign.Requirements`."""
     share: Share | None = None
     """None: it prefers none."""
+    lacks: dict[str, str] = {}
+    """Bridges that cannot run there, with what to do, in a line."""
 
 
 class Next(Struct, frozen=True, tag_field="verb", tag="next"):

@@ -440,13 +440,12 @@ class Engine(Steerable):
             while run.pending and run.pending[0][0] < first_step + self._steps:
                 step, current = run.pending.popleft()
                 slots.append(slot)
-                asked.append(
-                    (current.throttle, current.brake, current.steering_rad, current.handbrake)
-                )
+                pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
+                asked.append((*pedals, -1.0 if current.reverse else 1.0))
                 switches.append(step - first_step)
                 run.lights = current.lights
         if slots:
-            vehicles.commands[slots, 0, 1, :4] = asked
+            vehicles.commands[slots, 0, 1] = asked
             vehicles.switch_step[slots] = switches
 
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
@@ -506,6 +505,11 @@ class Engine(Steerable):
         """What the ego of a slot hit first."""
         index = self._vehicles.first_hit(slot)
         return self._world.things[index] if 0 <= index < len(self._world.things) else None
+
+    def fail(self, slot: int, reason: str) -> Finished:
+        """End the case of a slot whose stack cannot go on, at the current tick."""
+        self._record([slot], [None])
+        return self._fail(slot, f"{reason}, at tick {self.tick[slot]}")
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._runs[slot], self._recorder.of(slot)

@@ -7,7 +7,6 @@ started anew for each, so that no case depends on the one before.
 
 from __future__ import annotations
 
-import importlib.util
 import socket
 import sys
 import time
@@ -22,16 +21,21 @@ from devkit.bridges.autodrive_fields import FieldError, asks_for_weather, comman
 from devkit.bridges.socketio import SocketClient, SocketError, connect
 from devkit.foreign import Script
 from devkit.stack import Observation
+from schemas.foreign import BRIDGE_PORTS, lacking_bridges
 from schemas.lidar import POINT_COLUMNS
 from schemas.messages import Command, Episode
 from schemas.validation import convert_all
-from twin.fabric.errors import InfrastructureError, UnfinishedError
+from twin.fabric.errors import InfrastructureError, StackFaultError
+from twin.fabric.port_turn import take_turn
 
 EVENT = "Bridge"
 """The one event of the protocol, in both directions."""
 
 LOOK_S = 0.2
 """How often the script is looked at while it is waited for [s]."""
+
+TICKS_PER_REV = 44.0
+"""Of the published car's encoders; for simulators that do not say it."""
 
 POINT = np.dtype(
     {
@@ -49,7 +53,7 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
 
     host: str = "127.0.0.1"
     """Where the script listens."""
-    port: Annotated[int, Meta(ge=1, le=65_535)] = 4567
+    port: Annotated[int, Meta(ge=1, le=65_535)] = BRIDGE_PORTS["autodrive"]
     """Its port; one rig of a host uses it at a time."""
     start_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
     """Longest time until it listens [s]."""
@@ -57,8 +61,6 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
     """Longest time until it answers an event [s]."""
     steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.62
     """Angle of the road wheels at a steering command of 1; opencav's limit [rad]."""
-    ticks_per_rev: Annotated[float, Meta(gt=0, le=1e6)] = 44.0
-    """Encoder ticks per revolution: ``sensors.encoders.ppr`` x ``cgr``."""
     jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 75
     """Of the pictures; 75 is what Unity's encoder uses."""
     aeb_brake: Annotated[float, Meta(gt=0, le=1)] = 1.0
@@ -73,8 +75,8 @@ class AutodriveBridge(ScriptBridge):
         super().__init__(slots)
         if slots != 1:
             raise ValueError(f"given {slots} slots: the bridge drives one car; set slots: 1")
-        if importlib.util.find_spec("websockets") is None:
-            raise ValueError("no package websockets: pip install 'drivetwin[autodrive]'")
+        if lack := lacking_bridges().get("autodrive"):
+            raise InfrastructureError(lack)
         found, mistakes = convert_all(parameters, BridgeParameters)
         if found is None:
             raise ValueError(mistakes[0].line("autonomy.parameters"))
@@ -87,12 +89,17 @@ class AutodriveBridge(ScriptBridge):
         self._rows: dict[str, np.ndarray] = {}
         self._images: dict[str, bytes] = {}
         self._points = b""
-        self._said_weather = False
+        self._said: set[str] = set()
+        self._reverse = False
         self._looked_s = 0.0
 
     def attach(self, script: Script | None) -> None:
-        """Start ``script`` when it is our turn."""
-        self._turn = _take_turn(self._given.port)
+        """Start ``script`` when it is our turn.
+
+        Raises:
+            UnfinishedError: another rig of this host uses the port.
+        """
+        self._turn = take_turn(self._given.port)
         self._script = script
         if script is not None:
             script.start()
@@ -115,6 +122,7 @@ class AutodriveBridge(ScriptBridge):
         assert slot == 0, "the only slot there is"
         self._episode = episode
         self._rows, self._images, self._points = {}, {}, b""
+        self._said, self._reverse = set(), False
 
     def step(self, observation: Observation) -> list[Command]:
         """One exchange with the script."""
@@ -129,7 +137,11 @@ class AutodriveBridge(ScriptBridge):
             self._looked_s = now_s
         self._look(observation, slots[0])
         tick = int(observation.tick[slots[0]])
-        fields = telemetry(self._rows, self._images, self._points, self._given.ticks_per_rev)
+        fields = telemetry(
+            *(self._rows, self._images, self._points),
+            self._episode.ticks_per_rev or TICKS_PER_REV,
+            reverse=self._reverse,
+        )
         try:
             self._client.emit(EVENT, fields)
             data = self._answer()
@@ -140,11 +152,25 @@ class AutodriveBridge(ScriptBridge):
             )
         except (SocketError, FieldError) as error:
             self._check_script()  # its own end says more than that of the connection
-            raise InfrastructureError(f"script at {self._where}: {error}, at tick {tick}") from None
-        if asks_for_weather(data) and not self._said_weather:
-            self._said_weather = True
-            print("the script's time and weather are ignored: the case decides", file=sys.stderr)
+            kind = StackFaultError if isinstance(error, FieldError) else InfrastructureError
+            raise kind(f"script at {self._where}: {error}, at tick {tick}") from None
+        self._reverse = answer.reverse
+        if asks_for_weather(data):
+            line = "the script's time and weather are ignored: the case decides"
+            self._say_once("weather", line)
+        if answer.reverse:
+            self._say_once(
+                "reverse",
+                f"V1 Throttle is negative, at tick {tick}: the car drives backwards once it is as "
+                "slow as a walk, and coasts until then",
+            )
         return [answer]
+
+    def _say_once(self, what: str, line: str) -> None:
+        """Once in each case that it is about, so that it stands in the case's log."""
+        if what not in self._said:
+            self._said.add(what)
+            print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Leave the script, and the port to the next rig."""
@@ -204,20 +230,3 @@ def _points(rows: np.ndarray, columns: int) -> bytes:
         points[name] = rows[found, POINT_COLUMNS.index(name)]
     points["ring"] = found // columns
     return points.tobytes()
-
-
-def _take_turn(port: int) -> socket.socket:
-    """Only one rig of a host may use a port: a script listens where it always does.
-
-    The name of a socket is a lock that leaves nothing behind.
-
-    Raises:
-        UnfinishedError: another rig has it.
-    """
-    turn = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    try:
-        turn.bind(f"\0drivetwin-bridge-{port}")
-    except OSError:
-        turn.close()
-        raise UnfinishedError(f"port {port} is used by another rig of this host") from None
-    return turn

@@ -1,7 +1,8 @@
 """The fields of AutoDRIVE's ``Bridge`` event: text of numbers, in both directions. Pure.
 
 Axes and units are those of the published OpenCAV: x forward, y left, z up; metres, radians,
-seconds; quaternions x y z w; steering commands -1 to 1 of the largest angle, left positive.
+seconds; quaternions x y z w; steering commands -1 to 1 of the largest angle, left positive;
+throttle commands -1 to 1, negative ones in reverse.
 """
 
 from __future__ import annotations
@@ -31,6 +32,12 @@ ENVIRONMENT = ("Auto Time", "Time Scale", "Time", "Weather", "Clouds", "Fog", "R
 POSE_FIELDS = ("PosX", "PosY", "PosZ", "RotX", "RotY", "RotZ", "RotW")
 """Of a commanded pose, in the order of :class:`schemas.messages.Pose`."""
 
+GRAVITY_MPS2 = 9.80665
+"""What an IMU at rest measures, upwards [m/s^2]."""
+
+NEARLY_ZERO_RAD = math.radians(0.005)
+"""Unity's angles are rounded to hundredths of a degree where they are compared with zero [rad]."""
+
 _REAR = (ENCODER_COLUMNS.index("rear_left_ticks"), ENCODER_COLUMNS.index("rear_right_ticks"))
 
 
@@ -39,7 +46,12 @@ class FieldError(ValueError):
 
 
 def telemetry(
-    rows: Mapping[str, np.ndarray], images: Mapping[str, bytes], points: bytes, ticks_per_rev: float
+    rows: Mapping[str, np.ndarray],
+    images: Mapping[str, bytes],
+    points: bytes,
+    ticks_per_rev: float,
+    *,
+    reverse: bool = False,
 ) -> dict[str, str]:
     """What the AutoDRIVE Simulator says of its vehicle.
 
@@ -48,6 +60,7 @@ def telemetry(
         images: JPEG files of ``front_left`` and ``front_right``.
         points: float32 x, y, z, intensity of every return of a lidar; may be empty.
         ticks_per_rev: encoder ticks per revolution of a wheel.
+        reverse: the throttle drives backwards, and is sent as a negative number.
     """
     vehicle = dict(zip(VEHICLE_COLUMNS, rows["vehicle"], strict=True))
     imu = dict(zip(IMU_COLUMNS, rows["imu"], strict=True))
@@ -56,7 +69,7 @@ def telemetry(
     ticks = [rows["encoders"][column] for column in _REAR]
     return {
         "V1 Collisions": "0",  # a case ends with its first
-        "V1 Throttle": _text([vehicle["throttle"]]),
+        "V1 Throttle": _text([-vehicle["throttle"] if reverse else vehicle["throttle"]]),
         "V1 Steering": _text([vehicle["steering_rad"]]),
         "V1 Brake": _text([vehicle["brake"]]),
         "V1 Handbrake": _text([vehicle["handbrake"]]),
@@ -66,7 +79,7 @@ def telemetry(
         "V1 Orientation Quaternion": _text(quaternion),
         "V1 Orientation Euler Angles": _text(euler(quaternion)),
         "V1 Angular Velocity": _text([imu[f"rate_{axis}_radps"] for axis in "xyz"]),
-        "V1 Linear Acceleration": _text([imu[f"accel_{axis}_mps2"] for axis in "xyz"]),
+        "V1 Linear Acceleration": _text(acceleration(imu, quaternion)),
         "V1 Left Camera Image": base64.b64encode(images["front_left"]).decode(),
         "V1 Right Camera Image": base64.b64encode(images["front_right"]).decode(),
         "V1 LIDAR Pointcloud": base64.b64encode(points).decode(),
@@ -103,18 +116,22 @@ def command(
     steering = _number(data, "V1 Steering", needed)
     if abs(steering) > 1.0 + 1e-9:
         raise FieldError(f"V1 Steering is {steering:g}, allowed: -1 to 1")
+    throttle = _number(data, "V1 Throttle", needed)
+    if abs(throttle) > 1.0 + 1e-9:
+        raise FieldError(f"V1 Throttle is {throttle:g}, allowed: -1 to 1")
     brake = _number(data, "V1 Brake", 0.0)
     return Command(
         slot=slot,
         token=token,
         tick=tick,
-        throttle=_number(data, "V1 Throttle", needed),
+        throttle=abs(throttle),
         brake=brake,
         steering_rad=steering * steering_max_rad,
         aeb=brake >= aeb_brake,
         lights=_lights(data),
         handbrake=_number(data, "V1 Handbrake", 0.0),
         pose=pose,
+        reverse=throttle < 0.0,
     )
 
 
@@ -124,12 +141,39 @@ def asks_for_weather(data: Any) -> bool:
 
 
 def euler(quaternion: list[float]) -> list[float]:
-    """Roll, pitch, yaw [rad] of a unit quaternion x y z w."""
+    """Roll, pitch, yaw [rad] of a unit quaternion x y z w, each from 0 up to a full turn.
+
+    As the AutoDRIVE Simulator sends them: Unity's angles have that range. There, rolls and yaws of
+    less than 0.005 degrees below zero are sent as (nearly) zero.
+    """
     x, y, z, w = quaternion
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return [roll, pitch, yaw]
+    return [_turned(roll, NEARLY_ZERO_RAD), _turned(pitch), _turned(yaw, NEARLY_ZERO_RAD)]
+
+
+def _turned(angle: float, nearly_zero: float = 0.0) -> float:
+    """``angle`` from 0 up to, and without, a full turn [rad]."""
+    if -nearly_zero < angle <= 0.0:
+        return 0.0
+    turned = angle % (2 * math.pi)
+    return turned if turned < 2 * math.pi else 0.0  # of a tiny negative number
+
+
+def acceleration(imu: Mapping[str, float], quaternion: list[float]) -> list[float]:
+    """The change of velocity along the vehicle's axes [m/s^2]; zero at rest.
+
+    The AutoDRIVE Simulator differentiates the velocity of its car. An IMU measures gravity as well,
+    which is taken out here by the true orientation.
+
+    Args:
+        imu: specific force by column.
+        quaternion: x y z w, from vehicle to world axes.
+    """
+    x, y, z, w = quaternion
+    up = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    return [imu[f"accel_{axis}_mps2"] - GRAVITY_MPS2 * u for axis, u in zip("xyz", up, strict=True)]
 
 
 def _lights(data: Mapping[str, Any]) -> Lights:

@@ -52,6 +52,56 @@ def test_scripts_of_2020_and_of_today_drive_to_standstill(marked, tmp_path):
 
 
 @pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
+def test_a_published_script_finds_its_files_and_says_everything_in_the_log(marked, tmp_path):
+    """As the page says: by its absolute path. A second worker waits at the port, with one line."""
+    script = tmp_path / "devkit" / "opencav_aeb.py"
+    script.parent.mkdir()
+    (script.parent / "config.json").write_text('{"simulation_instances": [{"weather_id": 3}]}')
+    published = "import json, sys\nwith open('config.json') as file: json.load(file)\n"
+    published += "open('aeb_metrics.csv', 'w').write('AEB')\nsys.argv.pop(1)\n"
+    script.write_text(published + SCRIPT.read_text())
+    autonomy = {"bridge": "autodrive", "command": [today(), str(script), "1"]}
+    path = campaign(tmp_path, "published", autonomy, **SECTIONS)
+    done = marked.run(
+        *("conductor", "run", str(path), "--workers", "2", "--out", str(tmp_path / "out"))
+    )
+    assert done.returncode in (0, 1), done.stderr
+    for case in ("repeat_0", "repeat_1"):
+        (log,) = (tmp_path / f"out/cases/{case}").glob("attempt-*/log.txt")
+        log = log.read_text()
+        assert "first picture (64, 36) at" in log
+        assert "the script's time and weather are ignored: the case decides" in log
+        at_rest = [float(word.strip("[],")) for word in log.split("accelerations")[1].split()[:3]]
+        assert abs(at_rest[2]) < 1.0, "gravity is no change of velocity"
+    assert (script.parent / "aeb_metrics.csv").exists()
+    assert done.stderr.count("waits for port 4567") <= 1
+    assert "rig ended" not in done.stderr
+
+
+@pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
+def test_a_script_that_raises_or_answers_nonsense_has_failed_its_case(marked, tmp_path):
+    for mode, reason in (
+        ("word", "V1 Steering is 'left', a number is needed, at tick 3"),
+        ("nan", "command throttle is nan, allowed: 0 to 1, at tick 3"),
+        ("exit", "ended: exit code 5"),
+    ):
+        autonomy = {
+            "bridge": "autodrive",
+            "command": [today(), str(SCRIPT), mode, "14572"],
+            "parameters": {"port": 14572},
+        }
+        sections = {**SECTIONS, "matrix": {"weather": ["clear"]}}
+        path, out = campaign(tmp_path, mode, autonomy, **sections), tmp_path / f"out-{mode}"
+        done = marked.run("conductor", "run", str(path), "--out", str(out))
+        assert done.returncode == 1, done.stderr
+        (case,) = outcomes(out).values()
+        assert (case["outcome"], case["attempts"]) == ("failed", 1)
+        assert reason in case["reasons"][0]
+        assert reason in done.stderr
+        assert f"now comes {mode}" in (out / "cases/clear/attempt-1/log.txt").read_text()
+
+
+@pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
 def test_a_script_may_move_the_car_itself(marked, tmp_path):
     """Co-simulation: what the file holds is what was sent, and the verdict follows from it."""
     autonomy = {

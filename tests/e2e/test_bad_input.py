@@ -113,18 +113,18 @@ def test_noop_has_no_report(marked, tmp_path):
     one_line(marked.run("conductor", "report", str(tmp_path / "out")), 2, "noop")
 
 
-def test_unknown_stack_parameter_ends_unresolved_with_the_reason(marked, tmp_path):
-    path = campaign_file(tmp_path, autonomy={"parameters": {"cruise": 3}}, attempts_max=1)
+def test_unknown_stack_parameter_fails_with_the_reason(marked, tmp_path):
+    path = campaign_file(tmp_path, autonomy={"parameters": {"cruise": 3}})
     out = tmp_path / "out"
     done = marked.run("conductor", "run", str(path), "--out", str(out), "--workers", "1")
-    assert done.returncode == 3
+    assert done.returncode == 1
     (row,) = outcomes(out).values()
-    assert row["outcome"] == "unresolved"
+    assert (row["outcome"], row["attempts"]) == ("failed", 1)
     assert "cruise" in row["reasons"][0]
 
 
 def test_no_case_passes_without_a_verdict(marked, tmp_path):
-    """A stack that raises: unresolved, never a pass; its words reach the user."""
+    """A stack that raises: failed, never a pass; its words reach the user."""
     package = tmp_path / "mystack.py"
     package.write_text(
         "from devkit.stack import Stack\n"
@@ -132,15 +132,15 @@ def test_no_case_passes_without_a_verdict(marked, tmp_path):
         "    def reset(self, slot, episode): pass\n"
         "    def step(self, observation): raise RuntimeError('lens cap on')\n"
     )
-    path = campaign_file(tmp_path, autonomy={"stack": "mystack:Broken"}, attempts_max=1)
+    path = campaign_file(tmp_path, autonomy={"stack": "mystack:Broken"})
     os.environ["PYTHONPATH"] = str(tmp_path)
     try:
         done = marked.run("conductor", "run", str(path), "--out", str(tmp_path / "out"))
     finally:
         del os.environ["PYTHONPATH"]
-    assert done.returncode == 3, done.stderr
+    assert done.returncode == 1, done.stderr
     (row,) = outcomes(tmp_path / "out").values()
-    assert row["outcome"] == "unresolved"
+    assert (row["outcome"], row["attempts"]) == ("failed", 1)
     assert not row["passed"]
     assert "lens cap on" in row["reasons"][0]
 

@@ -150,9 +150,11 @@ def web(marked, *arguments):
     return child, json.loads(line)
 
 
-def end(child):
-    child.send_signal(signal.SIGINT)
-    assert child.wait(PATIENCE_S) == 0, child.stderr.read()
+def end(child, number=signal.SIGINT):
+    """Also beside an open browser: exit code 0, and nothing on the terminal."""
+    child.send_signal(number)
+    code = child.wait(PATIENCE_S)
+    assert (code, child.stderr.read()) == (0, "")
 
 
 @pytest.fixture(scope="module")
@@ -217,6 +219,28 @@ def publish(bus: Bus, stop):
     picture = jpeg(np.full((90, 160, 3), (40, 200, 60), np.uint8))
     while not stop.wait(0.2):
         bus.publish(key, picture, encode(thumbnail(sim_time_ns=time.monotonic_ns())))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_without_a_traceback_beside_an_open_browser(marked, open_page, tmp_path, number):
+    """The browser's streams are cut in the middle, one from a run's folder."""
+    conductor = serve(marked, tmp_path)
+    child, said = web(marked, "--run", str(tmp_path))
+    bus, stop = open_bus("client", connect=[find_conductor(tmp_path).endpoint]), threading.Event()
+    thread = threading.Thread(target=publish, args=(bus, stop))
+    thread.start()
+    try:
+        page = open_page(said["url"])
+        expect(page.locator("#state")).to_have_text("Live", timeout=PATIENCE_MS)
+        shows(page, green, tmp_path / "live.png")
+        end(child, number)
+    finally:
+        stop.set()
+        thread.join()
+        bus.close()
+        for process in (child, conductor):
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
 
 
 def test_running_cases_and_who_comes_late(marked, open_page, tmp_path):

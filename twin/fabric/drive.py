@@ -24,7 +24,7 @@ from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
 from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
-from twin.fabric.errors import InfrastructureError, RefusedError
+from twin.fabric.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
 from twin.fabric.link import LinkWatch
 
@@ -313,12 +313,24 @@ def _commands_in(sample: Sample) -> Commands | None:
     try:
         commands: Commands = decode(sample.payload, Commands)
     except WireError as error:
-        raise InfrastructureError(f"stack: {error}") from None
+        raise StackFaultError(f"stack: {error}") from None
+    check_answer(commands)
+    return commands
+
+
+def check_answer(commands: Commands) -> None:
+    """Do nothing if the stack can go on.
+
+    Raises:
+        RefusedError: it is not what the campaign was submitted with.
+        StackFaultError: it cannot, and that is its own doing.
+        InfrastructureError: it cannot, because of the machine.
+    """
     if commands.refused:
         raise RefusedError(commands.error)
     if commands.error:
-        raise InfrastructureError(f"stack: {commands.error}")
-    return commands
+        kind = InfrastructureError if commands.infrastructure else StackFaultError
+        raise kind(f"stack: {commands.error}")
 
 
 @dataclass(slots=True)

@@ -51,6 +51,11 @@ class RefusedError(UsageError):
     refused, and no case is charged for it."""
 
 
+class StackFaultError(InfrastructureError):
+    """The stack under test raised, left, or broke the protocol: that is its outcome, which the same
+    attempt would have again."""
+
+
 class UnreachableError(InfrastructureError):
     """Nobody answers at an endpoint (yet)."""
 

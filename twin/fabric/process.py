@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
+
+from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_UNFINISHED
 
 _PR_SET_PDEATHSIG = 1
 PARENT_VARIABLE = "TWIN_PARENT_PID"
@@ -122,6 +125,16 @@ def how_it_ended(code: int) -> str:
         return f"killed by signal {-code}"
 
 
+SHELL_CODES_MIN = 126
+"""From here on exit codes say what a shell saw: a command that could not be run, or a signal."""
+
+
+def left_by_itself(code: int) -> bool:
+    """Whether the end of a stack's process is its own doing: an exit code that is neither a signal
+    as shells tell it, nor a command that could not be run, nor one of ours for the machine."""
+    return 0 <= code < SHELL_CODES_MIN and code not in (EXIT_INFRASTRUCTURE, EXIT_UNFINISHED)
+
+
 LOG_BYTES_MAX = 64 << 20
 """What a log may take of the disk [bytes]."""
 
@@ -131,20 +144,44 @@ LOG_PART_BYTES = 4 << 20
 _KEEP_SIZE_AND_PUNCH = 0x01 | 0x02
 
 
-def bound_log(log: IO[bytes]) -> None:
+def bound_log(log: IO[bytes], starts: Sequence[int] = (), start_bytes: int = 0) -> None:
     """Give back the middle of a log that has grown too large; whoever writes it notices nothing.
 
     Its size stays: the middle reads as zeros and takes no space.
+
+    Args:
+        log: its file.
+        starts: places in it of which the next ``start_bytes`` are kept as well [bytes].
+        start_bytes: so many of each [bytes].
     """
     descriptor = log.fileno()
     found = os.fstat(descriptor)
     if found.st_blocks * 512 <= LOG_BYTES_MAX:
         return
-    until = found.st_size - LOG_PART_BYTES
     library = ctypes.CDLL(None, use_errno=True)
-    start, length = ctypes.c_int64(LOG_PART_BYTES), ctypes.c_int64(until - LOG_PART_BYTES)
-    if library.fallocate(descriptor, _KEEP_SIZE_AND_PUNCH, start, length) != 0:
-        os.ftruncate(descriptor, 0)  # a file system without holes gives up all of it
+    until, begin = found.st_size - LOG_PART_BYTES, LOG_PART_BYTES
+    for start in (*sorted(start for start in starts if begin < start < until), until):
+        start_and_length = ctypes.c_int64(begin), ctypes.c_int64(start - begin)
+        begin = max(begin, start + start_bytes)
+        if start_and_length[1].value <= 0:
+            continue
+        if library.fallocate(descriptor, _KEEP_SIZE_AND_PUNCH, *start_and_length) != 0:
+            os.ftruncate(descriptor, 0)  # a file system without holes gives up all of it
+            return
+
+
+RAISED = re.compile(
+    r"Traceback \(most recent call last\):\n(?:[ \t].*\n|\n)+(?P<line>\S.*)", re.MULTILINE
+)
+"""A traceback as Python prints it, and its last line."""
+
+
+def raised_in(log: IO[bytes]) -> str:
+    """The last line of the last traceback among the last lines of a log; empty: none is there."""
+    size = os.fstat(log.fileno()).st_size
+    text = os.pread(log.fileno(), 65536, max(0, size - 65536)).decode("utf-8", "replace")
+    raised = [found["line"].strip() for found in RAISED.finditer(text)]
+    return raised[-1] if raised else ""
 
 
 def last_lines(log: IO[bytes], count: int = 3) -> str:

@@ -11,11 +11,21 @@ from twin.engine import Finished
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+from twin.worker.attempt_log import head, joined
 from twin.worker.realtime import CSV_FILE, Paced
+from twin.worker.stack_output import Kept
 
 
-def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
+def write_attempt(
+    lease: Lease, finished: Finished, wall_s: float, output: Kept | None = None
+) -> Result:
     """Write KPIs and log of a finished case; the result is ready to be committed.
+
+    Args:
+        lease: of the attempt.
+        finished: how its case ended.
+        wall_s: what it took [s].
+        output: what the stack printed; None: it is on another host.
 
     Raises:
         TwinError: the folder cannot be written (disk full, no permission).
@@ -23,7 +33,7 @@ def write_attempt(lease: Lease, finished: Finished, wall_s: float) -> Result:
     relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
     folder = Path(lease.out) / relative
     table = kpi_table(finished.table.to_lists())
-    log = _log_text(lease, finished).encode()
+    log = _log_text(lease, finished, output).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_kpi(table, folder / "kpi.parquet")
@@ -61,17 +71,12 @@ def write_pace(lease: Lease, paced: Paced) -> None:
         raise storage_error(error, str(path)) from None
 
 
-def _log_text(lease: Lease, finished: Finished) -> str:
-    """What happened, in sim time only: the log of a case is as repeatable as its KPIs."""
-    case = lease.case
-    lines = [
-        f"case {case.id} of campaign {case.campaign}, seed {case.seed}",
-        f"perception {case.model} ({type(case.perception).__struct_config__.tag}), "
-        f"weather {case.weather}, {case.time_of_day_min // 60:02d}:{case.time_of_day_min % 60:02d}",
-    ]
+def _log_text(lease: Lease, finished: Finished, output: Kept | None) -> str:
+    """What happened, in sim time only, and then what the stack printed, which need not repeat."""
+    lines = head(lease)
     for name, value in finished.scalars.items():
         lines.append(f"{name}: {'-' if value is None else value}")
     lines += [f"{name}: {value}" for name, value in finished.names.items()]
     lines += finished.reasons
     lines.append(f"{finished.outcome}: {finished.verdict}")
-    return "\n".join(lines) + "\n"
+    return joined(lines, output)

@@ -80,6 +80,32 @@ class AbandonToken:
 
 
 @dataclass(frozen=True, slots=True)
+class FailCase:
+    """The simulator ends the case of a token as ``failed``: its stack cannot go on."""
+
+    token: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FailUnbegun:
+    """Make results of cases whose stack failed before they began; :meth:`Core.on_done` hears of
+    each."""
+
+    leases: tuple[Lease, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class KeepLogs:
+    """Write what the stack printed into the logs of attempts that end without a result."""
+
+    leases: tuple[Lease, ...]
+    end: str
+    """How they ended, in a line."""
+
+
+@dataclass(frozen=True, slots=True)
 class Say:
     """One line for the log."""
 
@@ -109,7 +135,18 @@ class SpoolForget:
 
 
 Effect = (
-    Ask | StartRig | StopRig | AssignLease | AbandonToken | Say | Leave | SpoolWrite | SpoolForget
+    Ask
+    | StartRig
+    | StopRig
+    | AssignLease
+    | AbandonToken
+    | FailCase
+    | FailUnbegun
+    | KeepLogs
+    | Say
+    | Leave
+    | SpoolWrite
+    | SpoolForget
 )
 
 
@@ -142,6 +179,8 @@ class Rig:
     apart: bool = False
     """It shares its GPU in turns, for the sake of one case; others get another rig."""
     ready: bool = False
+    faulty: bool = False
+    """Its stack has failed by itself: it ends when the results are there."""
 
 
 @dataclass(slots=True)
@@ -164,6 +203,8 @@ class Core:
     held: dict[int, Held] = field(default_factory=dict)
     results: list[Result] = field(default_factory=list)
     ended: list[Ended] = field(default_factory=list)
+    waits: bool = False
+    """For a port of this host that another rig uses; no cases are asked for."""
     rig: Rig | None = None
     seq: int = 0
     pending: Next | None = None
@@ -278,7 +319,11 @@ class Core:
         self.results.append(result)
         self.broken = 0
         self.ask_at_ns = now_ns
-        return [] if self.reachable else self._spool([result])
+        effects = [] if self.reachable else self._spool([result])
+        if self.rig is not None and self.rig.faulty and not self.held:
+            self.rig = None
+            effects.append(StopRig())
+        return effects
 
     def on_touched(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
         """A hand has done something to a case; the conductor hears of it at once."""
@@ -315,6 +360,54 @@ class Core:
             said.append(Say(f"{damaged} files of the spool are damaged and ignored"))
         return said
 
+    def on_stack_failed(self, reason: str, now_ns: int, *, left: bool = False) -> list[Effect]:
+        """The stack raised, broke the protocol or left by itself, which it would do again.
+
+        That is the outcome of a case that was alone with it. Of several each may be the reason:
+        they are suspects, as when a rig dies. On a GPU another rig may be the reason, unless this
+        one is apart. Before any case began it is the outcome of all that wait for the stack.
+
+        Args:
+            reason: what it said last, in a line.
+            now_ns: the time [ns].
+            left: its process ended. A scheduler that ends a job may have asked for that.
+        """
+        if self.rig is None or self.rig.faulty:
+            return []
+        running = [held for held in self.held.values() if not held.over]
+        if left and self.phase != "working":
+            return self.on_rig_died("released", reason, now_ns)
+        several = self.rig.ready and len(running) > 1
+        suspect = several or (self._on_gpu and not all(held.lease.alone for held in running))
+        if suspect or not running:
+            return self.on_rig_died("crash", reason, now_ns)
+        self.rig.faulty = True
+        said = Say(f"rig ended (failed): {reason}")
+        for held in running:
+            held.moved_ns = now_ns
+        if self.rig.ready:
+            return [said, FailCase(running[0].lease.token, reason)]
+        return [said, FailUnbegun(tuple(held.lease for held in running), reason)]
+
+    def on_port_taken(self, port: int, now_ns: int) -> list[Effect]:
+        """A rig cannot be started: its script listens where that of another rig of this host does.
+
+        Its cases go back uncharged; until :meth:`on_port_free` nothing is asked for.
+        """
+        line = f"waits for port {port}, which another rig of this host uses"
+        for token, held in self.held.items():
+            self.ended.append(self._end_of(token, held, "released", line))
+        self.held.clear()
+        self.rig, self.waits = None, True
+        self.ask_at_ns = now_ns
+        return [Say(f"{line}; scripts that listen elsewhere need no turns: parameters.port")]
+
+    def on_port_free(self, now_ns: int) -> list[Effect]:
+        """The other rig has ended."""
+        self.waits = False
+        self.ask_at_ns = now_ns
+        return []
+
     def on_rig_died(self, reason: Release, detail: str, now_ns: int) -> list[Effect]:
         """The rig ended by itself: one case alone is charged, several are suspects.
 
@@ -333,12 +426,15 @@ class Core:
             if held.touch is not None and held.touch.changes:
                 why = "intervened"  # a hand may have been the reason
             self.ended.append(self._end_of(token, held, why, detail))
+        kept = (
+            self._keep_logs(f"{reason}: {detail}") if reason not in ("released", "refused") else []
+        )
         self.held.clear()
         self.rig = None
         self.broken += 1
         pause_ns = min(BROKEN_PAUSE_MAX_NS, RETRY_NS * 2**self.broken)
         self.ask_at_ns = now_ns + (pause_ns if self.broken > 1 else 0)
-        return [StopRig(), Say(f"rig ended ({reason}): {detail}")]
+        return [*kept, StopRig(), Say(f"rig ended ({reason}): {detail}")]
 
     def on_memory(self, used: dict[str, int], now_ns: int) -> list[Effect]:
         """What the processes of the rig use [bytes]."""
@@ -401,10 +497,17 @@ class Core:
         """Give every case back and stop the rig."""
         for token, held in self.held.items():
             self.ended.append(self._end_of(token, held, reason, detail))
+        kept = self._keep_logs(f"{reason}: {detail}")
         self.held.clear()
-        effects: list[Effect] = [StopRig()] if self.rig else []
+        effects: list[Effect] = [*kept, StopRig()] if self.rig else []
         self.rig = None
         return effects
+
+    def _keep_logs(self, end: str) -> list[Effect]:
+        """For attempts in hand, which end without a result; those of cases that are over have one
+        on the way."""
+        leases = tuple(held.lease for held in self.held.values() if not held.over)
+        return [KeepLogs(leases, end)] if leases and self.rig is not None else []
 
     def _asked_to_drain(self, now_ns: int) -> list[Effect]:
         if self.phase != "working":
@@ -461,7 +564,7 @@ class Core:
         return max(0.0, (self.walltime_end_ns - self.drain_ns - now_ns) / SECOND_NS)
 
     def _free(self) -> int:
-        if self.phase != "working":
+        if self.phase != "working" or self.waits or (self.rig is not None and self.rig.faulty):
             return 0
         if any(held.lease.alone for held in self.held.values()):
             return 0
@@ -533,6 +636,11 @@ class Core:
         for lease in leases:
             if lease.case.simulator == "noop":
                 self.results.append(noop_result(lease))
+                self.ask_at_ns = now_ns
+                continue
+            if self.rig is not None and self.rig.faulty:
+                why = "the stack of the rig has failed"
+                self.ended.append(self._end_of(lease.token, Held(lease), "released", why))
                 self.ask_at_ns = now_ns
                 continue
             key = rig_key(lease.case)

@@ -88,8 +88,8 @@ class Delivery:
     def deliver(
         self, results: Sequence[Result], ended: Sequence[Ended], on_sent: Callable[[], None]
     ) -> bool:
-        """Bring the files of ``results``, and of attempts that ended by hand, to the conductor;
-        False: not now, ask again.
+        """Bring the files of ``results``, and of attempts that ended without one, to the
+        conductor; False: not now, ask again.
 
         ``on_sent`` runs after each: many results over a slow line take a while.
 
@@ -97,7 +97,7 @@ class Delivery:
             InfrastructureError: the conductor will never take one of them.
         """
         due = [result.token for result in results if result.attempt_dir]
-        due += [end.token for end in ended if self._has_journal(end)]
+        due += [end.token for end in ended if self._has_log(end)]
         for token in due:
             if token in self._files:
                 lease, folder = self._files[token]
@@ -107,12 +107,13 @@ class Delivery:
                 on_sent()
         return True
 
-    def _has_journal(self, end: Ended) -> bool:
-        """Of the leases that went back, only these are worth keeping, once they are whole."""
-        if end.reason != "intervened" or end.token not in self._files:
+    def _has_log(self, end: Ended) -> bool:
+        """Leases that went back leave what their stack printed, and those that a hand has steered
+        their KPIs, which are written before the log."""
+        if end.token not in self._files:
             return False
         _, folder = self._files[end.token]
-        return (folder / "kpi.parquet").exists() and (folder / "log.txt").exists()
+        return (folder / "log.txt").exists()
 
     def forget(self, tokens: Iterable[int]) -> None:
         """The conductor knows how they ended: the scratch copies can go."""
@@ -151,7 +152,9 @@ class Delivery:
         return self._scratch / lease.case.campaign
 
     def _send(self, lease: Lease, folder: Path) -> bool:
-        kpi, log = (folder / "kpi.parquet").read_bytes(), (folder / "log.txt").read_bytes()
+        kpi_file = folder / "kpi.parquet"
+        kpi = kpi_file.read_bytes() if kpi_file.exists() else b""
+        log = (folder / "log.txt").read_bytes()
         extras = {name: (folder / name).read_bytes() for name in EXTRAS if (folder / name).exists()}
         size = len(kpi) + len(log) + sum(map(len, extras.values()))
         if size > FILES_BYTES_MAX:

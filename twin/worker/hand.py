@@ -136,6 +136,7 @@ class Hand:
                 brake=self.drive.brake,
                 steering_rad=self.drive.steering_rad,
                 handbrake=0.0,
+                reverse=False,
                 aeb=False,
                 pose=None,
             )

@@ -14,8 +14,7 @@ import numpy as np
 
 from schemas.campaign import Case
 from schemas.messages import Commands, Episode, Tick
-from twin.fabric.drive import Incoming
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.drive import Incoming, check_answer
 from twin.sensors.data import SensorData
 
 HOST = "devkit.host:Inline"
@@ -29,7 +28,8 @@ class InlineStack:
         """Load the stack of ``case``.
 
         Raises:
-            InfrastructureError: it cannot be loaded; one line.
+            StackFaultError: it cannot be loaded, which is its own doing; one line.
+            InfrastructureError: there is no such stack here.
             RefusedError: it is not the one that was submitted; one line.
         """
         module, _, name = HOST.partition(":")
@@ -42,7 +42,8 @@ class InlineStack:
         """The commands for one seq.
 
         Raises:
-            InfrastructureError: the stack cannot go on.
+            StackFaultError: the stack cannot go on.
+            InfrastructureError: it cannot, because of the machine.
         """
         device_frames = self._host.takes_device_frames
         incoming = Incoming(
@@ -57,8 +58,7 @@ class InlineStack:
             {name: data.count for name, data in sensed.items() if data.count is not None},
         )
         answer: Commands = self._host.answer(incoming)
-        if answer.error:
-            raise InfrastructureError(f"stack: {answer.error}")
+        check_answer(answer)
         return answer
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ import queue
 import threading
 from collections.abc import Callable
 
-from twin.worker.pipe import Downward, Drain, Unpacker
+from twin.worker.pipe import Downward, Drain, Fail, Unpacker
 
 
 class Orders:
@@ -16,6 +16,8 @@ class Orders:
     def __init__(self, stream: int) -> None:
         self._drain: Callable[[], None] = lambda: None
         self._drains = threading.Event()
+        self.failing = ""
+        """Not empty: the stack has ended by itself, so nobody should wait for it; the reason."""
         self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._stream = stream
         threading.Thread(target=self._read, name="orders", daemon=True).start()
@@ -33,6 +35,8 @@ class Orders:
                     self._drains.wait()
                     self._drain()
                 else:
+                    if isinstance(message, Fail):
+                        self.failing = message.reason
                     self._inbox.put(message)
         os._exit(0)
 

@@ -36,6 +36,8 @@ class Build(Struct, frozen=True, tag_field="kind", tag="build"):
     """Path of the worker's key file, for viewers; empty: none."""
     rig_key: str = ""
     """Path of the simulator's own key file, for the drive session; empty: none."""
+    output: str = ""
+    """Path of the log of the stack's process; empty: it is on another host, or in this process."""
 
 
 class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
@@ -50,6 +52,13 @@ class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
     """Stop working on a token; its result is no longer wanted."""
 
     token: int
+
+
+class Fail(Struct, frozen=True, tag_field="kind", tag="fail"):
+    """The stack cannot go on, and this case ends as ``failed`` with the reason."""
+
+    token: int
+    reason: str
 
 
 class Close(Struct, frozen=True, tag_field="kind", tag="close"):
@@ -103,6 +112,12 @@ class Touched(Struct, frozen=True, tag_field="kind", tag="touched"):
     note: Touch
 
 
+class Faulted(Struct, frozen=True, tag_field="kind", tag="faulted"):
+    """The stack cannot go on, which is its own doing; no case takes another step."""
+
+    reason: str
+
+
 class Done(Struct, frozen=True, tag_field="kind", tag="done"):
     """A case ended; its attempt folder is complete."""
 
@@ -123,8 +138,10 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
     detail: str
 
 
-Downward = Build | Assign | Abandon | Close | Drain
-Upward = Listening | Refused | Built | Progress | Touched | Done | Steered | Drained | Broken
+Downward = Build | Assign | Abandon | Fail | Close | Drain
+Upward = (
+    Listening | Refused | Built | Progress | Touched | Faulted | Done | Steered | Drained | Broken
+)
 
 
 def pack(message: Struct) -> bytes:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from twin.engine import Finished
     from twin.worker.drive_recorder import AttemptRecord
     from twin.worker.realtime import Paced
+    from twin.worker.stack_output import Kept
     from twin.worker.steering_journal import SteeringJournal
 
 WAITING_MAX = 4096
@@ -40,6 +41,8 @@ class Ended:
     """How it went by the wall clock; None: in lockstep."""
     record: AttemptRecord | None = None
     """Of what the stack saw."""
+    output: Kept | None = None
+    """What the stack printed; None: that is on another host."""
 
 
 class ResultWriter:
@@ -98,7 +101,7 @@ def _written(ended: Ended) -> Result:
     # Late: this module imports Parquet only after the engine is warm.
     from twin.worker.attempt import write_attempt, write_pace
 
-    result = write_attempt(ended.lease, ended.finished, ended.wall_s)
+    result = write_attempt(ended.lease, ended.finished, ended.wall_s, ended.output)
     if ended.journal is not None:
         ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
     if ended.record is not None:

@@ -8,6 +8,7 @@ import os
 import queue
 import secrets
 import select
+import socket
 import subprocess
 import sys
 import tempfile
@@ -23,13 +24,23 @@ import psutil
 
 from schemas.campaign import Case
 from schemas.expected import expected_of
+from schemas.foreign import BRIDGE_PORTS
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.gpu_start import apart
-from twin.fabric.process import bound_log, end, how_it_ended, last_lines, spawn
+from twin.fabric.port_turn import TURN_VARIABLE
+from twin.fabric.process import (
+    bound_log,
+    end,
+    how_it_ended,
+    last_lines,
+    left_by_itself,
+    raised_in,
+    spawn,
+)
 from twin.fabric.rig_keys import RigKeys
 from twin.worker.announcement import Announcement
 from twin.worker.pipe import (
@@ -39,12 +50,14 @@ from twin.worker.pipe import (
     Close,
     Drain,
     Drained,
+    Fail,
     Unpacker,
     Upward,
     pack,
 )
 from twin.worker.rig_child import RigChild
 from twin.worker.sim_process import start_simulator
+from twin.worker.stack_output import HEAD_BYTES, Kept, StackOutput
 from twin.worker.stack_process import may_run, start_stack, tell_stack, threads
 
 FEED_GRACE_S = 8.0
@@ -89,6 +102,13 @@ class RigDied:
 
 
 @dataclass(frozen=True, slots=True)
+class StackLeft:
+    """The stack ended by itself, with an exit code, while its simulator was well."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class RecorderEnded:
     """The recorder ended before its rig; nothing but recordings of running cases suffers."""
 
@@ -110,8 +130,18 @@ class RigProcess:
         slots: int,
         inbox: queue.SimpleQueue[Any],
         loaded: Loading | None = None,
+        turn: socket.socket | None = None,
     ) -> None:
-        """``loaded``: processes that wait to be told what to do."""
+        """
+        Args:
+            options: of the worker.
+            lease: the first one.
+            slots: cases that it drives at once.
+            inbox: for messages.
+            loaded: processes that wait to be told what to do.
+            turn: at the port of its script, which ends with the rig.
+        """
+        self._turn = turn
         self._options = options
         self._lease = lease
         self._inbox = inbox
@@ -148,6 +178,8 @@ class RigProcess:
             options.device, {**(threads() if inline else {}), **self._environment}
         )
         self._simulator, self._log = simulator.process, simulator.log
+        log = None if remote else self._log if inline else self._stack_log
+        self._output = StackOutput(None if log is None else log.fileno())
         build = Build(
             lease=lease,
             rig=self._id,
@@ -160,6 +192,7 @@ class RigProcess:
             view_connect=options.connect,
             key=str(options.key.path) if options.key else "",
             rig_key=str(self._keys.simulator) if self._keys else "",
+            output="" if remote or inline else _path_of(self._stack_log),
         )
         self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()
@@ -175,11 +208,31 @@ class RigProcess:
 
     def assign(self, lease: Lease, replay: Sequence[Intervention] = ()) -> None:
         """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
+        self._output.begin(lease.token, lease.case.id)
         self._write(pack(Assign(lease, list(replay))))
 
     def abandon(self, token: int) -> None:
         """Stop working on a token."""
+        self._output.forget(token)
         self._write(pack(Abandon(token)))
+
+    def fail(self, token: int, reason: str) -> None:
+        """End the case of a token as ``failed``."""
+        self._write(pack(Fail(token, reason)))
+
+    def over(self, token: int) -> None:
+        """The case of a token has ended, and the simulator has written its log."""
+        self._output.forget(token)
+
+    def look(self) -> None:
+        """Take in what the stack prints."""
+        self._output.look()
+
+    def printed(self, leases: Sequence[Lease]) -> list[Kept | None]:
+        """What the stack printed for attempts that end without a result; None: on another host."""
+        for lease in leases:
+            self._output.begin(lease.token, lease.case.id, again=True)
+        return [self._output.end(lease.token) for lease in leases]
 
     def memory_bytes(self) -> dict[str, int]:
         """Resident memory of the processes and all that they started [bytes]."""
@@ -223,6 +276,8 @@ class RigProcess:
         self._log.close()
         self._stack_log.close()
         self._recorder_log.close()
+        if self._turn is not None:
+            self._turn.close()
 
     def stack_words(self) -> str:
         """The last lines of a foreign stack's log; a class says its reason by itself."""
@@ -240,6 +295,9 @@ class RigProcess:
         descriptor = self._simulator.stdout.fileno()
         unpacker = Unpacker(Upward)
         while True:
+            # An inline stack may print without end before the simulator says anything.
+            while not select.select([descriptor], [], [], LOG_PERIOD_S)[0]:
+                self._bound(self._log)
             try:
                 data = os.read(descriptor, 65536)
             except OSError:
@@ -285,7 +343,9 @@ class RigProcess:
             self._stack.kill()
             end(self._stack)
             self._stack = None
-        self._stack = self._stack or start_stack(arguments, self._stack_log, self._environment)
+        turn = {} if self._turn is None else {TURN_VARIABLE: str(port_of(self._lease.case))}
+        variables = {**self._environment, **turn}
+        self._stack = self._stack or start_stack(arguments, self._stack_log, variables)
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
     def start_recorder(self, endpoint: str) -> bool:
@@ -314,7 +374,7 @@ class RigProcess:
                 return
             tail = last_lines(self._recorder_log)
         detail = how_it_ended(code)
-        self._inbox.put((self, RecorderEnded(f"{detail}: {tail}" if tail else detail, endpoint)))
+        self._inbox.put((self, RecorderEnded(_joined(detail, tail), endpoint)))
 
     def _finish_recordings(self) -> None:
         """A short grace for the recorder; a frozen one loses its recordings, nothing else."""
@@ -348,7 +408,7 @@ class RigProcess:
         """Keep a log from filling the disk."""
         with self._lock:
             if not self._stopped:  # then it is closed
-                bound_log(log)
+                bound_log(log, self._output.starts(), HEAD_BYTES)
 
     def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:
         code = child.wait()
@@ -356,13 +416,42 @@ class RigProcess:
             if self._stopped:
                 return
             tail = last_lines(log)
+            said = _said(log) if name == "stack" else ""
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
         foreign = self._lease.case.foreign
         # A bridge says so if another rig of this host is at its port: nobody's fault.
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
-        self._inbox.put((self, RigDied(reason, f"{detail}: {tail}" if tail else detail)))
+        # The simulator has answered since: the stack did not leave because of it.
+        if name == "stack" and left_by_itself(code) and self._simulator.poll() is None:
+            line = last_lines(log, 1)  # of our host, about a stack that it could not load
+            why = line if line.startswith("stack: ") else _joined(detail, said)
+            self._inbox.put((self, StackLeft(why)))
+            return
+        self._inbox.put((self, RigDied(reason, _joined(detail, tail))))
+
+
+def port_of(case: Case) -> int:
+    """The port at which the script of ``case`` listens on this host; 0: at none."""
+    if case.foreign is None or case.placement != "worker":
+        return 0
+    port = case.parameters.get("port", BRIDGE_PORTS.get(case.foreign.bridge, 0))
+    return port if case.foreign.bridge in BRIDGE_PORTS and isinstance(port, int) else 0
+
+
+def _said(log: IO[bytes]) -> str:
+    """Why a stack left, as far as its log says so: what was raised, or the last lines."""
+    return raised_in(log) or last_lines(log)
+
+
+def _joined(detail: str, said: str) -> str:
+    return f"{detail}: {said}" if said else detail
+
+
+def _path_of(log: IO[bytes]) -> str:
+    """Where our children find an unnamed file."""
+    return f"/proc/{os.getpid()}/fd/{log.fileno()}"
 
 
 def runs_fetch(pid: int) -> bool:

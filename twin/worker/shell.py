@@ -11,6 +11,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,23 +21,36 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
 from schemas.doors import door
-from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Share
+from schemas.foreign import lacking_bridges
+from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result, Share
 from schemas.view import ViewMode
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
 from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.key_file import Key
+from twin.fabric.port_turn import await_turn, turn_at
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
 from twin.worker.ahead import Loading
 from twin.worker.announcement import sweep
+from twin.worker.attempt_log import failure, write_failure, write_log
 from twin.worker.delivery import Delivery
 from twin.worker.fitting import fitting
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress, Refused, Steered, Touched
+from twin.worker.pipe import (
+    Broken,
+    Built,
+    Done,
+    Faulted,
+    Listening,
+    Progress,
+    Refused,
+    Steered,
+    Touched,
+)
 from twin.worker.resources_log import ResourceLog, work_of
-from twin.worker.rig import RecorderEnded, RigDied, RigProcess
+from twin.worker.rig import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
 
 REQUEST_TIMEOUT_S = 3.0
@@ -101,6 +115,11 @@ class _Undeliverable:
 
 
 @dataclass(frozen=True, slots=True)
+class _PortFree:
+    """The turn of another rig of this host has ended."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Signalled:
     name: str
 
@@ -141,6 +160,7 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
+                lacks=lacking_bridges(),
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
@@ -249,6 +269,8 @@ class Worker:
         except queue.Empty:
             event = None
         now = time.monotonic_ns()
+        if self._rig is not None:
+            self._rig.look()
         if event is not None:
             self._carry_out(self._handle(event, now))
         if self._rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
@@ -275,6 +297,8 @@ class Worker:
                 return core.on_reply(request, reply, now)
             case _Undeliverable(error):
                 return [decisions.Leave(error)]
+            case _PortFree():
+                return core.on_port_free(now)
             case _Signalled(name):
                 return core.on_drain(name, now)
             case (rig, _) if rig is not self._rig:
@@ -294,9 +318,15 @@ class Worker:
                 return core.on_progress(tokens, ticks, now, waiting, over)
             case (_, Touched(token, note)):
                 return core.on_touched(token, note, now)
-            case (_, Steered(result, changes)):
+            case (_, Faulted(why)):
+                return core.on_stack_failed(why, now)
+            case (_, StackLeft(why)):
+                return core.on_stack_failed(why, now, left=True)
+            case (rig, Steered(result, changes)):
+                rig.over(result.token)
                 return core.on_steered(result, changes, now)
-            case (_, Done(result)):
+            case (rig, Done(result)):
+                rig.over(result.token)
                 if result.outcome == "failed" and (words := self._stack_words()):
                     reasons = [*result.reasons, words.lstrip("; ")]
                     result = structs.replace(result, reasons=reasons)
@@ -311,12 +341,23 @@ class Worker:
                 return []
 
     def _start_rig(self, lease: Lease, slots: int) -> None:
+        port, turn = port_of(lease.case), None
+        if port and (turn := turn_at(port)) is None:
+            threading.Thread(target=self._await_turn, args=(port,), daemon=True).start()
+            self._carry_out(self._core.on_port_taken(port, time.monotonic_ns()))
+            return
         try:
             loading, self._loading = self._loading, None
-            self._rig = RigProcess(self._options, lease, slots, self._inbox, loading)
+            self._rig = RigProcess(self._options, lease, slots, self._inbox, loading, turn)
         except OSError as error:
+            if turn is not None:
+                turn.close()
             # It dies in the next turn: effects must not call for more of them.
             self._inbox.put((None, RigDied("released", f"no rig: {error.strerror}")))
+
+    def _await_turn(self, port: int) -> None:
+        await_turn(port)
+        self._inbox.put(_PortFree())
 
     def _start_others(self, endpoint: str, view: str, now: int) -> list[decisions.Effect]:
         """The simulator listens: start the stack, and a recorder that reads at ``view``."""
@@ -343,6 +384,31 @@ class Worker:
         said = self._rig.stack_words() if self._rig else ""
         return f"; the stack's log ends: {said}" if said else ""
 
+    def _failures(self, leases: Sequence[Lease], reason: str) -> list[Result]:
+        """Results of cases whose stack failed before they began."""
+        assert self._delivery is not None
+        printed = self._rig.printed(leases) if self._rig is not None else [None] * len(leases)
+        results = []
+        for lease, output in zip(leases, printed, strict=True):
+            try:
+                results.append(write_failure(self._delivery.localized(lease), reason, output))
+            except TwinError as error:
+                _log(str(error))
+                results.append(failure(lease, reason))
+        return results
+
+    def _keep_logs(self, leases: Sequence[Lease], end: str) -> None:
+        """What the stack printed, for attempts that end without a result."""
+        assert self._delivery is not None
+        if self._rig is None:
+            return
+        for lease, output in zip(leases, self._rig.printed(leases), strict=True):
+            try:
+                write_log(self._delivery.localized(lease), end, output)
+            except TwinError as error:
+                _log(str(error))
+                return
+
     def _carry_out(self, effects: list[decisions.Effect]) -> None:
         assert self._delivery is not None
         for effect in effects:
@@ -362,6 +428,15 @@ class Worker:
                 case decisions.AbandonToken(token):
                     if self._rig is not None:
                         self._rig.abandon(token)
+                case decisions.FailCase(token, reason):
+                    if self._rig is not None:
+                        self._rig.fail(token, reason)
+                case decisions.FailUnbegun(leases, reason):
+                    now = time.monotonic_ns()
+                    for result in self._failures(leases, reason):
+                        self._carry_out(self._core.on_done(result, now))
+                case decisions.KeepLogs(leases, end):
+                    self._keep_logs(leases, end)
                 case decisions.Say(line):
                     _log(line)
                 case decisions.SpoolWrite(token, data):

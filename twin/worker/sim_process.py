@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import sys
 import tempfile
@@ -15,11 +16,11 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from twin.fabric.errors import RefusedError, TwinError
+from twin.fabric.errors import RefusedError, StackFaultError, TwinError
 from twin.fabric.gpu_start import begun
 from twin.fabric.process import leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
-from twin.worker.pipe import Broken, Build, Listening, Refused, Upstream
+from twin.worker.pipe import Broken, Build, Faulted, Listening, Refused, Upstream
 from twin.worker.rig_child import RigChild
 
 LOADED = (
@@ -45,10 +46,15 @@ def main(device: str) -> int:
     # Whatever prints by mistake must not end up between the messages.
     out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # an inline stack's words, as they are said
     orders = Orders(0)
     with contextlib.ExitStack() as at_end:  # its session ends when the worker knows why
         try:
             _run(_first(device, orders), orders, out, at_end)
+        except StackFaultError as error:  # of a stack in this process, before its first case
+            out.send(Faulted(str(error)))
+            return error.exit_code
         except TwinError as error:
             reason = "refused" if isinstance(error, RefusedError) else "crash"
             out.send(Broken(reason, str(error)))

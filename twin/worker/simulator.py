@@ -25,7 +25,7 @@ from schemas.messages import (
 )
 from twin.fabric.bus import Bus
 from twin.fabric.drive import Outgoing, SimulatorEnd
-from twin.fabric.errors import InfrastructureError
+from twin.fabric.errors import InfrastructureError, StackFaultError
 from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.pauses import settle
 from twin.worker.drive_recorder import DriveRecorder
@@ -39,6 +39,8 @@ from twin.worker.pipe import (
     Close,
     Done,
     Drained,
+    Fail,
+    Faulted,
     Progress,
     Steered,
     Touched,
@@ -47,6 +49,7 @@ from twin.worker.pipe import (
 from twin.worker.profile import LoopLog
 from twin.worker.realtime import RealtimeLink
 from twin.worker.results import Ended, ResultWriter
+from twin.worker.stack_output import StackOutput, open_output
 from twin.worker.steering import Steering
 from twin.worker.view_port import Feed
 
@@ -64,6 +67,9 @@ TRANSPORT_VARIABLE = "TWIN_TRANSPORT"
 
 RESULT_GRACE_S = 10.0
 """Longest time for the results of cases that are over to reach the disk, at the end [s]."""
+
+STDERR = 2
+"""Where what is printed in this process goes: a file that can be read as well."""
 
 VIEW_GRACE_S = 2.0
 """Longest time for the view feed to hand over what it holds, at the end [s]."""
@@ -100,6 +106,8 @@ class Simulator:
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
         feed.steered_by(self._steering.ask)
         self._recorder = DriveRecorder(slots, device)
+        inline = self._case.placement == "inline"  # its words are among ours
+        self._output = StackOutput(STDERR if inline else open_output(build.output))
         self._waiting: list[Assign] = []
         self._seq = 0
         self._reported_s = 0.0
@@ -108,6 +116,8 @@ class Simulator:
         self._realtime: RealtimeLink | None = None
         """In place of the lockstep."""
         self._handles: dict[str, bytes] = {}
+        self._faulty = False
+        """The stack cannot go on; the worker says what becomes of the cases."""
 
     def run(self) -> None:
         """Build, then exchange and step for ever.
@@ -130,16 +140,43 @@ class Simulator:
         settle()
         while True:
             parked = self._steering.parked
-            idle = not (self._busy() or self._waiting or parked)
+            idle = self._faulty or not (self._busy() or self._waiting or parked)
             self._take_orders(block=idle)
             self._log.watch.lap("idle" if idle else "orders")
+            if self._faulty:
+                continue
             self._refill()
             self._steering.turn(self._engine)
             self._log.watch.lap("refill")
             if self._busy():
-                self._tick()
+                try:
+                    self._tick()
+                except StackFaultError as fault:
+                    self._stand_still(str(fault))
             elif parked:
                 self._steering.nap(self._engine)
+
+    def _stand_still(self, reason: str) -> None:
+        """The stack cannot go on. Cases that are over are no victims of it: they are told first."""
+        self._faulty = True
+        self._results.drain(RESULT_GRACE_S)
+        self._upward.send(Progress([], [], ended=self._results.tokens))
+        self._upward.send(Faulted(reason))
+
+    def _fail(self, order: Fail) -> None:
+        """End a case whose stack cannot go on.
+
+        Raises:
+            InfrastructureError: the stack has not seen it, and may have left because of another.
+        """
+        self._faulty = True
+        for index, slot in enumerate(self._slots):
+            if slot is None or slot.lease.token != order.token:
+                continue
+            if not slot.fresh or self._seq == 0:
+                self._finish(self._engine.fail(index, order.reason))
+                return
+        raise InfrastructureError(order.reason)
 
     def _busy(self) -> bool:
         return any(slot is not None for slot in self._slots)
@@ -192,6 +229,8 @@ class Simulator:
                 self._waiting.append(order)
             elif isinstance(order, Abandon):
                 self._abandon(order.token)
+            elif isinstance(order, Fail):
+                self._fail(order)
             elif isinstance(order, Close):
                 self._feed.close(VIEW_GRACE_S)
                 # The recorder is still reading; the worker cuts the lifeline when it has it all.
@@ -208,6 +247,7 @@ class Simulator:
                 self._steering.end(index)
                 self._feed.abandon(index)
                 self._recorder.abandon(index)
+                self._output.forget(token)
                 self._slots[index] = None
 
     def _refill(self) -> None:
@@ -225,6 +265,7 @@ class Simulator:
                 self._steering.begin(index, lease, order.replay)
                 self._feed.begin(index, lease, self._engine)
                 self._recorder.begin(index, lease)
+                self._output.begin(lease.token, lease.case.id)
 
     def _tick(self) -> None:
         started_s = time.monotonic()
@@ -256,6 +297,7 @@ class Simulator:
             link = self._realtime or self._end
             answer = link.exchange(self._seq, tick, sensors, episodes, self._on_wait)
         self._log.exchanged(answer)
+        self._output.look()
         self._seq += 1
         for slot in self._slots:
             if slot is not None:
@@ -269,33 +311,38 @@ class Simulator:
         ended = self._engine.step(commands)
         self._account(answer, time.monotonic() - started_s)
         for finished in ended:
-            slot = self._slots[finished.slot]
-            assert slot is not None
-            changes, journal = self._steering.finish(finished.slot)
-            if changes:
-                finished = steered(finished, changes)
-            paced = self._realtime.finish() if self._realtime else None
-            if paced is not None:
-                finished = replace(finished, reasons=[*finished.reasons, paced.summary.told()])
-            shown = replace(finished, outcome="intervened", verdict="") if changes else finished
-            self._feed.end(shown)
-            self._slots[finished.slot] = None
-            self._results.put(
-                Ended(
-                    slot.lease,
-                    finished,
-                    time.monotonic() - slot.started_s,
-                    slot.perception,
-                    slot.rig_wall_s,
-                    changes,
-                    journal,
-                    paced,
-                    self._recorder.end(finished.slot),
-                )
-            )
+            self._finish(finished)
         watch.lap("results")
         self._log.end_tick(active, frames, self._engine.control_period_ns)
         self._log.write(now=not self._busy())
+
+    def _finish(self, finished: Finished) -> None:
+        """A case has ended: its slot is free, and what it left is written."""
+        slot = self._slots[finished.slot]
+        assert slot is not None
+        changes, journal = self._steering.finish(finished.slot)
+        if changes:
+            finished = steered(finished, changes)
+        paced = self._realtime.finish() if self._realtime else None
+        if paced is not None:
+            finished = replace(finished, reasons=[*finished.reasons, paced.summary.told()])
+        shown = replace(finished, outcome="intervened", verdict="") if changes else finished
+        self._feed.end(shown)
+        self._slots[finished.slot] = None
+        self._results.put(
+            Ended(
+                slot.lease,
+                finished,
+                time.monotonic() - slot.started_s,
+                slot.perception,
+                slot.rig_wall_s,
+                changes,
+                journal,
+                paced,
+                self._recorder.end(finished.slot),
+                self._output.end(slot.lease.token),
+            )
+        )
 
     def _account(self, answer: Commands, wall_s: float) -> None:
         """What the tick took: for the report, never for a KPI."""
@@ -380,7 +427,11 @@ class Simulator:
         ]
 
     def _checked(self, commands: list[Command]) -> list[Command | None]:
-        """Commands by slot; a slot without a valid one ends the rig, naming the slot's case."""
+        """Commands by slot.
+
+        Raises:
+            StackFaultError: a slot has no valid one; it names the slot's case.
+        """
         by_slot: list[Command | None] = [None] * len(self._slots)
         for command in commands:
             if 0 <= command.slot < len(by_slot):
@@ -392,9 +443,9 @@ class Simulator:
                 continue
             given = by_slot[index]
             if given is None:
-                raise InfrastructureError(f"stack: no command for case {slot.lease.case.id}")
+                raise StackFaultError(f"stack: no command for case {slot.lease.case.id}")
             if given.token != slot.lease.token or given.tick != ticks[index]:
-                raise InfrastructureError(
+                raise StackFaultError(
                     f"stack: command of case {slot.lease.case.id} is for "
                     + _not_echoed(given, slot.lease.token, ticks[index])
                 )
@@ -422,7 +473,14 @@ class Simulator:
         self._upward.send(Drained())
 
     def _on_wait(self) -> None:
-        """While waiting for the stack: orders are still taken, abandoned slots excepted."""
+        """While waiting for the stack.
+
+        Raises:
+            StackFaultError: it has ended by itself.
+        """
+        if self._orders.failing and not self._faulty:
+            raise StackFaultError(self._orders.failing)
+        self._output.look()
         self._report()
 
     def _report(self) -> None:

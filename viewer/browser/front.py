@@ -296,6 +296,8 @@ class Handler(BaseHTTPRequestHandler):
             self.end_headers()
             while piece := answer.read1(PIECE_BYTES):
                 self.wfile.write(piece)
+        except http.client.HTTPException:
+            return  # the hub ended in the middle, and so does what is passed on of it
         finally:
             over.set()
             upstream.close()

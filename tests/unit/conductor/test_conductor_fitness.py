@@ -44,6 +44,34 @@ def test_a_worker_offers_what_is_required(
         assert expected[0] in bench.explain("repeat_0")
 
 
+@pytest.mark.parametrize(
+    ("bridge", "placement", "runs"),
+    [("none", "worker", True), ("autodrive", "node", True), ("autodrive", "worker", False)],
+)
+def test_a_worker_without_the_package_of_a_bridge_gets_no_case_of_it(
+    bridge: str, placement: str, runs: bool
+) -> None:
+    """Said once, before anything is leased; nobody is charged."""
+    bench = Bench()
+    front_left = {"name": "front_left", "width": 64, "height": 36, "hz": 10}
+    bench.ask(
+        submit(
+            cases=1,
+            autonomy={"bridge": bridge, "command": ["./script.py"], "placement": placement},
+            camera={**front_left, "name": "front_right"},
+            cameras=[front_left],
+            sensors={"encoders": {}, "imu": {}, "pose": {}},
+        )
+    )
+    reply = bench.ask(hello(lacks={"autodrive": "no package websockets: pip install it"}))
+    line = "w1: cannot run the bridge 'autodrive', no package websockets: pip install it; it gets "
+    notes = [] if runs else [f"{line}no case of campaign 'alpha'"]
+    assert reply.status.get("notes", []) == notes
+    assert bool(bench.lease()) is runs
+    assert bench.ask(hello("w2")).error == ""
+    assert bool(bench.lease("w2")) is not runs
+
+
 def test_a_requirement_that_nobody_knows_is_refused() -> None:
     reply = Bench().ask(submit(requires={"device": "tpu"}))
     assert "requires.device" in reply.error

@@ -50,14 +50,17 @@ def test_a_touch_is_a_fact_once_and_the_case_is_run_again_uncharged(tmp_path: Pa
     campaign = bench.state.campaigns["alpha"]
     row = outcomes_of(campaign).cases["repeat_0"]
     assert (row.attempts, row.charges, row.steered) == (2, [], [f"attempt 1: {detail}"])
-    # What was done by hand is evidence; what a killed rig left is not.
+    # What was done by hand is evidence; what a killed rig left is not, but for the stack's words.
     campaign.out = str(tmp_path)
-    for number in (1, 2, 3):
+    for number in (1, 2, 3, 4):
         (tmp_path / f"cases/repeat_0/attempt-{number}").mkdir(parents=True)
-    campaign.cases["repeat_0"].attempts += 1
+        (tmp_path / f"cases/repeat_0/attempt-{number}/drive.record").touch()
+    (tmp_path / "cases/repeat_0/attempt-4/log.txt").touch()
+    campaign.cases["repeat_0"].attempts += 2
     Folders(tmp_path).sweep(campaign)
-    left = sorted(path.name for path in tmp_path.glob("cases/repeat_0/*"))
-    assert left == ["attempt-1", "attempt-2"]
+    left = sorted("/".join(path.parts[-2:]) for path in tmp_path.glob("cases/repeat_0/*/*"))
+    assert left == ["attempt-1/drive.record", "attempt-2/drive.record", "attempt-4/log.txt"]
+    assert not (tmp_path / "cases/repeat_0/attempt-3").exists()
 
 
 def test_a_script_that_steers_every_attempt_does_not_keep_a_case_for_ever() -> None:

@@ -11,14 +11,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
+from waiting import PATIENCE_S
 
 from devkit.bridges.autodrive import POINT, AutodriveBridge
-from devkit.bridges.autodrive_fields import FieldError, command, euler, telemetry
+from devkit.bridges.autodrive_fields import (
+    FieldError,
+    acceleration,
+    command,
+    euler,
+    telemetry,
+)
 from devkit.foreign import Script
+from devkit.foreign_place import placed
 from devkit.stack import Observation
+from schemas.campaign import expand, parse_campaign
+from schemas.foreign import BRIDGE_PACKAGES, Foreign, lacking_bridges
 from schemas.messages import CameraSite, Episode, Pose
 from schemas.perception import GroundTruthPerception
 from twin.fabric.errors import InfrastructureError, UnfinishedError
+from twin.fabric.port_turn import TURN_VARIABLE, await_turn, take_turn, turn_at
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "e2e"))
 
@@ -236,6 +248,104 @@ def test_fields_hold_what_the_published_simulator_sends():
     assert all(isinstance(value, str) for value in fields.values())
 
 
+def test_linear_acceleration_is_zero_at_rest_however_the_car_stands():
+    """An IMU at rest measures what holds it up; a velocity that does not change has no rate."""
+    pitch = 0.1  # nose down, about the axis to the left
+    level, tilted = [0.0, 0.0, 0.0, 1.0], [0.0, np.sin(pitch / 2), 0.0, np.cos(pitch / 2)]
+    g = 9.80665
+    at_rest = {"accel_x_mps2": 0.0, "accel_y_mps2": 0.0, "accel_z_mps2": g}
+    assert acceleration(at_rest, level) == [0.0, 0.0, 0.0]
+    downhill = {
+        "accel_x_mps2": -g * np.sin(pitch),
+        "accel_y_mps2": 0.0,
+        "accel_z_mps2": g * np.cos(pitch),
+    }
+    assert acceleration(downhill, tilted) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    braking = {**at_rest, "accel_x_mps2": -6.0}
+    assert acceleration(braking, level) == pytest.approx([-6.0, 0.0, 0.0])
+
+
+def test_euler_angles_go_from_zero_to_a_full_turn():
+    def about(axis, angle):
+        quaternion = [0.0, 0.0, 0.0, np.cos(angle / 2)]
+        quaternion[axis] = np.sin(angle / 2)
+        return euler(quaternion)[axis]
+
+    turn = 2 * np.pi
+    for axis in range(3):
+        assert about(axis, -0.1) == pytest.approx(turn - 0.1)
+        assert about(axis, 0.1) == pytest.approx(0.1)
+        assert 0.0 <= about(axis, -1e-17) < turn
+    assert about(2, -3.0) == pytest.approx(turn - 3.0)
+    assert about(2, np.radians(-0.004)) == 0.0
+    assert about(2, np.radians(-0.006)) == pytest.approx(turn - np.radians(0.006))
+
+
+def test_a_negative_throttle_is_the_reverse_gear():
+    found = command({"V1 Throttle": "-0.4", "V1 Steering": "0"}, 0, 7, 3, 0.6, 1.0)
+    assert (found.throttle, found.reverse) == (0.4, True)
+    rows = {name: rows[0] for name, rows in observation(3).sensors.items() if "cam" not in name}
+    pictures = {"front_left": b"a", "front_right": b"b"}
+    assert telemetry(rows, pictures, b"", 44.0, reverse=True)["V1 Throttle"] == "-0.2"
+
+
+def test_encoder_angles_follow_the_encoders_of_the_case():
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "c",
+            "sensors": {"encoders": {"ppr": 100, "cgr": 2.5}},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert not mistakes
+    given = {"seq": 0, "slot": 0, "token": 1, "seed": 1, "cameras": [], "lidars": []}
+    assert Episode.of(expand(campaign)[0], **given).ticks_per_rev == 250.0
+
+
+def test_a_published_script_runs_in_the_folder_in_which_it_lies(tmp_path):
+    script = tmp_path / "devkit" / "opencav_aeb.py"
+    script.parent.mkdir()
+    script.write_text("")
+    python = ["env", "-u", "PYTHONPATH", sys.executable]
+    bridged = Foreign(command=[*python, str(script), "1"], bridge="autodrive")
+    assert placed(bridged, "rig") == ([*python, str(script), "1"], str(script.parent))
+    assert placed(structs.replace(bridged, bridge="none"), "rig")[1] is None
+    assert placed(structs.replace(bridged, command=["python", "here.py"]), "rig")[1] is None
+
+
+def test_a_missing_package_of_the_bridge_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(BRIDGE_PACKAGES, "autodrive", ("no_such_package",))
+    line = "no package no_such_package: pip install 'drivetwin[autodrive]'"
+    assert lacking_bridges() == {"autodrive": line}
+    with pytest.raises(InfrastructureError, match="no package no_such_package: pip install"):
+        AutodriveBridge(1)
+
+
+def test_who_waits_for_a_port_hears_of_its_end():
+    turn = turn_at(4998)
+    assert turn is not None
+    assert turn_at(4998) is None
+    over = threading.Event()
+    waiting = threading.Thread(target=lambda: (await_turn(4998), over.set()))
+    waiting.start()
+    assert not over.wait(0.05)
+    turn.close()
+    assert over.wait(PATIENCE_S)
+    waiting.join()
+    await_turn(4998)  # nobody has it
+    again = turn_at(4998)
+    assert again is not None
+    again.close()
+
+
+def test_a_host_takes_no_turn_that_its_worker_has_taken(monkeypatch):
+    monkeypatch.setenv(TURN_VARIABLE, "4997")
+    with turn_at(4997):
+        assert take_turn(4997) is None
+        with pytest.raises(UnfinishedError, match="port 4997"):
+            take_turn(4997)
+
+
 def test_euler_angles_turn_left_about_the_vertical():
     half = 0.5**0.5
     assert euler([0.0, 0.0, half, half]) == pytest.approx([0.0, 0.0, np.pi / 2])
@@ -246,6 +356,7 @@ def test_euler_angles_turn_left_about_the_vertical():
     ("change", "words"),
     [
         ({"V1 Steering": "1.2"}, "V1 Steering is 1.2, allowed: -1 to 1"),
+        ({"V1 Throttle": "-1.2"}, "V1 Throttle is -1.2, allowed: -1 to 1"),
         ({"V1 Headlights": "12"}, "V1 Headlights is 12, allowed: 0 to 11"),
         ({"V1 Indicators": "1.5"}, "V1 Indicators is 1.5, allowed: 0 to 3"),
         ({"V1 CoSim": "1"}, "V1 CoSim is set"),

@@ -1,5 +1,7 @@
 """The worker's decisions: events in, effects out."""
 
+from functools import partial
+
 import msgspec
 import pytest
 
@@ -16,6 +18,9 @@ from twin.worker.core import (
     Ask,
     AssignLease,
     Core,
+    FailCase,
+    FailUnbegun,
+    KeepLogs,
     Leave,
     Say,
     SpoolForget,
@@ -97,6 +102,12 @@ def working(slots=2, tokens=(1, 2)):
 def leaving(why, cases):
     noun = "case is" if cases == 1 else "cases are"
     return Say(f"{why}: leaving, {cases} {noun} given back")
+
+
+def given_back(core, why, end, act):
+    """What a core does that gives back its running cases: their logs are written first."""
+    leases = tuple(held.lease for held in core.held.values())
+    return act() == [leaving(why, len(leases)), KeepLogs(leases, end), StopRig()]
 
 
 def test_one_request_at_a_time():
@@ -230,6 +241,90 @@ def test_a_case_that_was_over_is_no_victim_of_its_rig():
     assert [e.reason for e in core.ended] == ["crash"]
 
 
+def failure(token):
+    return msgspec.structs.replace(result(token), outcome="failed", verdict="")
+
+
+def test_what_a_stack_raises_is_the_outcome_of_a_case_that_was_alone_with_it():
+    core = working(slots=4, tokens=(1,))
+    assert core.on_stack_failed("stack: KeyError: 'x'", 5) == [
+        Say("rig ended (failed): stack: KeyError: 'x'"),
+        FailCase(1, "stack: KeyError: 'x'"),
+    ]
+    assert core.on_stack_failed("stack exit code 1", 6, left=True) == [], "known already"
+    core.on_progress([], [], 7, over=[1])
+    assert core.on_time(7) == [], "no case is asked for meanwhile"
+    assert core.on_done(failure(1), 8) == [StopRig()]
+    assert (core.rig, core.ended, [r.outcome for r in core.results]) == (None, [], ["failed"])
+    (ask,) = core.on_time(8)
+    assert ask.request.k == 4
+
+
+def test_of_several_cases_all_are_suspects_of_what_a_stack_raised():
+    core = working()
+    leases = tuple(held.lease for held in core.held.values())
+    effects = core.on_stack_failed("stack: KeyError: 'x'", 5)
+    assert effects[:2] == [KeepLogs(leases, "crash: stack: KeyError: 'x'"), StopRig()]
+    assert [(e.token, e.reason) for e in core.ended] == [(1, "suspect"), (2, "suspect")]
+
+
+def test_a_stack_that_cannot_be_loaded_is_the_outcome_of_all_that_wait_for_it():
+    core, request = joined()
+    leases = [lease(1, CASES[0]), lease(2, CASES[1])]
+    core.on_reply(request, reply(seq=1, leases=leases), 0)
+    assert core.on_stack_failed("stack: m:C: KeyError: 'x'", 5, left=True) == [
+        Say("rig ended (failed): stack: m:C: KeyError: 'x'"),
+        FailUnbegun(tuple(leases), "stack: m:C: KeyError: 'x'"),
+    ]
+    assert core.on_done(failure(1), 6) == []
+    assert core.on_done(failure(2), 6) == [StopRig()]
+
+
+@pytest.mark.parametrize(("alone", "reason"), [(False, "suspect"), (True, None)])
+def test_on_a_gpu_another_rig_may_be_why_a_stack_raised(alone, reason):
+    core, request = joined(1)
+    core.hello = msgspec.structs.replace(core.hello, device_class="cuda:H200")
+    core.on_reply(request, reply(seq=1, leases=[lease(1, alone=alone)]), 0)
+    core.on_rig_ready()
+    core.on_stack_failed("stack: RuntimeError: CUDA error 700", 5)
+    assert [e.reason for e in core.ended] == ([reason] if reason else [])
+    assert bool(core.held) is alone
+
+
+def test_a_stack_that_leaves_while_the_worker_does_has_no_outcome():
+    """A scheduler that ends a job may have asked all of its processes to."""
+    core = draining(10)
+    core.on_drain("SIGTERM", 0)
+    core.on_stack_failed("stack exit code 1", 1, left=True)
+    assert [e.reason for e in core.ended] == ["released", "released"]
+
+
+def test_a_case_granted_to_a_rig_whose_stack_has_failed_goes_back():
+    core = working(slots=2, tokens=(1,))
+    (ask,) = core.on_time(0)
+    core.on_stack_failed("stack: KeyError: 'x'", 5)
+    assert core.on_reply(ask.request, reply(seq=2, leases=[lease(2, CASES[1])]), 6) == []
+    assert [(e.token, e.reason) for e in core.ended] == [(2, "released")]
+    assert core.on_done(failure(1), 7) == [StopRig()]
+
+
+def test_a_worker_whose_port_is_taken_waits_for_its_end_and_asks_for_nothing():
+    core, request = joined(1)
+    core.on_reply(request, reply(seq=1, leases=[lease(1)]), 0)
+    (said,) = core.on_port_taken(4567, 1)
+    assert "waits for port 4567, which another rig of this host uses" in said.line
+    (ask,) = core.on_time(1)
+    assert (ask.request.k, [e.reason for e in ask.request.ended]) == (0, ["released"])
+    core.on_reply(ask.request, reply(seq=2), 2)
+    for now in range(3, 60):
+        for effect in core.on_time(now * SECOND_NS):
+            assert isinstance(effect.request, Beat)
+            core.on_reply(effect.request, reply(), now * SECOND_NS)
+    core.on_port_free(60 * SECOND_NS)
+    (ask,) = core.on_time(60 * SECOND_NS)
+    assert ask.request.k == 1
+
+
 @pytest.mark.parametrize("tokens", [(1,), (1, 2)])
 def test_a_host_without_room_for_a_rig_charges_nobody(tokens):
     core = working(tokens=tokens)
@@ -291,7 +386,8 @@ def test_beats_carry_progress():
 
 def test_drain_gives_back_and_leaves():
     core = working()
-    assert core.on_drain("SIGTERM", 5) == [leaving("SIGTERM", 2), StopRig()]
+    drain = partial(core.on_drain, "SIGTERM", 5)
+    assert given_back(core, "SIGTERM", "released: SIGTERM", drain)
     (ask,) = core.on_time(5)
     assert ask.request.k == 0
     assert {e.reason for e in ask.request.ended} == {"released"}
@@ -394,7 +490,8 @@ def test_the_end_of_a_drain_is_exact(now_ns, over):
 def test_a_second_signal_gives_back_at_once():
     core = draining(10)
     core.on_drain("SIGTERM", 0)
-    assert core.on_drain("SIGTERM", 1) == [leaving("SIGTERM", 2), StopRig()]
+    drain = partial(core.on_drain, "SIGTERM", 1)
+    assert given_back(core, "SIGTERM", "released: SIGTERM", drain)
     assert len(core.ended) == 2
 
 
@@ -417,7 +514,8 @@ def test_the_walltime_gives_back_with_its_own_reason():
     core = draining(0, walltime_end_ns=2 * SECOND_NS)
     core.asking = True
     assert core.on_time(2 * SECOND_NS - 1) == []
-    assert core.on_time(2 * SECOND_NS) == [leaving("the walltime ends", 2), StopRig()]
+    why = "the walltime ends"
+    assert given_back(core, why, f"walltime: {why}", lambda: core.on_time(2 * SECOND_NS))
     assert [e.reason for e in core.ended] == ["walltime"] * 2
 
 
@@ -439,8 +537,9 @@ def test_requests_say_how_much_walltime_is_left():
 def test_a_heartbeat_may_ask_to_drain():
     core = working()
     (ask,) = core.on_time(15 * SECOND_NS // 4)
-    effects = core.on_reply(ask.request, reply(drain=True), 15 * SECOND_NS // 4)
-    assert effects == [leaving("conductor asked to drain", 2), StopRig()]
+    why, now = "conductor asked to drain", 15 * SECOND_NS // 4
+    drain = partial(core.on_reply, ask.request, reply(drain=True), now)
+    assert given_back(core, why, f"released: {why}", drain)
     assert core.phase == "draining"
 
 
@@ -549,6 +648,7 @@ def test_a_worker_that_was_forgotten_leaves_and_keeps_its_results():
     (ask,) = core.on_time(6 + IDLE_NS)
     effects = core.on_reply(ask.request, reply(error="worker w has left"), 7 + IDLE_NS)
     assert effects == [
+        KeepLogs((lease(2, CASES[1]),), "released: worker w has left"),
         StopRig(),
         SpoolWrite(1, pack(result(1))),
         Leave("worker w has left"),

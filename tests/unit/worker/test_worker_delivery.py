@@ -104,7 +104,7 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
     assert list(scratch.iterdir()) == []
 
 
-def test_an_attempt_that_ended_by_hand_is_delivered_with_its_journal(bus, there, tmp_path):
+def test_attempts_without_a_result_are_delivered_with_what_they_left(bus, there, tmp_path):
     delivery = Delivery(bus)
     folders = {}
     for token in (1, 2, 3):
@@ -121,12 +121,19 @@ def test_an_attempt_that_ended_by_hand_is_delivered_with_its_journal(bus, there,
         Ended("demo", CASE.id, 2, "released"),
         Ended("demo", CASE.id, 3, "intervened"),
         Ended("demo", CASE.id, 4, "intervened"),
+        Ended("demo", CASE.id, 5, "crash"),
     ]
+    own = msgspec.structs.replace(lease(tmp_path / "here", 5), attempt=5)
+    delivery.look([own])
+    folders[5] = Path(delivery.localized(own).out) / f"cases/{CASE.id}/attempt-5"
+    folders[5].mkdir()
+    (folders[5] / "log.txt").write_bytes(b"said")  # all that a rig leaves that dies
     sent = []
     assert delivery.deliver([], ended, lambda: sent.append(1))
-    assert sent == [1]
+    assert sent == [1, 1, 1]
     attempts = there / "cases" / CASE.id
-    assert {path.name for path in attempts.iterdir()} == {"attempt-1"}
+    assert {path.name for path in attempts.iterdir()} == {"attempt-1", "attempt-2", "attempt-5"}
+    assert [path.name for path in (attempts / "attempt-5").iterdir()] == ["log.txt"]
     assert (attempts / "attempt-1/interventions.jsonl").read_bytes() == b"{}\n"
     delivery.forget(end.token for end in ended)
     assert not any(folder.exists() for folder in folders.values())
