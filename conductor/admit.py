@@ -41,7 +41,8 @@ def _conflict(
     name = given.campaign
     # `conductor run` has a state folder per campaign; one that serves knows campaigns by name.
     alone = known.out == state.config.folder
-    elsewhere = "give another folder with --out" if alone else "submit it under another name"
+    anew = "give another folder with --out (`conductor serve`: --state)"
+    elsewhere = anew if alone else "submit it under another name"
     if known.digests != DIGESTS:
         return (
             f"{name}: {known.out} was begun by another version of drivetwin, whose digests are "
