@@ -44,7 +44,7 @@ def test_what_is_written_beside_the_verdict_has_no_say(
     type_: type, said: bool, verdict: str
 ) -> None:
     names = {"": "", "outcome": "verdict", "verdict": verdict, "passed": said}
-    kinds = {int: 0, str: "", float: 0.0, bool: False}
+    kinds = {int: 0, str: "", float: 0.0, bool: False, float | None: None}
     fields = {
         field.encode_name: names.get(field.name, kinds.get(field.type, []))
         for field in msgspec.structs.fields(type_)
