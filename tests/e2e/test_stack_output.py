@@ -11,8 +11,9 @@ from processes import interrupt, outcomes, wait_for
 STACK = '''
 import logging, os, subprocess, sys, threading
 from devkit.stack import Stack
-from schemas.messages import Command
+from schemas.messages import BOX_COLUMNS, Command
 
+DISTANCE = BOX_COLUMNS.index("distance_m")
 print("module loads")
 
 
@@ -22,7 +23,7 @@ class Talking(Stack):
     def __init__(self, slots, *, fault="", at="step", case=""):
         super().__init__(slots)
         self.fault, self.at, self.case = fault, at, case
-        self.names = [""] * slots
+        self.names, self.braking = [""] * slots, [False] * slots
         print("constructed")
         self.go("init", case)
 
@@ -45,7 +46,7 @@ class Talking(Stack):
             threading.Event().wait()
 
     def reset(self, slot, episode):
-        self.names[slot] = episode.case
+        self.names[slot], self.braking[slot] = episode.case, False
         print("printed by", episode.case, end=".", flush=False)
         logging.warning("logged by %s", episode.case)
         subprocess.run(["echo", "child of", episode.case])
@@ -61,13 +62,20 @@ class Talking(Stack):
         if observation.tick[slot] == 3:
             self.go("step", self.names[slot])
         token, tick = int(observation.token[slot]), int(observation.tick[slot])
-        throttle = 0.3
+        boxes = observation.boxes(slot)
+        if boxes is not None:
+            self.braking[slot] |= bool((boxes[:, DISTANCE] < 18.0).any())
+        braking = self.braking[slot]
+        throttle = 0.0 if braking else 0.3
         if self.fault in ("nan", "2.5") and tick == 3:
             throttle = float(self.fault)
-        return Command(slot, token, tick, throttle, 0.0, 0.0)
+        return Command(slot, token, tick, throttle, float(braking), 0.0, braking)
 '''
 
 WEATHERS = ["clear", "cloudy"]
+
+SCENARIO = {"ego_start_m": 24, "ego_speed_mps": 7, "duration_s": 6, "standstill_s": 0.5}
+"""Long enough to come to rest before the obstacle: a pass."""
 
 
 @pytest.fixture
@@ -80,7 +88,9 @@ def run(marked, tmp_path, monkeypatch):
     def run(*options, matrix=("clear",), placement="worker", command=None, **parameters):
         driver = {"stack": "talking:Talking", "placement": placement}
         autonomy = {**({"command": command} if command else driver), "parameters": parameters}
-        path = campaign(tmp_path, "talks", autonomy, matrix={"weather": list(matrix)})
+        path = campaign(
+            tmp_path, "talks", autonomy, matrix={"weather": list(matrix)}, scenario=SCENARIO
+        )
         done = marked.run(
             *("conductor", "run", str(path), "--workers", "1", "--out", str(folder)), *options
         )
@@ -105,7 +115,7 @@ def test_what_a_stack_prints_is_in_the_log_of_a_case_that_passes(run, placement)
             assert line in text
         assert f"thread of {case}" in text
     assert "cloudy" not in first
-    assert "verdict: " in first.partition("--- printed by the stack ---")[0]
+    assert "verdict: pass" in first.partition("--- printed by the stack ---")[0]
 
 
 @pytest.mark.parametrize("placement", ["worker", "inline"])
@@ -176,7 +186,13 @@ def test_a_flood_is_cut_in_the_middle_and_changes_nothing(run, marked, tmp_path)
         (dropped,) = re.findall(r"--- ([\d,]+) bytes left out ---", text)
         assert int(dropped.replace(",", "")) > 199_000_000
     quiet = tmp_path / "quiet"
-    path = campaign(tmp_path, "talks", {"stack": "talking:Talking"}, matrix={"weather": WEATHERS})
+    path = campaign(
+        tmp_path,
+        "talks",
+        {"stack": "talking:Talking"},
+        matrix={"weather": WEATHERS},
+        scenario=SCENARIO,
+    )
     done = marked.run("conductor", "run", str(path), "--output", "json", "--out", str(quiet))
     assert json.loads(done.stdout)["fingerprint"] == flooded
 
