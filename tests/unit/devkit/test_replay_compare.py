@@ -30,6 +30,7 @@ def test_every_field_is_compared_alone():
         "brake": changed(brake=1.0),
         "steering_rad": changed(steering_rad=-0.1),
         "handbrake": changed(handbrake=0.5),
+        "reverse": changed(reverse=True),
         "pose": changed(pose=POSE),
         "aeb": changed(aeb=True),
         "lights": changed(lights=Lights(fog=True)),
@@ -37,11 +38,14 @@ def test_every_field_is_compared_alone():
         "sensors": changed(sensors=SensorErrors()),
     }
     assert set(others) == set(FIELDS)
-    assert set(Command.__struct_fields__) == {*FIELDS, "slot", "token", "tick"}
+    assert set(Command.__struct_fields__) == {*FIELDS, "slot", "token", "tick", "trigger"}
     for name, other in others.items():
         found = rows([(PLAIN, PLAIN), (PLAIN, other), (PLAIN, other)])
         assert {n for n, row in found.items() if row.differ} == {name}
         assert (found[name].differ, found[name].first_tick, found[name].ticks) == (2, 1, 3)
+    # Which box it was is told for pictures alone.
+    marked = changed(detections=[BOX]), changed(detections=[BOX], trigger=0)
+    assert not any(row.differ for row in rows([marked]).values())
     # Whose command it is does not count: another token and slot are another attempt.
     assert not any(r.differ for r in rows([(PLAIN, changed(slot=1, token=9, tick=4))]).values())
 
