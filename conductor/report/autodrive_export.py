@@ -19,8 +19,17 @@ import msgspec
 
 from conductor.fingerprint import committed_rows
 from conductor.report.autodrive_layout import (
-    AEB,
     BATCH_SIZE,
+    PICTURE_PX,
+    STEERING_MAX_RAD,
+    Config,
+    Instance,
+)
+from conductor.report.axes import varied_axes
+from conductor.report.dossier import Dossier, Row, open_dossier
+from conductor.report.summary import inert
+from schemas.autodrive_log import (
+    AEB,
     BRAKE,
     COLLISIONS,
     COLUMNS,
@@ -30,24 +39,17 @@ from conductor.report.autodrive_layout import (
     HANDBRAKE,
     LABEL,
     MODEL,
-    PICTURE_PX,
     POS_X,
     POS_Y,
     ROT_Z,
     SIZE,
     STEERING,
-    STEERING_MAX_RAD,
     THROTTLE,
     TIME_OF_DAY,
     TIMESTAMP,
     WEATHER,
-    Config,
-    Instance,
     log_name,
 )
-from conductor.report.axes import varied_axes
-from conductor.report.dossier import Dossier, Row, open_dossier
-from conductor.report.summary import inert
 from schemas.campaign import Case
 from schemas.names import WEATHERS
 from twin.fabric.errors import UsageError, storage_error

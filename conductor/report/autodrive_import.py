@@ -17,16 +17,15 @@ from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from conductor.report.autodrive_kpi import judge, kpi_columns, scalars
 from conductor.report.autodrive_layout import (
-    CONFIG_FILE,
     IMPORT_FILE,
     Config,
     Imported,
     Instance,
-    log_name,
     read_config,
     read_imported,
 )
 from conductor.report.autodrive_logs import Log, find_logs, read_log
+from schemas.autodrive_log import CONFIG_FILE, log_name
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import DIGESTS, campaign_digest, digest
 from schemas.yaml_file import dump_yaml

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from conductor.report.autodrive_layout import (
+from conductor.report.autodrive_layout import STEERING_MAX_RAD
+from conductor.report.autodrive_logs import LogRow
+from schemas.autodrive_log import (
     BRAKE,
     CONFIDENCE,
     DTC,
@@ -18,10 +20,8 @@ from conductor.report.autodrive_layout import (
     ROT_Z,
     SIZE,
     STEERING,
-    STEERING_MAX_RAD,
     THROTTLE,
 )
-from conductor.report.autodrive_logs import LogRow
 from schemas.kpi import DETECTION_FIELDS, SCALARS
 
 REST_MPS = 0.02

@@ -1,58 +1,31 @@
-"""The layout of the AutoDRIVE study's logs: ``config.json`` with all cases, and per batch a folder
-``batch_N`` with one ``aeb_metrics_sim_inst_M.csv`` per simulator instance.
+"""What stands beside the AutoDRIVE study's logs: their configuration, and where an import came
+from.
 
 Case n of the configuration, from 0, is instance ``n % size + 1`` of batch ``n // size + 1``.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
+from schemas.autodrive_log import CONFIG_FILE, LOG_BYTES_MAX
 from schemas.json_text import JsonError, decode_json
 from schemas.names import WEATHERS
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 
-CONFIG_FILE = "config.json"
 IMPORT_FILE = "imported.json"
 """In a campaign folder that was made from logs: where they came from, and what was left out."""
 
 BATCH_SIZE = 32
 """Instances of a batch in the study."""
-LOG_BYTES_MAX = 64 << 20
-"""A larger file is no log of this kind [bytes]; the published ones have 60 kB."""
 STEERING_MAX_RAD = 0.62
 """Road-wheel angle at a steering command of 1, as of the vehicle ``opencav`` [rad]."""
 PICTURE_PX = (640, 360)
 """Image in which the study's script measures the size of a box [px]."""
-
-TIMESTAMP = "Timestamp"
-TIME_OF_DAY = "Time of Day (min)"
-WEATHER = "Weather ID (#)"
-MODEL = "Model"
-LABEL = "Label"
-CONFIDENCE = "Confidence (%)"
-SIZE = "Size (px^2)"
-AEB = "AEB (bool)"
-DTC = "DTC (m)"
-THROTTLE = "Throttle (%)"
-STEERING = "Steering (%)"
-BRAKE = "Brake (%)"
-HANDBRAKE = "Handbrake (%)"
-POS_X, POS_Y, POS_Z = "PosX (m)", "PosY (m)", "PosZ (m)"
-ROT_X, ROT_Y, ROT_Z = "RotX (rad)", "RotY (rad)", "RotZ (rad)"
-COLLISIONS = "Collisions (#)"
-
-COLUMNS = (
-    *(TIMESTAMP, TIME_OF_DAY, WEATHER, MODEL, LABEL, CONFIDENCE, SIZE, AEB, DTC, THROTTLE),
-    *(STEERING, BRAKE, HANDBRAKE, POS_X, POS_Y, POS_Z, ROT_X, ROT_Y, ROT_Z, COLLISIONS),
-)
-"""The columns in their order. Throttle, steering, brake and handbrake are shares of 1 in spite of
-their names."""
 
 
 class Instance(msgspec.Struct, frozen=True):
@@ -99,20 +72,6 @@ class Imported(msgspec.Struct, frozen=True):
     """Case -> its batch."""
     without_aeb: list[str]
     """Cases whose log does not say in any row whether AEB was active."""
-
-
-def log_name(batch: int, instance: int) -> str:
-    """Path of a log in the folder."""
-    return f"batch_{batch}/aeb_metrics_sim_inst_{instance}.csv"
-
-
-_LOG = re.compile(r"batch_([1-9]\d{0,5})/aeb_metrics_sim_inst_([1-9]\d{0,5})\.csv")
-
-
-def parse_log_name(name: str) -> tuple[int, int] | None:
-    """Batch and instance of a log by its path; None: it is none."""
-    match = _LOG.fullmatch(name)
-    return (int(match[1]), int(match[2])) if match else None
 
 
 def read_config(folder: Path) -> tuple[Config, bytes]:

@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from conductor.report.autodrive_layout import (
+from conductor.report.autodrive_layout import Instance
+from schemas.autodrive_log import (
     AEB,
     BRAKE,
     COLLISIONS,
@@ -36,7 +37,6 @@ from conductor.report.autodrive_layout import (
     TIME_OF_DAY,
     TIMESTAMP,
     WEATHER,
-    Instance,
     parse_log_name,
 )
 from schemas.words import agree

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from conductor.report.autodrive_layout import COLUMNS, log_name
+from schemas.autodrive_log import COLUMNS, log_name
 
 SIZE = 4
 """Instances of a batch, said in the configuration."""

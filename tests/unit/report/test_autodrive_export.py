@@ -16,7 +16,8 @@ from conductor.fingerprint import fingerprint
 from conductor.report import report_json
 from conductor.report.autodrive_export import export_autodrive
 from conductor.report.autodrive_import import import_autodrive
-from conductor.report.autodrive_layout import COLUMNS, STEERING_MAX_RAD
+from conductor.report.autodrive_layout import STEERING_MAX_RAD
+from schemas.autodrive_log import COLUMNS
 from schemas.kpi import DETECTION_FIELDS
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi

@@ -17,10 +17,11 @@ from conductor.fingerprint import fingerprint
 from conductor.report import autodrive_import, make_report, report_json, write_result_page
 from conductor.report.autodrive_import import import_autodrive
 from conductor.report.autodrive_kpi import judge, kpi_columns
-from conductor.report.autodrive_layout import COLUMNS, IMPORT_FILE, Instance
+from conductor.report.autodrive_layout import IMPORT_FILE, Instance
 from conductor.report.autodrive_logs import read_log
 from conductor.report.dossier import open_dossier
 from conductor.report.losses import kind_of
+from schemas.autodrive_log import COLUMNS
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi
 
