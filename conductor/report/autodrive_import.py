@@ -81,7 +81,7 @@ def import_autodrive(folder: Path, out: Path) -> Imported:
             notes.append(f"{one.log.name}: {one.log.foreign}")
     read = [one for one in found if one.read]
     imported = Imported(
-        source=title(folder),
+        source=plain(folder.resolve().name),
         sha256=source.sha256,
         files=sum(bool(one.log.sha256) for one in found),
         rows=sum(len(one.log.rows) for one in read),
@@ -190,7 +190,11 @@ def _import_case(out: Path, case: Case, place: Place, source: Source) -> _Import
         raise storage_error(error, str(out / attempt)) from None
     write_kpi(table, out / attempt / "kpi.parquet")
     judged = judge(log.rows, table, case.scenario.false_braking_m, source.config.log_s_min)
-    end = CaseOutcome(outcome=judged.outcome, verdict=judged.verdict, reasons=[judged.reason])
+    end = CaseOutcome(
+        outcome=judged.outcome,
+        verdict=judged.verdict,
+        reasons=[judged.reason],
+    )
     hits = [which.verdict == "collision" for which in (judged, exported or judged)]
     if exported is not None and exported.log_sha256 == log.sha256 and hits[0] == hits[1]:
         end = _as_exported(exported)

@@ -132,10 +132,10 @@ def judge(rows: list[LogRow], table: pa.Table, false_braking_m: float, log_s_min
         far = track.end_dtc_m() > false_braking_m
         reason = f"the ego never moved, {end}"
         return LogEnd("verdict", "false_braking" if far else "time_up", reason, free)
-    far_m = track.rests_beyond_m(false_braking_m)
-    if len(far_m):
+    far_m = track.first_rest_beyond_m(false_braking_m)
+    if far_m is not None:
         reason = (
-            f"came to rest {far_m[0]:.2f} m from the obstacle; further than {false_braking_m:g} m "
+            f"came to rest {far_m:.2f} m from the obstacle; further than {false_braking_m:g} m "
             "is false braking"
         )
         return LogEnd("verdict", "false_braking", reason, free)
@@ -150,8 +150,8 @@ def _undecided(track: Track, false_braking_m: float, log_s_min: float) -> str:
         return f"{ends}, and its last rows do not say whether the ego moves"
     if speed_mps > REST_MPS:
         where = "at an unknown distance" if math.isnan(dtc_m) else f"{dtc_m:.2f} m"
-        far_m = track.rests_beyond_m(false_braking_m)
-        before = f"; it had come to rest {far_m[0]:.2f} m from it before" if len(far_m) else ""
+        far_m = track.first_rest_beyond_m(false_braking_m)
+        before = "" if far_m is None else f"; it had come to rest {far_m:.2f} m from it before"
         return (
             f"{ends} with the ego moving at {speed_mps:.2f} m/s, {where} from the obstacle{before}"
         )

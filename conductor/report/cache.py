@@ -51,6 +51,8 @@ class Entry(Struct, frozen=True, array_like=True):
     """Time and columns one after the other, float32."""
     means: bytes = b""
     """Means of the shared columns one after the other, float32."""
+    rests_m: list[float] = []
+    """Distances to the obstacle at which the ego came to rest, in order [m]."""
 
 
 class Cache(Struct):

@@ -71,16 +71,23 @@ class Track:
         slow[1:] = self.way_m(rows[:-1], rows[1:]) <= REST_MPS * np.diff(self.time_s)
         return np.where(np.isnan(self.speed_mps), slow, self.speed_mps == 0.0)
 
-    def rests_beyond_m(self, limit_m: float) -> Floats:
-        """Distances to the obstacle of every row in which the ego rests further than ``limit_m``
-        from it, after it has moved [m]."""
+    def rests_m(self) -> list[float]:
+        """Distances to the obstacle at which the ego came to rest after it had moved, in order [m];
+        where it never moved, the one at which it stood. Unknown ones are left out."""
         began = self.began()
         if began is None:
-            return np.zeros(0)
-        far = self.resting() & (self.dtc_m > limit_m)
-        # Without a speed a row is at rest by the row before, which has to be one of moving.
-        far[: began + int(np.isnan(self.speed_mps[began]))] = False
-        return self.dtc_m[far]
+            places = self.dtc_m[-1:]
+        else:
+            rest = self.resting()
+            # Without a speed a row is at rest by the row before, which has to be one of moving.
+            rest[: began + int(np.isnan(self.speed_mps[began]))] = False
+            places = self.dtc_m[1:][rest[1:] & ~rest[:-1]]
+        return [float(dtc_m) for dtc_m in places if np.isfinite(dtc_m)]
+
+    def first_rest_beyond_m(self, limit_m: float) -> float | None:
+        """Where the ego first came to rest further than ``limit_m`` from the obstacle [m]; None:
+        nowhere."""
+        return next((dtc_m for dtc_m in self.rests_m() if dtc_m > limit_m), None)
 
     def end_speed_mps(self) -> float:
         """Speed over the last :data:`END_S` and two rows at least; NaN where it is not known."""
