@@ -92,7 +92,10 @@ class Track:
     def end_speed_mps(self) -> float:
         """Speed over the last :data:`END_S` and two rows at least; NaN where it is not known."""
         known = np.flatnonzero(~np.isnan(self.x_m + self.y_m) | ~np.isnan(self.dtc_m))
-        if len(known) < 3 or self.time_s[-1] - self.time_s[known[-1]] > END_S:
+        if len(known) < 3:
+            return float("nan")
+        rows_after = len(self.time_s) - 1 - known[-1]
+        if rows_after > 1 and self.time_s[-1] - self.time_s[known[-1]] > END_S:
             return float("nan")
         time_s = self.time_s[known]
         early = int(np.searchsorted(time_s, time_s[-1] - END_S, "right")) - 1
