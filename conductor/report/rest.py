@@ -105,9 +105,11 @@ class Track:
     def end_dtc_m(self) -> float:
         """Distance to the obstacle where the ego rests at the end, from the last row of that rest
         that holds one [m]; NaN where none does."""
-        moving = np.flatnonzero(~self.resting())
-        last = int(moving[-1]) if len(moving) else 0
-        known = self.dtc_m[last:][~np.isnan(self.dtc_m[last:])]
+        told = np.flatnonzero(~np.isnan(self.x_m + self.y_m) | ~np.isnan(self.dtc_m))
+        rest = self.resting()[: int(told[-1]) + 1 if len(told) else 0]
+        moving = np.flatnonzero(~rest)
+        dtc_m = self.dtc_m[int(moving[-1]) if len(moving) else 0 :]
+        known = dtc_m[~np.isnan(dtc_m)]
         return float(known[-1]) if len(known) else float("nan")
 
 

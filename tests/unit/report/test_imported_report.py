@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 from unit.report.autodrive_logs import MODELS, Rows, config, drive, write_logs
-from unit.report.synthetic_campaign import campaign_data, make_campaign
+from unit.report.synthetic_campaign import campaign_data, make_campaign, rested
 
 from conductor.cli import app
 from conductor.report import make_report, report_json, write_result_page
@@ -22,7 +22,6 @@ from conductor.report.compare_page import as_html, as_json, as_markdown
 from conductor.report.dossier import open_dossier
 from conductor.report_commands import compare_folders
 from twin.fabric.errors import UsageError
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 
 NEVER = (
     *("real-time", "Real-time", "Workers", "run it again", "not recorded", "Speed-up", "Leases"),
@@ -124,32 +123,14 @@ def test_at_rest_is_the_distance_at_the_rest_that_the_verdict_is_about(tmp_path:
 
 
 def test_at_rest_is_the_distance_at_rest_in_our_own_runs(tmp_path: Path) -> None:
-    def drove_on(case: Any, end: Any) -> Any:
-        """It stood far away for a second, then went on to where it stopped."""
-        path = tmp_path / "run" / end.attempt_dir / "kpi.parquet"
-        table = read_kpi(path).to_pydict()
-        at = next(row for row, dtc_m in enumerate(table["dtc_m"]) if dtc_m < 45.0)
-        rows = [*range(at), *[at] * 20, *range(at, len(table["dtc_m"]))]
-        changed = {name: [values[row] for row in rows] for name, values in table.items()}
-        changed["tick"] = list(range(len(rows)))
-        changed["sim_time_ns"] = [50_000_000 * tick for tick in range(len(rows))]
-        changed["speed_mps"][at : at + 20] = [0.0] * 20
-        changed["dtc_m"][at : at + 20] = [44.75] * 20
-        new = kpi_table(changed)
-        write_kpi(new, path)
-        reason = "came to rest 44.75 m from the obstacle; further than 30 m is false braking"
-        scalars = {**end.scalars, "dtc_end_m": 12.5}
-        return msgspec.structs.replace(
-            end,
-            verdict="false_braking",
-            reasons=[reason],
-            scalars=scalars,
-            kpi_sha256=kpi_sha256(new),
-        )
+    def drove_on(_: Any, end: Any) -> Any:
+        return rested(tmp_path / "run", end, 44.75)
 
     data = campaign_data(matrix={"model": ["yolov3"], "weather": ["clear"]})
     make_campaign(tmp_path / "run", data, drove_on)
-    shows_the_rest(tmp_path / "run", rest_m=44.75, end_m=12.5)
+    end_m = report_json(tmp_path / "run")["cases"][0]["dtc_end_m"]
+    assert end_m < 30.0
+    shows_the_rest(tmp_path / "run", rest_m=44.75, end_m=end_m)
 
 
 def shows_the_rest(run: Path, *, rest_m: float, end_m: float) -> None:
