@@ -160,7 +160,7 @@ def _undecided(track: Track, false_braking_m: float, log_s_min: float) -> str:
         return f"{ends} with the ego at rest at an unknown distance from the obstacle"
     if track.time_s[-1] < log_s_min:
         return (
-            f"{ends} with the ego at rest {dtc_m:.2f} m from the obstacle: shorter than "
-            f"{log_s_min:g} s it was cut off, and the ego may have driven on"
+            f"{ends} with the ego at rest {dtc_m:.2f} m from the obstacle; a log shorter "
+            f"than {log_s_min:g} s was cut off, and the ego may have driven on"
         )
     return ""

@@ -101,10 +101,12 @@ def first_screen(dossier: Dossier) -> list[str]:
         number = sum(row.status == status for row in rows)
         if number and status != "pass":
             parts.append(f"{number} {status.replace('_', ' ')}{told.get(status, '')}")
+    unknown = sum(row.no_collision is None for row in rows)
+    more = f", not known of {unknown}" if unknown else ""
     return [
         *imported.warnings,
         f"{', '.join(parts)}. Without a collision, the rule of the AutoDRIVE study: "
-        f"{dossier.no_collision}.",
+        f"{dossier.no_collision} of {len(rows)}{more}.",
     ]
 
 

@@ -94,8 +94,8 @@ def test_a_log_that_was_cut_off_decides_nothing_though_the_ego_rests(tmp_path: P
     assert dossier.rows[0].status == "unresolved"
     assert dossier.rows[0].no_collision is None
     assert dossier.rows[0].end.reasons == [
-        "the log ends after 94.0 s with the ego at rest 60.00 m from the obstacle: shorter than "
-        "120 s it was cut off, and the ego may have driven on"
+        "the log ends after 94.0 s with the ego at rest 60.00 m from the obstacle; a log shorter "
+        "than 120 s was cut off, and the ego may have driven on"
     ]
 
 
@@ -145,7 +145,10 @@ def test_a_log_much_shorter_than_its_neighbours_is_told_on_the_first_screen(
         "1 of 4 logs are much shorter than their neighbours (59 to 59 s; those last 130 s) and "
         "look cut off: batch_1/aeb_metrics_sim_inst_2.csv"
     )
-    assert ends.startswith("3 of 4 cases passed, 1 unresolved (the log does not decide the case).")
+    assert ends == (
+        "3 of 4 cases passed, 1 unresolved (the log does not decide the case). Without a "
+        "collision, the rule of the AutoDRIVE study: 3 of 4, not known of 1."
+    )
     assert report_json(tmp_path / "run")["notices"] == [short, ends]
     page = make_report(tmp_path / "run", plots=False).page.read_text()
     assert page.index(short) < page.index("Outcomes by system under test")
@@ -203,7 +206,7 @@ def test_complete_published_logs_stay_decided(tmp_path: Path) -> None:
     assert first_screen(dossier) == [
         "101 of 128 cases passed, 15 false braking (stopped further than 30 m from the obstacle), "
         "9 collision, 3 unresolved (the log does not decide the case). Without a collision, the "
-        "rule of the AutoDRIVE study: 119."
+        "rule of the AutoDRIVE study: 119 of 128."
     ]
 
 

@@ -104,7 +104,7 @@ def test_the_terminal_tells_first_what_the_rule_of_the_study_hides(tmp_path: Pat
     done = CliRunner().invoke(app, arguments)
     assert (
         "conductor: 0 of 4 cases passed, 4 false braking (stopped further than 30 m from the "
-        "obstacle). Without a collision, the rule of the AutoDRIVE study: 4.\n" in done.stderr
+        "obstacle). Without a collision, the rule of the AutoDRIVE study: 4 of 4.\n" in done.stderr
     )
 
 
