@@ -467,6 +467,7 @@ def report(
     results are damaged or disagree, which the page shows as alarms.
     """
     from conductor.report import make_report, tables_of, write_result_page
+    from conductor.report.content import first_screen
     from conductor.report_commands import report_folder
 
     folder = report_folder(folder, import_autodrive, out)
@@ -477,7 +478,7 @@ def report(
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms
-    for line in [made.plots_missing, *alarms]:
+    for line in [*first_screen(made.content.dossier), made.plots_missing, *alarms]:
         if line:
             print(f"conductor: {line}", file=sys.stderr)
     raise typer.Exit(EXIT_INFRASTRUCTURE if alarms else made.content.dossier.exit_code)

@@ -170,7 +170,12 @@ def detect(
 
 
 def parity(
-    folder: Annotated[Path, typer.Argument(help="Folder of logs, .csv or .tar.gz of them.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder with batch_N/aeb_metrics_sim_inst_M.csv or batch_N.tar.gz of them."
+        ),
+    ],
     output: OutputOption = Output.human,
 ) -> None:
     """Feed the published AEB logs to the rules `autodrive`: rows that agree, of all rows."""
@@ -196,8 +201,9 @@ def _print_parity(found: Parity) -> None:
         )
     for row in found.unreadable[:LISTED_MAX]:
         print(f"{row.file}:{row.line}: not judged: {row.reason}")
-    hidden = max(len(found.disagreements) - LISTED_MAX, 0) + max(
-        len(found.unreadable) - LISTED_MAX, 0
-    )
+    for file in found.refused[:LISTED_MAX]:
+        print(f"{file.file}: not judged: {file.reason}")
+    listed = (found.disagreements, found.unreadable, found.refused)
+    hidden = sum(max(len(lines) - LISTED_MAX, 0) for lines in listed)
     if hidden:
-        print(f"{hidden} more rows; --output json lists all")
+        print(f"{hidden} more lines; --output json lists all")

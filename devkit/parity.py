@@ -9,28 +9,25 @@ from __future__ import annotations
 import csv
 import io
 import math
-import tarfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
 
 from devkit.planning import Cruise, Planner, plan
 from devkit.planning_autodrive import HEIGHT_PX, WIDTH_PX
 from devkit.view import View
+from schemas.autodrive_log import AEB, CONFIDENCE, LABEL, MODEL, SIZE
 from schemas.lens_curve import Intrinsics
 from schemas.messages import Detection
+from schemas.words import plain
+from twin.fabric.autodrive_files import LogFile, read_log_files
 from twin.fabric.errors import UsageError
 
-LABEL, CONFIDENCE, SIZE, AEB = "Label", "Confidence (%)", "Size (px^2)", "AEB (bool)"
 COLUMNS = (LABEL, CONFIDENCE, SIZE, AEB)
 """Columns of a log that matter here."""
 
-MODEL = "Model"
-"""Column that names the detector; only for the table."""
-
-LOG_BYTES_MAX = 64 << 20
-"""A larger log is refused [bytes]; the published ones have 60 kB."""
+SHOWN_CHARS_MAX = 60
+"""Longest text of a log in a message [characters]."""
 
 PLANNER = Planner(rules="autodrive")
 _LENS = Intrinsics(500.0, 500.0, 0.5 * WIDTH_PX, 0.5 * HEIGHT_PX)
@@ -60,11 +57,21 @@ class Unreadable:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A file that is no log, or could not be read."""
+
+    file: str
+    """Path in the folder, escaped."""
+    reason: str
+
+
 @dataclass(slots=True)
 class Parity:
-    """What was found."""
+    """What was found. Texts that come from the logs are escaped."""
 
     files: int = 0
+    """Logs whose rows were looked at."""
     rows: int = 0
     """Rows that could be judged."""
     agreeing: int = 0
@@ -72,25 +79,41 @@ class Parity:
     """Detector -> [rows agreeing, rows]."""
     disagreements: list[Disagreement] = field(default_factory=list)
     unreadable: list[Unreadable] = field(default_factory=list)
+    refused: list[Refused] = field(default_factory=list)
 
 
 def run_parity(folder: Path) -> Parity:
-    """Judge every row of every ``.csv`` below ``folder``, also inside ``.tar.gz`` archives.
+    """Judge every row of every log in ``folder``: ``batch_N/aeb_metrics_sim_inst_M.csv`` and the
+    same in ``batch_N.tar.gz``; ``folder`` may itself be a batch.
+
+    Files that are no logs, are too large or damaged are listed and do not stop the others.
 
     Raises:
-        UsageError: there is no log, or one that cannot be read.
+        UsageError: there is no folder, no log in it, or no log that can be judged; one line.
     """
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; give the one that holds the logs")
     parity = Parity()
-    for name, text in _logs(folder):
-        parity.files += 1
-        judge(name, text, parity)
+    for file in read_log_files(folder):
+        _take(file, parity)
     if not parity.files:
-        raise UsageError(f"{folder}: holds no .csv and no .tar.gz with one")
+        first = parity.refused[0] if parity.refused else None
+        also = f"; {first.file}: {first.reason}" if first else ""
+        raise UsageError(
+            f"{folder}: no log batch_N/aeb_metrics_sim_inst_M.csv can be read in it or in its "
+            f"batch_N.tar.gz{also}"
+        )
     if not parity.rows:
         raise UsageError(f"{folder}: {parity.files} logs, but no row with {', '.join(COLUMNS)}")
     return parity
+
+
+def _take(file: LogFile, parity: Parity) -> None:
+    if file.refused:
+        parity.refused.append(Refused(file.name, file.refused))
+        return
+    parity.files += 1
+    judge(file.name, file.data.decode("utf-8-sig", errors="replace"), parity)
 
 
 def judge(name: str, text: str, parity: Parity) -> None:
@@ -135,7 +158,7 @@ def _judge_row(name: str, line: int, row: Mapping[str, str], parity: Parity) -> 
         parity.unreadable.append(Unreadable(name, line, str(error)))
         return
     rule = plan(Cruise(), detections, 0.0, VIEW, PLANNER)[1].aeb
-    counts = parity.by_model.setdefault(row.get(MODEL, ""), [0, 0])
+    counts = parity.by_model.setdefault(_shown(row.get(MODEL, "")), [0, 0])
     parity.rows += 1
     counts[1] += 1
     if rule == logged:
@@ -145,7 +168,7 @@ def _judge_row(name: str, line: int, row: Mapping[str, str], parity: Parity) -> 
     box = detections[0] if detections else Detection("", 0.0, 0.0, 0.0, 0.0, 0.0)
     percent = round(100.0 * box.confidence, 6)
     parity.disagreements.append(
-        Disagreement(name, line, box.label, percent, box.width_px, logged=logged, rule=rule)
+        Disagreement(name, line, _shown(box.label), percent, box.width_px, logged=logged, rule=rule)
     )
 
 
@@ -160,7 +183,7 @@ def read_row(row: Mapping[str, str]) -> tuple[list[Detection], bool]:
     """
     label, confidence, size, aeb = (row[column].strip() for column in COLUMNS)
     if aeb not in ("0", "1"):
-        raise ValueError(f"{AEB}: given '{aeb}', expected 0 or 1")
+        raise ValueError(f"{AEB}: given '{_shown(aeb)}', expected 0 or 1")
     if not label and not size:
         return [], aeb == "1"
     if not (label and confidence and size):
@@ -177,35 +200,9 @@ def _number(column: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{column}: given '{text}', expected a number of 0 or more")
+        raise ValueError(f"{column}: given '{_shown(text)}', expected a number of 0 or more")
     return value
 
 
-def _logs(folder: Path) -> Iterator[tuple[str, str]]:
-    """Name and text of every log, by name."""
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.suffix == ".csv" and path.is_file():
-            with path.open("rb") as stream:
-                yield name, _text(str(path), stream)
-        elif path.name.endswith((".tar.gz", ".tgz")) and path.is_file():
-            yield from _archived(name, path)
-
-
-def _archived(name: str, path: Path) -> Iterator[tuple[str, str]]:
-    try:
-        with tarfile.open(path, "r:gz") as archive:
-            members = sorted(archive.getmembers(), key=lambda member: member.name)
-            for member in members:
-                stream = archive.extractfile(member) if member.isfile() else None
-                if stream is not None and member.name.endswith(".csv"):
-                    yield f"{name}/{member.name}", _text(f"{path}/{member.name}", stream)
-    except (tarfile.TarError, EOFError, OSError) as error:
-        raise UsageError(f"{path}: not a readable .tar.gz: {error}") from None
-
-
-def _text(name: str, stream: IO[bytes]) -> str:
-    data = stream.read(LOG_BYTES_MAX + 1)
-    if len(data) > LOG_BYTES_MAX:
-        raise UsageError(f"{name}: larger than {LOG_BYTES_MAX} bytes, no log of this kind")
-    return data.decode("utf-8", errors="replace")
+def _shown(text: str) -> str:
+    return plain(text, SHOWN_CHARS_MAX)

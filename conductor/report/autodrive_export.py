@@ -1,6 +1,7 @@
 """A campaign's cases in the layout of the AutoDRIVE study, for the notebooks that read it.
 
-Values are written in full, so that an import gives the same numbers. What the layout has no place
+Values are written in full, so that an import gives the same numbers, and how each case ended stands
+in the configuration, so that it gives the same verdicts. What the layout has no place
 for (speed, acceleration, time to collision, lamps, further boxes, further axes) is not in it.
 """
 
@@ -8,19 +9,32 @@ from __future__ import annotations
 
 import csv
 import datetime
+import hashlib
 import io
 import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import msgspec
 
 from conductor.fingerprint import committed_rows
 from conductor.report.autodrive_layout import (
-    AEB,
     BATCH_SIZE,
+    LOG_S_MIN,
+    PICTURE_PX,
+    STEERING_MAX_RAD,
+    Config,
+    EndedOutcome,
+    ExportedEnd,
+    Instance,
+)
+from conductor.report.axes import varied_axes
+from conductor.report.dossier import Dossier, Row, open_dossier
+from conductor.report.summary import inert
+from schemas.autodrive_log import (
+    AEB,
     BRAKE,
     COLLISIONS,
     COLUMNS,
@@ -30,24 +44,17 @@ from conductor.report.autodrive_layout import (
     HANDBRAKE,
     LABEL,
     MODEL,
-    PICTURE_PX,
     POS_X,
     POS_Y,
     ROT_Z,
     SIZE,
     STEERING,
-    STEERING_MAX_RAD,
     THROTTLE,
     TIME_OF_DAY,
     TIMESTAMP,
     WEATHER,
-    Config,
-    Instance,
     log_name,
 )
-from conductor.report.axes import varied_axes
-from conductor.report.dossier import Dossier, Row, open_dossier
-from conductor.report.summary import inert
 from schemas.campaign import Case
 from schemas.names import WEATHERS
 from twin.fabric.errors import UsageError, storage_error
@@ -81,31 +88,51 @@ def export_autodrive(folder: Path, out: Path) -> Exported:
     dossier = open_dossier(folder)
     _check(dossier, out)
     size = dossier.campaign.batch.size if dossier.campaign.batch else BATCH_SIZE
-    instances = [
-        Instance(
-            time_of_day=row.case.time_of_day_min,
-            weather_id=WEATHERS.index(row.case.weather) + 1,
-            model=row.case.model,
-        )
-        for row in dossier.rows
-    ]
-    config = msgspec.json.encode(Config(simulation_instances=instances, batch_size=size))
-    notes = _notes(dossier, instances, size)
+    notes = _notes(dossier, size)
     files = []
+    instances = []
     try:
         for number, row in enumerate(dossier.rows):
             path = out / log_name(number // size + 1, number % size + 1)
             path.parent.mkdir(parents=True, exist_ok=True)
-            if not row.end.kpi_sha256:
+            if row.end.kpi_sha256:
+                log = _log(dossier, row).encode()
+                write_atomic(path, log, sync=False)
+                files.append(path)
+                instances.append(_instance(row, hashlib.sha256(log).hexdigest()))
+            else:
                 notes.append(f"case {row.case.id}: {row.status}, no log")
-                continue
-            write_atomic(path, _log(dossier, row).encode(), sync=False)
-            files.append(path)
+                instances.append(_instance(row, ""))
+        config = Config(
+            simulation_instances=instances,
+            batch_size=size,
+            campaign=dossier.campaign.campaign,
+            log_s_min=dossier.imported.log_s_min if dossier.imported else LOG_S_MIN,
+            false_braking_m=dossier.campaign.scenario.false_braking_m,
+        )
         path = out / CONFIG_FILE
-        write_atomic(path, msgspec.json.format(config, indent=2) + b"\n")
+        write_atomic(path, msgspec.json.format(msgspec.json.encode(config), indent=2) + b"\n")
     except OSError as error:
         raise storage_error(error, str(error.filename or out)) from None
     return Exported([*files, path], notes)
+
+
+def _instance(row: Row, log_sha256: str) -> Instance:
+    """A case of the configuration, with its end: of that a log holds only a part."""
+    end, exported = row.end, None
+    if end.outcome in get_args(EndedOutcome):
+        exported = ExportedEnd(
+            outcome=cast(EndedOutcome, end.outcome),
+            verdict=end.verdict,
+            reasons=end.reasons,
+            log_sha256=log_sha256,
+        )
+    return Instance(
+        time_of_day=row.case.time_of_day_min,
+        weather_id=WEATHERS.index(row.case.weather) + 1,
+        model=row.case.model,
+        exported=exported,
+    )
 
 
 def _check(dossier: Dossier, out: Path) -> None:
@@ -124,17 +151,18 @@ def _check(dossier: Dossier, out: Path) -> None:
         raise UsageError(f"{out}: exists and is not an empty folder; give another one with --out")
 
 
-def _notes(dossier: Dossier, instances: list[Instance], size: int) -> list[str]:
+def _notes(dossier: Dossier, size: int) -> list[str]:
     notes = []
-    same = Counter((i.model, i.weather_id, i.time_of_day) for i in instances)
+    cases = [row.case for row in dossier.rows]
+    same = Counter((case.model, case.weather, case.time_of_day_min) for case in cases)
     if max(same.values()) > 1:
         axes = [a for a in varied_axes(dossier) if a not in ("model", "weather", "time_of_day")]
         notes.append(
             f"the layout has no column for {', '.join(axes)}: cases that differ in nothing else "
             "stand in it as repeats"
         )
-    places = [number // size + 1 for number in range(len(instances))]
-    labels = [row.case.batch for row in dossier.rows]
+    places = [number // size + 1 for number in range(len(cases))]
+    labels = [case.batch for case in cases]
     if any(labels) and labels != places:
         notes.append("batches are numbered anew, from 1, in the order of the cases")
     return notes

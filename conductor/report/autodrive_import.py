@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 import shutil
@@ -16,19 +15,13 @@ from conductor.folders import CAMPAIGN_FILE
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from conductor.report.autodrive_kpi import judge, kpi_columns, scalars
-from conductor.report.autodrive_layout import (
-    CONFIG_FILE,
-    IMPORT_FILE,
-    Config,
-    Imported,
-    Instance,
-    log_name,
-    read_config,
-    read_imported,
-)
-from conductor.report.autodrive_logs import Log, find_logs, read_log
+from conductor.report.autodrive_layout import IMPORT_FILE, ExportedEnd, Imported, read_imported
+from conductor.report.autodrive_logs import Log
+from conductor.report.autodrive_source import Place, Source, read_source, short_logs, title
+from schemas.autodrive_log import CONFIG_FILE
 from schemas.campaign import Campaign, Case, expand, parse_campaign
-from schemas.identity import DIGESTS, campaign_digest, digest
+from schemas.identity import DIGESTS, campaign_digest
+from schemas.words import plain
 from schemas.yaml_file import dump_yaml
 from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.files import write_atomic
@@ -42,103 +35,75 @@ BEGUN_FILE = ".importing"
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
-    """A case of the configuration."""
+class _Imported:
+    """A case that was imported."""
 
-    batch: int
-    instance: int
-    described: Instance
+    case: Case
+    place: Place
+    log: Log
+    end: CaseOutcome
+    no_collision: bool
+    """The log is complete and tells of no collision."""
 
     @property
-    def file(self) -> str:
-        """Its log."""
-        return log_name(self.batch, self.instance)
+    def read(self) -> bool:
+        """Its log was read, and is that of the case."""
+        return bool(self.log.rows) and not self.log.foreign
+
+    @property
+    def unexplained(self) -> bool:
+        """It has no log that can be read, and no export says that it has none."""
+        said = self.place.described.exported
+        return bool(self.log.foreign) and (said is None or bool(said.log_sha256))
 
 
-def import_autodrive(source: Path, out: Path) -> Imported:
-    """Make the campaign folder ``out`` from the logs in ``source``.
+def import_autodrive(folder: Path, out: Path) -> Imported:
+    """Make the campaign folder ``out`` from the logs in ``folder``.
 
-    Cases of a batch of which there is any log are part of the campaign, ``unresolved`` if their
-    own log is missing or cannot be read; cases of other batches are not.
+    Cases of a batch of which there is anything are part of the campaign, ``unresolved`` if their
+    own log is missing, cannot be read or does not decide them; cases of other batches are not.
 
     Raises:
-        UsageError: ``source`` holds no such logs, or ``out`` is something else; one line.
+        UsageError: ``folder`` holds no such logs, or ``out`` is something else; one line.
         InfrastructureError: the disk lets us down.
     """
-    config, config_bytes = read_config(source)
-    notes: list[str] = []
-    logs, sha256 = _read_logs(source, config, config_bytes, notes)
-    places = [
-        _Place(n // config.batch_size + 1, n % config.batch_size + 1, instance)
-        for n, instance in enumerate(config.simulation_instances)
-    ]
-    present = {batch for batch, _ in logs}
-    kept = [place for place in places if place.batch in present]
-    if not kept:
-        found = f"; {notes[0]}" if notes else ""
-        raise UsageError(
-            f"{source}: no log batch_N/aeb_metrics_sim_inst_M.csv of a case in its "
-            f"configuration{found}"
-        )
-    campaign = _campaign(source, kept, logs, notes)
-    cases = expand(campaign)
+    source = read_source(folder)
+    notes = list(source.notes)
+    campaign = _campaign(folder, source, notes)
     _prepare(out)
-    ends = {}
-    without_aeb = []
-    for case, place in zip(cases, kept, strict=True):
-        log = logs.get((place.batch, place.instance)) or Log(place.file, foreign="no such file")
-        notes += log.notes
-        if log.foreign:
-            notes.append(f"{log.name}: {log.foreign}")
-        ends[case.id] = _write_case(out, case, log)
-        if not log.foreign and all(row.aeb is None for row in log.rows):
-            without_aeb.append(case.id)
+    found = [
+        _import_case(out, case, place, source)
+        for case, place in zip(expand(campaign), source.kept, strict=True)
+    ]
+    for one in found:
+        notes += one.log.notes
+        if one.unexplained:
+            notes.append(f"{one.log.name}: {one.log.foreign}")
+    read = [one for one in found if one.read]
     imported = Imported(
-        source=source.absolute().name,
-        sha256=sha256,
-        files=len(logs),
-        rows=sum(len(log.rows) for log in logs.values() if not log.foreign),
-        left_out=["".join(c if c.isprintable() else "?" for c in note) for note in notes],
-        absent_batches=sorted({place.batch for place in places} - present),
-        sources={
-            case.id: place.file
-            for case, place in zip(cases, kept, strict=True)
-            if (place.batch, place.instance) in logs
-        },
-        batches={case.id: place.batch for case, place in zip(cases, kept, strict=True)},
-        without_aeb=without_aeb,
+        source=plain(folder.resolve().name),
+        sha256=source.sha256,
+        files=sum(bool(one.log.sha256) for one in found),
+        rows=sum(len(one.log.rows) for one in read),
+        left_out=[plain(note) for note in notes],
+        absent_batches=sorted({x.batch for x in source.places} - {x.batch for x in source.kept}),
+        sources={one.case.id: one.log.name for one in found if one.log.sha256},
+        batches={one.case.id: one.place.batch for one in found},
+        without_aeb=[x.case.id for x in read if all(row.aeb is None for row in x.log.rows)],
+        warnings=short_logs([x.log for x in read if x.place.described.exported is None]),
+        log_s_min=source.config.log_s_min,
+        no_collision=[x.case.id for x in found if x.no_collision and x.end.outcome == "unresolved"],
     )
-    _write_campaign(out, campaign, cases, ends, imported)
+    _write_campaign(out, campaign, {one.case.id: one.end for one in found}, imported)
     return imported
 
 
-def _read_logs(
-    source: Path, config: Config, config_bytes: bytes, notes: list[str]
-) -> tuple[dict[tuple[int, int], Log], str]:
-    """Logs by batch and instance, and the digest of everything that was read."""
-    logs: dict[tuple[int, int], Log] = {}
-    digests: dict[str, str] = {}
-    for (batch, instance), name, data in find_logs(source, notes):
-        number = (batch - 1) * config.batch_size + instance - 1
-        if instance > config.batch_size or number >= len(config.simulation_instances):
-            notes.append(f"{name}: the configuration has no case for it")
-        elif (batch, instance) in logs:
-            notes.append(f"{name}: is there a second time; the first one counts")
-        else:
-            described = config.simulation_instances[number]
-            logs[batch, instance] = read_log(name, data, described)
-            digests[name] = hashlib.sha256(data).hexdigest()
-    parts = [config_bytes, *(f"{name}={sha}".encode() for name, sha in sorted(digests.items()))]
-    return logs, digest(parts)
-
-
-def _campaign(
-    source: Path, kept: list[_Place], logs: dict[tuple[int, int], Log], notes: list[str]
-) -> Campaign:
+def _campaign(folder: Path, source: Source, notes: list[str]) -> Campaign:
+    kept = source.kept
     names = _names({place.described.model for place in kept}, notes)
-    ends_s = [log.rows[-1].time_us / 1e6 for log in logs.values() if log.rows]
+    ends_s = [log.rows[-1].time_us / 1e6 for log in source.logs.values() if log.rows]
     points: list[dict[str, Any]] = []
-    seen: dict[tuple[Any, ...], int] = {}
+    repeats: dict[tuple[Any, ...], int] = {}
     for place in kept:
         minutes = place.described.time_of_day
         point: dict[str, Any] = {
@@ -147,12 +112,15 @@ def _campaign(
             "time_of_day": f"{minutes // 60:02}:{minutes % 60:02}",
         }
         key = tuple(point.values())
-        repeat = seen[key] = seen.get(key, -1) + 1
+        repeat = repeats[key] = repeats.get(key, -1) + 1
         points.append({**point, "repeat": repeat} if repeat else point)
     data = {
-        "campaign": _name(source.absolute().name) or "autodrive",
+        "campaign": _name(source.config.campaign) or _name(title(folder)) or "autodrive",
         "description": "Imported from logs of the AutoDRIVE study",
-        "scenario": {"duration_s": min(3600.0, max(0.1, math.ceil(max(ends_s, default=0.0))))},
+        "scenario": {
+            "duration_s": min(3600.0, max(0.1, math.ceil(max(ends_s, default=0.0)))),
+            "false_braking_m": source.config.false_braking_m,
+        },
         "autonomy": {
             "perception": {
                 name: {"type": "network", "model": f"named {name} in the logs"}
@@ -163,22 +131,22 @@ def _campaign(
     }
     campaign, mistakes = parse_campaign(data)
     if campaign is None:
-        raise UsageError(f"{source}: {mistakes[0].line('its cases')}")
+        raise UsageError(f"{folder}: {mistakes[0].line('its cases')}")
     return campaign
 
 
 def _names(models: set[str], notes: list[str]) -> dict[str, str]:
     """Names that may be file names and keys, of the models as they are called."""
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for model in sorted(models):
         name = base = _name(model) or "model"
         number = 2
-        while name in found.values():
+        while name in names.values():
             name, number = f"{base[:56]}-{number}", number + 1
-        found[model] = name
+        names[model] = name
         if name != model:
             notes.append(f"model '{model}' is called '{name}' here")
-    return found
+    return names
 
 
 def _name(text: str) -> str:
@@ -206,10 +174,14 @@ def _prepare(out: Path) -> None:
         raise storage_error(error, str(out)) from None
 
 
-def _write_case(out: Path, case: Case, log: Log) -> CaseOutcome:
+def _import_case(out: Path, case: Case, place: Place, source: Source) -> _Imported:
+    log = source.log_of(place)
+    exported = place.described.exported
     if log.foreign:
-        reason = f"{log.name}: {log.foreign}"
-        return CaseOutcome(outcome="unresolved", reasons=[reason], attempts=1)
+        end = CaseOutcome(outcome="unresolved", reasons=[f"{log.name}: {log.foreign}"])
+        if exported is not None and not exported.log_sha256 and exported.outcome != "verdict":
+            end = _as_exported(exported)
+        return _Imported(case, place, log, end, no_collision=False)
     attempt = f"cases/{case.id}/attempt-1"
     table = kpi_table(kpi_columns(log.rows))
     try:
@@ -217,28 +189,40 @@ def _write_case(out: Path, case: Case, log: Log) -> CaseOutcome:
     except OSError as error:
         raise storage_error(error, str(out / attempt)) from None
     write_kpi(table, out / attempt / "kpi.parquet")
-    verdict, reason = judge(log.rows, case.scenario.false_braking_m)
-    return CaseOutcome(
-        outcome="verdict",
-        verdict=verdict,
-        reasons=[reason],
+    judged = judge(log.rows, table, case.scenario.false_braking_m, source.config.log_s_min)
+    end = CaseOutcome(
+        outcome=judged.outcome,
+        verdict=judged.verdict,
+        reasons=[judged.reason],
+    )
+    hits = [which.verdict == "collision" for which in (judged, exported or judged)]
+    if exported is not None and exported.log_sha256 == log.sha256 and hits[0] == hits[1]:
+        end = _as_exported(exported)
+    end = msgspec.structs.replace(
+        end,
         scalars=scalars(log.rows),
         attempt_dir=attempt,
-        attempt=1,
-        attempts=1,
         kpi_sha256=kpi_sha256(table),
-        wall_s=log.rows[-1].time_us / 1e6,
+    )
+    return _Imported(case, place, log, end, no_collision=judged.no_collision is True)
+
+
+def _as_exported(exported: ExportedEnd) -> CaseOutcome:
+    return CaseOutcome(
+        outcome=exported.outcome,
+        verdict=plain(exported.verdict),
+        reasons=[plain(reason) for reason in exported.reasons],
     )
 
 
 def _write_campaign(
-    out: Path, campaign: Campaign, cases: list[Case], ends: dict[str, CaseOutcome], found: Imported
+    out: Path, campaign: Campaign, ends: dict[str, CaseOutcome], imported: Imported
 ) -> None:
     """The files that make the folder a campaign; the outcomes last, so that it is one only when it
     is complete."""
     outcomes = Outcomes(
         campaign=campaign.campaign,
-        digest=campaign_digest(campaign, cases),
+        digest=campaign_digest(campaign, expand(campaign)),
         digests=DIGESTS,
         seed=campaign.seed,
         simulator=SIMULATOR,
@@ -249,7 +233,7 @@ def _write_campaign(
         cases=ends,
     )
     files = {
-        IMPORT_FILE: msgspec.json.format(msgspec.json.encode(found), indent=1) + b"\n",
+        IMPORT_FILE: msgspec.json.format(msgspec.json.encode(imported), indent=1) + b"\n",
         CAMPAIGN_FILE: dump_yaml(msgspec.to_builtins(campaign)).encode(),
         OUTCOMES_FILE: encode_outcomes(outcomes),
     }

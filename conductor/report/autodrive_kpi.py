@@ -1,15 +1,21 @@
 """Rows of an AutoDRIVE log -> KPI columns, scalars and a verdict.
 
 KPIs that the logs do not hold (speed, acceleration, time to collision, lamps) are missing. Time is
-the wall clock of the log. The verdict follows the rule of this simulator from what is there.
+the wall clock of the log.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
-from conductor.report.autodrive_layout import (
+import pyarrow as pa
+
+from conductor.report.autodrive_layout import STEERING_MAX_RAD
+from conductor.report.autodrive_logs import LogRow
+from conductor.report.rest import REST_MPS, Track
+from schemas.autodrive_log import (
     BRAKE,
     CONFIDENCE,
     DTC,
@@ -18,16 +24,21 @@ from conductor.report.autodrive_layout import (
     ROT_Z,
     SIZE,
     STEERING,
-    STEERING_MAX_RAD,
     THROTTLE,
 )
-from conductor.report.autodrive_logs import LogRow
 from schemas.kpi import DETECTION_FIELDS, SCALARS
 
-REST_MPS = 0.02
-"""Slower than this between two rows is at rest; positions are logged in millimetres [m/s]."""
-MOVED_M = 0.1
-"""Further than this from its first place the ego has moved [m]."""
+
+@dataclass(frozen=True, slots=True)
+class LogEnd:
+    """What a log says about the end of its case."""
+
+    outcome: str
+    """``verdict`` or ``unresolved``."""
+    verdict: str
+    reason: str
+    no_collision: bool | None
+    """By the study's rule; None: the log was cut off, so nobody knows."""
 
 
 def kpi_columns(rows: list[LogRow]) -> dict[str, list[Any]]:
@@ -95,42 +106,61 @@ def _present(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def judge(rows: list[LogRow], false_braking_m: float) -> tuple[str, str]:
-    """Verdict and reason by the rule of this simulator: a collision, else any rest further than
-    ``false_braking_m`` from the obstacle after the ego has moved, or never having moved there, is
-    false braking, else it passes."""
+def judge(rows: list[LogRow], table: pa.Table, false_braking_m: float, log_s_min: float) -> LogEnd:
+    """How the case of a log ended, by the rules of this simulator as far as a log can tell.
+
+    The study's script never ends a log: it writes until the job's wall time is up, whatever the ego
+    does. So a log without a collision decides its case only if it is complete and the ego rests at
+    its end. Of the published egos that came to rest, many drove on later, up to 100 s after.
+
+    Args:
+        rows: of the log.
+        table: the same rows as KPIs.
+        false_braking_m: coming to rest further than this from the obstacle is false braking [m].
+        log_s_min: a log without a collision that is shorter was cut off [s].
+    """
     hit = next((row for row in rows if row.collisions), None)
     if hit is not None:
-        return "collision", f"collision {hit.time_us / 1e6:.3f} s into the log"
-    end_m = rows[-1].numbers[DTC]
-    last_m = next((d for row in reversed(rows) if not math.isnan(d := row.numbers[DTC])), math.nan)
-    end = "at an unknown distance" if math.isnan(end_m) else f"{end_m:.2f} m from the obstacle"
-    start = _start(rows)
-    moving = next((i for i, row in enumerate(rows) if _way_m(start, row) > MOVED_M), None)
-    if moving is None:
-        verdict = "false_braking" if last_m > false_braking_m else "pass"
-        return verdict, f"the ego never moved, {end}"
-    resting = False
-    for before, row in zip(rows[moving:], rows[moving + 1 :], strict=False):
-        resting = _way_m(before, row) <= REST_MPS * (row.time_us - before.time_us) / 1e6
-        if resting and row.numbers[DTC] > false_braking_m:
-            return "false_braking", (
-                f"came to rest {row.numbers[DTC]:.2f} m from the obstacle; further than "
-                f"{false_braking_m:g} m is false braking"
-            )
-    return "pass", f"came to rest {end}" if resting else f"the log ends {end}, the ego moving"
+        reason = f"collision {hit.time_us / 1e6:.3f} s into the log"
+        return LogEnd("verdict", "collision", reason, no_collision=False)
+    track = Track.of(table)
+    free = True if rows[-1].time_us >= 1e6 * log_s_min else None
+    if undecided := _undecided(track, false_braking_m, log_s_min):
+        return LogEnd("unresolved", "", undecided, free)
+    end = f"{track.end_dtc_m():.2f} m from the obstacle"
+    if track.began() is None:
+        far = track.end_dtc_m() > false_braking_m
+        reason = f"the ego never moved, {end}"
+        return LogEnd("verdict", "false_braking" if far else "time_up", reason, free)
+    far_m = track.first_rest_beyond_m(false_braking_m)
+    if far_m is not None:
+        reason = (
+            f"came to rest {far_m:.2f} m from the obstacle; further than {false_braking_m:g} m "
+            "is false braking"
+        )
+        return LogEnd("verdict", "false_braking", reason, free)
+    return LogEnd("verdict", "pass", f"came to rest {end}", free)
 
 
-def _start(rows: list[LogRow]) -> LogRow:
-    """The first row that another one can be compared with."""
-    placed = [row for row in rows if not math.isnan(row.numbers[POS_X] + row.numbers[POS_Y])]
-    known = [row for row in rows if not math.isnan(row.numbers[DTC])]
-    return next((found[0] for found in (placed, known) if len(found) > 1), rows[0])
-
-
-def _way_m(one: LogRow, two: LogRow) -> float:
-    """Distance between the ego's places; by distance to the obstacle where a place is missing."""
-    way = math.hypot(
-        two.numbers[POS_X] - one.numbers[POS_X], two.numbers[POS_Y] - one.numbers[POS_Y]
-    )
-    return abs(two.numbers[DTC] - one.numbers[DTC]) if math.isnan(way) else way
+def _undecided(track: Track, false_braking_m: float, log_s_min: float) -> str:
+    """Why a log without a collision does not decide its case; empty: it does."""
+    ends = f"the log ends after {track.time_s[-1]:.1f} s"
+    speed_mps, dtc_m = track.end_speed_mps(), track.dtc_m[-1]
+    if math.isnan(speed_mps):
+        return f"{ends}, and its last rows do not say whether the ego moves"
+    if speed_mps > REST_MPS:
+        where = "at an unknown distance" if math.isnan(dtc_m) else f"{dtc_m:.2f} m"
+        far_m = track.first_rest_beyond_m(false_braking_m)
+        before = "" if far_m is None else f"; it had come to rest {far_m:.2f} m from it before"
+        return (
+            f"{ends} with the ego moving at {speed_mps:.2f} m/s, {where} from the obstacle{before}"
+        )
+    dtc_m = track.end_dtc_m()
+    if math.isnan(dtc_m):
+        return f"{ends} with the ego at rest at an unknown distance from the obstacle"
+    if track.time_s[-1] < log_s_min:
+        return (
+            f"{ends} with the ego at rest {dtc_m:.2f} m from the obstacle; a log shorter "
+            f"than {log_s_min:g} s was cut off, and the ego may have driven on"
+        )
+    return ""

@@ -1,61 +1,52 @@
-"""The layout of the AutoDRIVE study's logs: ``config.json`` with all cases, and per batch a folder
-``batch_N`` with one ``aeb_metrics_sim_inst_M.csv`` per simulator instance.
+"""What stands beside the AutoDRIVE study's logs: their configuration, and where an import came
+from.
 
 Case n of the configuration, from 0, is instance ``n % size + 1`` of batch ``n // size + 1``.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
+from schemas.autodrive_log import CONFIG_FILE, LOG_BYTES_MAX
 from schemas.json_text import JsonError, decode_json
 from schemas.names import WEATHERS
+from schemas.scenario import Scenario
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 
-CONFIG_FILE = "config.json"
 IMPORT_FILE = "imported.json"
 """In a campaign folder that was made from logs: where they came from, and what was left out."""
 
 BATCH_SIZE = 32
 """Instances of a batch in the study."""
-LOG_BYTES_MAX = 64 << 20
-"""A larger file is no log of this kind [bytes]; the published ones have 60 kB."""
+LOG_S_MIN = 120.0
+"""The study's script writes its log until the job's wall time of three minutes is up: the published
+logs last 155 to 172 s. One that is shorter than this was cut off [s]."""
 STEERING_MAX_RAD = 0.62
 """Road-wheel angle at a steering command of 1, as of the vehicle ``opencav`` [rad]."""
 PICTURE_PX = (640, 360)
 """Image in which the study's script measures the size of a box [px]."""
 
-TIMESTAMP = "Timestamp"
-TIME_OF_DAY = "Time of Day (min)"
-WEATHER = "Weather ID (#)"
-MODEL = "Model"
-LABEL = "Label"
-CONFIDENCE = "Confidence (%)"
-SIZE = "Size (px^2)"
-AEB = "AEB (bool)"
-DTC = "DTC (m)"
-THROTTLE = "Throttle (%)"
-STEERING = "Steering (%)"
-BRAKE = "Brake (%)"
-HANDBRAKE = "Handbrake (%)"
-POS_X, POS_Y, POS_Z = "PosX (m)", "PosY (m)", "PosZ (m)"
-ROT_X, ROT_Y, ROT_Z = "RotX (rad)", "RotY (rad)", "RotZ (rad)"
-COLLISIONS = "Collisions (#)"
 
-COLUMNS = (
-    *(TIMESTAMP, TIME_OF_DAY, WEATHER, MODEL, LABEL, CONFIDENCE, SIZE, AEB, DTC, THROTTLE),
-    *(STEERING, BRAKE, HANDBRAKE, POS_X, POS_Y, POS_Z, ROT_X, ROT_Y, ROT_Z, COLLISIONS),
-)
-"""The columns in their order. Throttle, steering, brake and handbrake are shares of 1 in spite of
-their names."""
+EndedOutcome = Literal["verdict", "failed", "unresolved", "cancelled"]
 
 
-class Instance(msgspec.Struct, frozen=True):
+class ExportedEnd(msgspec.Struct, frozen=True):
+    """How the case of an exported log ended. An import believes it as long as the log has the bytes
+    that were exported, because a log does not hold everything that a verdict is made of."""
+
+    outcome: EndedOutcome
+    verdict: Annotated[str, Meta(max_length=10_000)] = ""
+    reasons: Annotated[list[Annotated[str, Meta(max_length=10_000)]], Meta(max_length=1000)] = []
+    log_sha256: str = ""
+    """Of the log's bytes; empty: the case has no log."""
+
+
+class Instance(msgspec.Struct, frozen=True, omit_defaults=True):
     """One case of the configuration."""
 
     time_of_day: Annotated[int, Meta(ge=0, lt=1440)]
@@ -64,6 +55,8 @@ class Instance(msgspec.Struct, frozen=True):
     """1 clear to 8 heavy snow, the order of :data:`schemas.names.WEATHERS`."""
     model: Annotated[str, Meta(min_length=1, max_length=200)]
     """Perception model."""
+    exported: ExportedEnd | None = None
+    """Written by an export."""
 
     @property
     def weather(self) -> str:
@@ -77,6 +70,12 @@ class Config(msgspec.Struct, frozen=True, omit_defaults=True):
     simulation_instances: Annotated[list[Instance], Meta(min_length=1, max_length=100_000)]
     batch_size: Annotated[int, Meta(ge=1)] = BATCH_SIZE
     """Written by an export whose batches have another size than the study's."""
+    campaign: Annotated[str, Meta(max_length=200)] = ""
+    """Name of the campaign; written by an export. Empty: the folder's name."""
+    log_s_min: Annotated[float, Meta(ge=0, le=86_400)] = LOG_S_MIN
+    """A log without a collision that is shorter was cut off [s]."""
+    false_braking_m: Annotated[float, Meta(gt=0, le=1000)] = Scenario().false_braking_m
+    """Coming to rest further than this from the obstacle is false braking [m]."""
 
 
 class Imported(msgspec.Struct, frozen=True):
@@ -87,6 +86,7 @@ class Imported(msgspec.Struct, frozen=True):
     sha256: str
     """Over names and bytes of the configuration and every log that was read."""
     files: int
+    """Logs that were read."""
     rows: int
     """Rows that became KPI rows."""
     left_out: list[str]
@@ -99,20 +99,13 @@ class Imported(msgspec.Struct, frozen=True):
     """Case -> its batch."""
     without_aeb: list[str]
     """Cases whose log does not say in any row whether AEB was active."""
-
-
-def log_name(batch: int, instance: int) -> str:
-    """Path of a log in the folder."""
-    return f"batch_{batch}/aeb_metrics_sim_inst_{instance}.csv"
-
-
-_LOG = re.compile(r"batch_([1-9]\d{0,5})/aeb_metrics_sim_inst_([1-9]\d{0,5})\.csv")
-
-
-def parse_log_name(name: str) -> tuple[int, int] | None:
-    """Batch and instance of a log by its path; None: it is none."""
-    match = _LOG.fullmatch(name)
-    return (int(match[1]), int(match[2])) if match else None
+    warnings: list[str] = []
+    """What makes the logs doubtful, a line each."""
+    log_s_min: float = LOG_S_MIN
+    """As of the configuration [s]."""
+    no_collision: list[str] = []
+    """Unresolved cases whose complete log tells of no collision: free of one by the study's rule,
+    though nobody knows how they would have ended."""
 
 
 def read_config(folder: Path) -> tuple[Config, bytes]:
@@ -123,6 +116,8 @@ def read_config(folder: Path) -> tuple[Config, bytes]:
     """
     path = folder / CONFIG_FILE
     try:
+        if path.exists() and not path.is_file():
+            raise UsageError(f"{path}: not a file")
         with path.open("rb") as file:
             data = file.read(LOG_BYTES_MAX + 1)
     except OSError as error:

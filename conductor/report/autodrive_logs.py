@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import csv
 import datetime
-import gzip
+import hashlib
 import math
 import re
-import tarfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import IO
 
-from conductor.report.autodrive_layout import (
+from conductor.report.autodrive_layout import Instance
+from schemas.autodrive_log import (
     AEB,
     BRAKE,
     COLLISIONS,
@@ -25,7 +22,6 @@ from conductor.report.autodrive_layout import (
     CONFIDENCE,
     DTC,
     LABEL,
-    LOG_BYTES_MAX,
     MODEL,
     POS_X,
     POS_Y,
@@ -36,10 +32,8 @@ from conductor.report.autodrive_layout import (
     TIME_OF_DAY,
     TIMESTAMP,
     WEATHER,
-    Instance,
-    parse_log_name,
 )
-from schemas.words import agree
+from schemas.words import agree, plain
 
 REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
@@ -47,10 +41,13 @@ SPAN_MAX_US = 24 * 3600 * 10**6
 """No log lasts longer; a row further than this from the first has a damaged time [us]."""
 NUMBER_MAX = 1e9
 """A larger number is damaged: nothing in a log comes near it."""
+SHOWN_CHARS_MAX = 60
+"""Longest text of a log in a note [characters]."""
 NAMED_MAX = 8
 """Most lines that a note names; then it counts."""
 
 _NUMBERS = (CONFIDENCE, SIZE, DTC, THROTTLE, STEERING, BRAKE, POS_X, POS_Y, ROT_Z)
+_COMMANDS = frozenset((AEB, THROTTLE, STEERING, BRAKE))
 _DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 _IDENTITY = (MODEL, TIME_OF_DAY, WEATHER)
 
@@ -74,6 +71,8 @@ class Log:
     """One file."""
 
     name: str
+    sha256: str = ""
+    """Of its bytes; empty: it was not read."""
     rows: list[LogRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What was left out, a line each."""
@@ -85,60 +84,6 @@ class _UnreadableError(Exception):
     """A row that is left out, with the reason."""
 
 
-def find_logs(folder: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], str, bytes]]:
-    """(batch, instance), name and bytes of every log in ``folder``, by name; also inside
-    ``batch_N.tar.gz``. What is in a batch and no log, or cannot be read, goes to ``notes``."""
-    for path in sorted(folder.glob("batch_*")):
-        if path.is_dir():
-            for file in sorted(path.iterdir()):
-                name = f"{path.name}/{file.name}"
-                place = parse_log_name(name)
-                if place is None or not file.is_file():
-                    notes.append(f"{name}: not the name of a log")
-                    continue
-                try:
-                    with file.open("rb") as stream:
-                        data = stream.read(LOG_BYTES_MAX + 1)
-                except OSError as error:
-                    notes.append(f"{name}: {error.strerror or error}")
-                    continue
-                yield from _bounded(place, name, data, notes)
-        elif path.name.endswith((".tar.gz", ".tgz")):
-            yield from _archived(path, notes)
-
-
-def _archived(path: Path, notes: list[str]) -> Iterator[tuple[tuple[int, int], str, bytes]]:
-    try:
-        with gzip.open(path) as whole, tarfile.open(fileobj=whole, mode="r:") as archive:
-            for member in archive:
-                place = parse_log_name(member.name.removeprefix("./"))
-                stream: IO[bytes] | None = archive.extractfile(member) if member.isfile() else None
-                if place is None or stream is None:
-                    if member.isfile():
-                        notes.append(f"{path.name}/{member.name}: not the name of a log")
-                    continue
-                data = stream.read(LOG_BYTES_MAX + 1)
-                yield from _bounded(place, member.name.removeprefix("./"), data, notes)
-            # A damaged header ends the members without a word, and what was read is known to be
-            # what was packed when the checksum behind all of it has been seen.
-            whole.seek(archive.offset)
-            while block := whole.read(1 << 20):
-                if block.count(0) < len(block):
-                    raise tarfile.ReadError("a damaged header after the last file")
-    except (tarfile.TarError, EOFError, OSError, zlib.error, ValueError) as error:
-        told = str(error) or type(error).__name__
-        notes.append(f"{path.name}: not read to its end, its logs may be damaged: {told}")
-
-
-def _bounded(
-    place: tuple[int, int], name: str, data: bytes, notes: list[str]
-) -> Iterator[tuple[tuple[int, int], str, bytes]]:
-    if len(data) > LOG_BYTES_MAX:
-        notes.append(f"{name}: larger than {LOG_BYTES_MAX} bytes, no log")
-    else:
-        yield place, name, data
-
-
 def read_log(name: str, data: bytes, instance: Instance) -> Log:
     """Rows of a log that should be that of ``instance``.
 
@@ -146,7 +91,7 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
     before, a number of collisions, or numbers where numbers belong. Cells that are empty in other
     columns are missing in their row alone.
     """
-    log = Log(name)
+    log = Log(name, hashlib.sha256(data).hexdigest())
     text = data.decode("utf-8-sig", errors="replace")
     lines = text.split("\n")
     header = [cell.strip() for cell in _cells(lines[0])] if text.strip() else []
@@ -160,6 +105,7 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
     first: datetime.datetime | None = None
     gaps: dict[str, list[int]] = {}
     torn: dict[str, list[int]] = {}
+    ended = len(text.rstrip().split("\n"))
     for line, content in enumerate(lines[1:], 2):
         if not content.strip():
             continue
@@ -179,7 +125,11 @@ def read_log(name: str, data: bytes, instance: Instance) -> Log:
             torn.setdefault(str(error), []).append(line)
             continue
         log.foreign = log.foreign or _foreign(row, instance, line)
-        for column in _gaps(row, parsed):
+        empty = list(_gaps(row, parsed))
+        if line == ended and not _COMMANDS.difference(empty):
+            # So our own logs end: the case was over before the stack was asked again.
+            empty = [column for column in empty if column not in _COMMANDS]
+        for column in empty:
             gaps.setdefault(column, []).append(line)
         log.rows.append(parsed)
     log.notes += [f"{name}: {_lines(at)} left out: {why}" for why, at in torn.items()]
@@ -265,8 +215,8 @@ def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
     for column, value in zip(_IDENTITY, expected, strict=True):
         given = row.get(column, "")
         if given and given != value:
-            shown = given if len(given) <= 60 else given[:59] + "…"
-            return f"line {line} is of another case: {column} '{shown}', not '{value}'"
+            named = [plain(text, SHOWN_CHARS_MAX) for text in (given, value)]
+            return f"line {line} is of another case: {column} '{named[0]}', not '{named[1]}'"
     return ""
 
 

@@ -20,7 +20,7 @@ from twin.fabric.files import write_atomic
 
 FOLDER = ".report"
 _FILE = "read.msgpack"
-_VERSION = 2
+_VERSION = 3
 """Of the entries' meaning, together with the columns that are drawn and the package's version: the
 byte stream of a fingerprint and the thinning of curves are code too."""
 
@@ -51,6 +51,8 @@ class Entry(Struct, frozen=True, array_like=True):
     """Time and columns one after the other, float32."""
     means: bytes = b""
     """Means of the shared columns one after the other, float32."""
+    rests_m: list[float] = []
+    """Distances to the obstacle at which the ego came to rest, in order [m]."""
 
 
 class Cache(Struct):

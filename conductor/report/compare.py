@@ -34,7 +34,7 @@ SHIFTS = (
     ("impact_speed_mps", "Impact speed [m/s]"),
     ("lateral_error_rms_m", "Lateral error RMS [m]"),
     ("lateral_error_max_m", "Largest lateral error [m]"),
-    ("sim_time_s", "Sim time [s]"),
+    ("sim_time_s", "Duration of the case [s]"),
 )
 """Scalars that are compared."""
 
@@ -65,10 +65,12 @@ class Side:
     passed: int
     no_collision: int
     fingerprint: str
-    software: str
-    stack: str
-    """Digest of the stack; empty: a shipped one, or not known."""
-    device_classes: list[str]
+    software: str | None
+    """Software digest; None: nothing was run here."""
+    stack: str | None
+    """Digest of the stack; empty: a shipped one, or not known; None: nothing was run here."""
+    device_classes: list[str] | None
+    """None: nothing was run here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,9 +228,9 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
         passed=dossier.passed,
         no_collision=dossier.no_collision,
         fingerprint=found.sha256,
-        software=outcomes.software,
-        stack=dossier.campaign.stack_identity.digest,
-        device_classes=outcomes.device_classes,
+        software=outcomes.software or None,
+        stack=None if dossier.imported else dossier.campaign.stack_identity.digest,
+        device_classes=None if dossier.imported else outcomes.device_classes,
     )
 
 

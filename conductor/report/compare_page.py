@@ -124,9 +124,11 @@ def _runs(found: Comparison) -> TextTable:
         ["no collision", *(f"{side.no_collision} of {side.cases}" for side in sides)],
         ["fingerprint", *(side.fingerprint for side in sides)],
         ["software", *(side.software or "none" for side in sides)],
-        ["stack", *(side.stack or "shipped" for side in sides)],
-        ["device class", *(", ".join(side.device_classes) or "none" for side in sides)],
+        ["stack", *("none" if s.stack is None else s.stack or "shipped" for s in sides)],
+        ["device class", *(", ".join(side.device_classes or []) or "none" for side in sides)],
     ]
+    # Imported logs have neither software nor device: absent is absent.
+    rows = [row for row in rows if any(cell != "none" for cell in row[1:])]
     return TextTable("Runs", "", ["", "before", "after"], rows, 3)
 
 

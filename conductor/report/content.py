@@ -16,6 +16,8 @@ from conductor.report.reading import NOTHING_KNOWN, Known, Reading, read_cases
 from conductor.report.resources import read_resources
 from conductor.report.resources_use import Resources, no_resources, resources_of
 from conductor.report.speedup import SpeedUp, speed_up
+from conductor.report.tables import statuses
+from schemas.words import counted
 from twin.fabric.errors import InfrastructureError
 
 CASES_MAX = 2000
@@ -30,6 +32,8 @@ class Content:
     shown: list[Row]
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, Curve]
+    rests_m: dict[str, list[float]]
+    """By case, where the ego came to rest: distances to the obstacle in order [m]."""
     damaged: int
     """KPI files that could not be read."""
     read: int
@@ -68,6 +72,7 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
         curves=reading.curves,
+        rests_m=reading.rests_m,
         damaged=reading.damaged,
         read=reading.read,
         evidence=gather(dossier, reading.broken, reading.fingerprint),
@@ -78,6 +83,31 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
         findings=findings(dossier),
         as_of=_as_of(dossier),
     )
+
+
+def first_screen(dossier: Dossier) -> list[str]:
+    """What is told of imported logs before anything else: why they are doubtful, how their cases
+    ended, and how many pass by the study's rule alone."""
+    imported, rows = dossier.imported, dossier.rows
+    if imported is None:
+        return []
+    limit_m = dossier.campaign.scenario.false_braking_m
+    told = {
+        "false_braking": f" (stopped further than {limit_m:g} m from the obstacle)",
+        "unresolved": " (the log does not decide the case)",
+    }
+    parts = [f"{dossier.passed} of {counted(len(rows), 'case', 'cases')} passed"]
+    for status in statuses(dossier):
+        number = sum(row.status == status for row in rows)
+        if number and status != "pass":
+            parts.append(f"{number} {status.replace('_', ' ')}{told.get(status, '')}")
+    unknown = sum(row.no_collision is None for row in rows)
+    more = f", not known of {unknown}" if unknown else ""
+    return [
+        *imported.warnings,
+        f"{', '.join(parts)}. Without a collision, the rule of the AutoDRIVE study: "
+        f"{dossier.no_collision} of {len(rows)}{more}.",
+    ]
 
 
 def read_shown(

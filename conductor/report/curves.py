@@ -51,6 +51,11 @@ def drawn(dossier: Dossier) -> tuple[str, ...]:
     return tuple(name for name in CURVES if name != "lateral_error_m" or dossier.lane_keeping)
 
 
+def time_label(dossier: Dossier) -> str:
+    """What a case's time is called: that of imported logs is their wall clock."""
+    return "Sim time [s]" if dossier.imported is None else "Time in the log [s]"
+
+
 def points_for(cases: int) -> int:
     """Points per curve when ``cases`` cases share a page."""
     return max(POINTS_MIN, min(POINTS_MAX, POINTS_TOTAL // max(cases, 1)))

@@ -8,8 +8,9 @@ from typing import Any
 
 import msgspec
 
-from conductor.report.content import Content, read_content
+from conductor.report.content import Content, first_screen, read_content
 from conductor.report.dossier import open_dossier
+from conductor.report.highlights import judged_rest_m
 from conductor.report.page import render
 from conductor.report.perception_cost import perception_costs
 from conductor.report.plots import write_plots
@@ -81,7 +82,7 @@ def report_json(folder: Path) -> dict[str, Any]:
 def tables_of(content: Content) -> dict[str, Any]:
     """The tables of a report that has been read already."""
     dossier, evidence = content.dossier, content.evidence
-    outcomes = dossier.outcomes
+    outcomes, ran = dossier.outcomes, dossier.imported is None
     return {
         "campaign": outcomes.campaign,
         "description": dossier.campaign.description,
@@ -92,26 +93,33 @@ def tables_of(content: Content) -> dict[str, Any]:
         "no_collision": dossier.no_collision,
         "not_ended": dossier.left,
         "digest": outcomes.digest,
-        "seed": outcomes.seed,
+        "seed": outcomes.seed if ran else None,
         "software": outcomes.software or None,
         "stack": dossier.campaign.stack_identity.digest or None,
-        "device_classes": outcomes.device_classes,
+        "device_classes": outcomes.device_classes if ran else None,
         "fingerprint": evidence.fingerprint.sha256 if evidence.fingerprint else None,
         "fingerprint_missing": evidence.fingerprint_missing or None,
         "alarms": evidence.alarms,
         "audits": evidence.audits,
         "disagreements": evidence.disagreements,
         "imported": msgspec.to_builtins(dossier.imported),
+        "notices": first_screen(dossier),
         "systems": [
             {**asdict(line), "rate": line.rate, "interval": line.interval}
             for line in verdict_table(dossier)
         ],
         "findings": [asdict(finding) for finding in content.findings],
         "effects": [asdict(effect) for effect in content.effects],
-        "cases": [case_record(dossier, row) for row in dossier.rows],
+        "cases": [
+            {
+                **case_record(dossier, row),
+                "false_braking_dtc_m": judged_rest_m(row, content.rests_m.get(row.case.id, [])),
+            }
+            for row in dossier.rows
+        ],
         "perception": [asdict(line) for line in perception_costs(dossier)],
-        "resources": _resources(content.resources),
-        "speed": _speed(content.speed_up),
+        "resources": _resources(content.resources) if ran else None,
+        "speed": _speed(content.speed_up) if ran else None,
     }
 
 

@@ -30,6 +30,8 @@ class Row:
     end: CaseOutcome
     aeb_logged: bool = True
     """Whether a case without an AEB trigger is known to have had none."""
+    collision_free: bool = False
+    """Without a verdict, but its imported log is complete and tells of no collision."""
 
     @property
     def status(self) -> str:
@@ -45,8 +47,9 @@ class Row:
 
     @property
     def no_collision(self) -> bool | None:
-        """The rule of the AutoDRIVE paper; None without a verdict."""
-        return no_collision(self.end.outcome, self.end.verdict)
+        """The rule of the AutoDRIVE paper; None without a verdict, unless the complete log of an
+        imported case tells of no collision."""
+        return True if self.collision_free else no_collision(self.end.outcome, self.end.verdict)
 
     def scalar(self, name: str) -> float | int | None:
         """A scalar KPI; None where missing."""
@@ -127,15 +130,20 @@ def open_dossier(folder: Path) -> Dossier:
     imported = read_imported(folder)
     labelled = cases
     without_aeb: set[str] = set()
+    collision_free: set[str] = set()
     if imported is not None:  # only some batches of a configuration may be there
         labels = imported.batches
         labelled = [msgspec.structs.replace(c, batch=labels.get(c.id, 0)) for c in cases]
         without_aeb = set(imported.without_aeb)
+        collision_free = set(imported.no_collision)
     return Dossier(
         folder=folder,
         campaign=campaign,
         outcomes=outcomes,
-        rows=[Row(c, outcomes.cases[c.id], c.id not in without_aeb) for c in labelled],
+        rows=[
+            Row(c, outcomes.cases[c.id], c.id not in without_aeb, c.id in collision_free)
+            for c in labelled
+        ],
         running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),
         digest_now=campaign_digest(campaign, cases),
         written_s=written_s,

@@ -64,6 +64,7 @@ def grid_frame(
     curves: tuple[str, ...],
     models: list[str],
     ranges: dict[str, tuple[float, float]],
+    time_label: str,
     *,
     spread: bool = False,
     stacked: bool = False,
@@ -90,7 +91,7 @@ def grid_frame(
             if name == "dtc_m":
                 _safety_line(figure, row, col, told=number == 0)
     if not stacked:
-        figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(models))
+        figure.update_xaxes(title={"text": time_label}, row=len(models))
     figure.update_layout(
         template=go.layout.Template(),
         margin={"l": 36, "r": 26, "t": 98, "b": 48},
@@ -129,8 +130,10 @@ def _stacked(names: list[str], models: list[str]) -> Any:
     return figure.update_layout(height=150 + _GRID_ROW_PX * rows)
 
 
-def curve_frame(curves: tuple[str, ...], *, spread: bool = False) -> dict[str, Any]:
-    """Layout of the curve figure: one row per KPI over a shared sim time axis, without traces.
+def curve_frame(
+    curves: tuple[str, ...], time_label: str, *, spread: bool = False
+) -> dict[str, Any]:
+    """Layout of the curve figure: one row per KPI over a shared time axis, without traces.
 
     Axis ``y<n>`` belongs to the n-th of ``curves``. ``spread``: of many cases.
     """
@@ -150,7 +153,7 @@ def curve_frame(curves: tuple[str, ...], *, spread: bool = False) -> dict[str, A
         figure.update_yaxes(title={"text": told[name][1]}, row=index, col=1)
         _set_range(figure, name, index, 1, spread=spread)
     _safety_line(figure, curves.index("dtc_m") + 1, 1, told=True)
-    figure.update_xaxes(title={"text": "Sim time [s]"}, row=len(curves), col=1)
+    figure.update_xaxes(title={"text": time_label}, row=len(curves), col=1)
     figure.update_layout(
         template=go.layout.Template(),
         height=180 * len(curves),

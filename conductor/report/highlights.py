@@ -20,8 +20,9 @@ class Highlights:
     """Tables of single cases."""
 
     models: list[str]
-    false_braking: list[Row]
-    """Furthest from the obstacle first."""
+    false_braking: list[tuple[Row, float | None]]
+    """Each with the distance to the obstacle at which it came to rest, as its verdict says [m];
+    furthest first."""
     false_braking_more: int
     """Cases that are left out of it."""
     false_braking_by: list[tuple[str, list[tuple[Any, dict[str, str]]]]]
@@ -34,12 +35,16 @@ class Highlights:
     """Cases that took the most wall time."""
 
 
-def highlights(dossier: Dossier) -> Highlights:
-    """Of the cases with a verdict."""
+def highlights(dossier: Dossier, rests_m: dict[str, list[float]]) -> Highlights:
+    """Of the cases with a verdict; ``rests_m`` says where each came to rest [m]."""
     decided = [row for row in dossier.rows if row.passed is not None]
     unhurt = [row for row in decided if row.no_collision]
-    braked = [row for row in decided if row.status == "false_braking"]
-    braked.sort(key=lambda row: -(row.scalar("dtc_end_m") or 0.0))
+    braked = [
+        (row, judged_rest_m(row, rests_m.get(row.case.id, [])))
+        for row in decided
+        if row.status == "false_braking"
+    ]
+    braked.sort(key=lambda pair: -(pair[1] or 0.0))
     by = [(axis_label(axis), counts_by(dossier, axis, "false_braking")) for axis in _axes(dossier)]
     closest = ("lateral_error_max_m", True) if dossier.lane_keeping else ("dtc_min_m", False)
     timed = [row for row in dossier.rows if row.end.attempt and row.end.wall_s > 0]
@@ -52,6 +57,15 @@ def highlights(dossier: Dossier) -> Highlights:
         hardest=extremes(decided, "impact_speed_mps", largest=True),
         slowest=sorted(timed, key=lambda row: -row.end.wall_s)[:SLOWEST_MAX],
     )
+
+
+def judged_rest_m(row: Row, rests_m: list[float]) -> float | None:
+    """The rest that the verdict false braking is about: the first one too far from the obstacle
+    [m]; None: it is not known, or the verdict is another one."""
+    if row.status != "false_braking":
+        return None
+    limit_m = row.case.scenario.false_braking_m
+    return next((dtc_m for dtc_m in rests_m if dtc_m > limit_m), None)
 
 
 def _axes(dossier: Dossier) -> list[str]:

@@ -25,8 +25,8 @@ from conductor.report.axes import (
     varied_axes,
 )
 from conductor.report.case_data import case_data, map_axes
-from conductor.report.content import Content
-from conductor.report.curves import Floats, drawn
+from conductor.report.content import Content, first_screen
+from conductor.report.curves import Floats, drawn, time_label
 from conductor.report.dossier import Dossier
 from conductor.report.effects import effects_figure
 from conductor.report.evidence import commands, versions
@@ -66,7 +66,9 @@ def render(content: Content, failures: list[Failure]) -> str:
         leases_left_out=max(0, len(content.leases.spans) - SPANS_MAX),
         failures=failures,
         replay=lambda each: "\n".join(_replay(each)),
-        highlights=highlights(dossier),
+        notices=first_screen(content.dossier),
+        time_label=time_label(dossier),
+        highlights=highlights(dossier, content.rests_m),
         perception=perception_costs(dossier),
         names=names,
         systems=verdict_table(dossier),
@@ -105,7 +107,7 @@ def prepare() -> None:
     """Do before the first page what it would do: the template is compiled, and Plotly loads its
     parts when they are first used."""
     _template()
-    curve_frame(("dtc_m", "aeb"))
+    curve_frame(("dtc_m", "aeb"), "")
     for trace in (go.Scatter(x=[0], y=[0], marker={"size": 1}), go.Bar(x=[0], y=[0])):
         go.Figure(trace).to_json()
 
@@ -129,6 +131,7 @@ def _page_data(content: Content) -> dict[str, Any]:
         groups = ["weather", *(axis for axis in groups if axis != "weather")]
     spreads = dict(_spreads(content, models))
     many, ranges = bool(spreads), _ranges(content, grid)
+    time = time_label(dossier)
     x_axis, y_axis = heat_axes(dossier)
     per = "" if "model" in (x_axis, y_axis) else "model"
     return {
@@ -137,11 +140,11 @@ def _page_data(content: Content) -> dict[str, Any]:
         "effects": effects_figure(content.effects),
         "effects_stacked": effects_figure(content.effects, columns_max=1),
         "curves": curves,
-        "frame": curve_frame(curves, spread=many)["layout"],
+        "frame": curve_frame(curves, time, spread=many)["layout"],
         "grid_curves": grid,
         "grid_models": models[:GRID_ROWS_MAX],
-        "grid": grid_frame(grid, rows, ranges, spread=many)["layout"],
-        "grid_stacked": grid_frame(grid, rows, ranges, spread=many, stacked=True)["layout"],
+        "grid": grid_frame(grid, rows, ranges, time, spread=many)["layout"],
+        "grid_stacked": grid_frame(grid, rows, ranges, time, spread=many, stacked=True)["layout"],
         "spread": spreads,
         "collision_color": status_color("collision"),
         "models": models,

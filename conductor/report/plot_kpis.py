@@ -6,7 +6,7 @@ import numpy as np
 
 from conductor.report.axes import axis_value, axis_values, varied_axes
 from conductor.report.content import Content
-from conductor.report.curves import Curve, drawn
+from conductor.report.curves import Curve, drawn, time_label
 from conductor.report.dossier import Row
 from conductor.report.figures import GRID_ROWS_MAX, SAFETY_M, column_title
 from conductor.report.palette import line_styles, status_color
@@ -63,7 +63,7 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
         panels[line][0].set_ylabel(f"{wrapped(system, high_in)}{cut}")
     for name, top, bottom in zip(names, panels[0], panels[-1], strict=True):
         top.set_title(column_title(name, spread=many), fontsize=9)
-        bottom.set_xlabel("Sim time [s]")
+        bottom.set_xlabel(time_label(dossier))
         _limit(top, name, share=many and name in SHARES)
     labels = system_names(dossier) if axis == "model" else {}
     legend(sheet, {labels.get(v, words(v)): style[0] for v, style in styles.items()})

@@ -20,6 +20,7 @@ from conductor.report import cache as caching
 from conductor.report.cache import Cache, Entry
 from conductor.report.curves import Curve, thin
 from conductor.report.dossier import Dossier, Row
+from conductor.report.rest import Track
 from twin.fabric.errors import InfrastructureError
 
 
@@ -31,6 +32,8 @@ class Reading:
     """By case, of those that are drawn."""
     broken: list[str]
     """Mistakes, one line each."""
+    rests_m: dict[str, list[float]]
+    """By case, where the ego came to rest: distances to the obstacle in order [m]."""
     damaged: int
     """KPI files that could not be read."""
     fingerprint: Fingerprint | None
@@ -69,6 +72,7 @@ def read_cases(
     told = old.fingerprint if wanted and old.fingerprint_of == wanted else None
     total = Fingerprinter() if wanted and told is None else None
     curves: dict[str, Curve] = {}
+    rests_m: dict[str, list[float]] = {}
     broken: dict[str, str] = {}
     read = 0
     for row in sorted(dossier.rows, key=lambda row: row.case.id):
@@ -88,6 +92,7 @@ def read_cases(
             broken[name] = str(error)
             total = told = None
             continue
+        rests_m[name] = entry.rests_m
         if entry.curve and name in drawn:
             curves[name] = caching.unpacked(entry)
         if row.end.kpi_sha256:
@@ -100,7 +105,7 @@ def read_cases(
         caching.store(dossier.folder, new)
     lines = [broken[row.case.id] for row in dossier.rows if row.case.id in broken]
     damaged = sum(bool(r.end.kpi_sha256) for r in dossier.rows if r.case.id in broken)
-    return Reading(curves, lines, damaged, new.fingerprint, read)
+    return Reading(curves, lines, rests_m, damaged, new.fingerprint, read)
 
 
 _NOTHING = Entry(caching.Stamp("", 0, 0), 0)
@@ -134,7 +139,8 @@ def read_case(folder: Path, name: str, end: CaseOutcome, points: int) -> tuple[E
     stamp = caching.stamp(path, end.kpi_sha256)  # before: a later change is noticed
     table, rows = committed_rows(folder, name, end)
     curve, means = caching.packed(thin(table, points)) if points else (b"", b"")
-    return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve, means), rows
+    rests_m = Track.of(table).rests_m()
+    return Entry(stamp or _NOTHING.stamp, table.num_rows, points, curve, means, rests_m), rows
 
 
 def _outcomes_digest(dossier: Dossier) -> str:

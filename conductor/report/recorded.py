@@ -34,6 +34,8 @@ LOG_BYTES = 4000
 VIEWER_MAX_S = 120.0
 """So long a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
 
+_NOT_RECORDED = "the case was not recorded; run it again as below to see it"
+_NO_PICTURES = "logs hold none"
 _RECORDING = "recording.rrd"
 _LOG = "log.txt"
 _AROUND = ("--around-s", "1.0", "--frames", "5")
@@ -73,7 +75,7 @@ def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: st
     """Let ``viewer COMMAND`` write ``out``, of the moment that matters; empty, or why it could
     not."""
     if recording_of(dossier, row) is None:
-        return "the case was not recorded"
+        return _NO_PICTURES if dossier.imported else "the case was not recorded"
     asked = [command, str(dossier.folder), row.case.id, "--at", moment_of(row), "--out", str(out)]
     return _run_viewer([*asked, *options], "")[1]
 
@@ -127,7 +129,7 @@ def _strips(dossier: Dossier, rows: list[Row]) -> dict[str, tuple[bytes, str]]:
     for row in rows:
         kept = _kept(dossier, row)
         if kept is None:
-            found[row.case.id] = b"", "the case was not recorded; run it again as below to see it"
+            found[row.case.id] = b"", _NO_PICTURES if dossier.imported else _NOT_RECORDED
             continue
         try:
             found[row.case.id] = kept.read_bytes(), ""

@@ -21,7 +21,8 @@ from PIL import Image
 
 from conductor.folders import CAMPAIGN_FILE
 from conductor.report.axes import axis_label, axis_value, axis_values, varied_axes
-from conductor.report.content import Content, read_content
+from conductor.report.content import Content, first_screen, read_content
+from conductor.report.curves import time_label
 from conductor.report.dossier import Dossier, Row, open_dossier
 from conductor.report.evidence import commands, versions
 from conductor.report.heat_picture import heat_picture
@@ -124,6 +125,8 @@ def _render(content: Content, sections: list[Section], texts: dict[str, str], fo
     autonomy = dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)).strip()
     text = jinja.get_template("result.md.j2").render(
         dossier=dossier,
+        notices=first_screen(content.dossier),
+        time_label=time_label(dossier).replace("S", "s", 1).replace("Time", "time"),
         outcomes=dossier.outcomes,
         evidence=content.evidence,
         versions=versions(),

@@ -24,7 +24,7 @@ class Pace:
 
     cases: int
     """Cases with a result."""
-    workers: int
+    workers: int | None
     at_once: int
     """Most leases that were held at the same time; 0: not measured."""
     wall_s: float | None
@@ -67,14 +67,17 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
     """Compare with ``serial``, a folder in which the same campaign was run one case at a time.
 
     Raises:
-        UsageError: ``serial`` is another campaign, ran with other software or on another kind of
-            device, is not complete, or ran cases at once.
+        UsageError: the campaign was imported from logs, or ``serial`` is another campaign, ran
+            with other software or on another kind of device, is not complete, or ran cases at once.
     """
     run = _pace(dossier, leases)
+    if dossier.imported is not None:
+        unknown = "logs do not say how long their simulators ran"
+        if serial is not None:
+            raise UsageError(f"--serial {serial}: {unknown}, so there is no speed-up; leave it out")
+        return SpeedUp(run, None, "", unknown)
     if serial is not None:
         return SpeedUp(run, _serial_pace(dossier, serial), serial.name, _missing(dossier, run))
-    if dossier.imported is not None:
-        return SpeedUp(run, None, "", "logs do not say how long their simulators ran")
     if run.at_once == 1 and dossier.outcomes.complete:
         return SpeedUp(run, run, "", "")
     return SpeedUp(
@@ -128,7 +131,7 @@ def _pace(dossier: Dossier, leases: Leases) -> Pace:
     sim_s = _sum(rows, "sim_time_s")
     return Pace(
         cases=len(rows),
-        workers=len(leases.workers) or len({row.end.worker for row in rows}),
+        workers=len(leases.workers or {row.end.worker for row in rows if row.end.worker}) or None,
         at_once=leases.most,
         wall_s=wall_s,
         control_hz=_median(rows, lambda row: row.scalar("ticks")),

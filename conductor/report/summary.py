@@ -90,7 +90,8 @@ def summary_table(dossier: Dossier) -> pa.Table:
         for name in Realtime.__struct_fields__:
             values = [row.end.realtime and getattr(row.end.realtime, name) for row in rows]
             add(f"realtime_{name}", values, None)
-    add("attempts", [row.end.attempts for row in rows], pa.int64())
+    ran = dossier.imported is None
+    add("attempts", [row.end.attempts if ran else None for row in rows], pa.int64())
     for name in ("attempt_dir", "kpi_sha256", "device_class", "worker"):
         text(name, [getattr(row.end, name) for row in rows])
     # Only a committed attempt has a wall time; 0 stands for "none" in the outcomes.

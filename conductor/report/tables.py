@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from conductor.report.axes import axis_value, further_axes
+from conductor.report.curves import time_label
 from conductor.report.dossier import NOT_ENDED, Dossier, Row
 from conductor.report.statistics import wilson
 from conductor.report.systems import system_name, system_text
@@ -120,8 +121,16 @@ def case_columns(dossier: Dossier) -> list[tuple[str, str]]:
         ("AEB TTC [s]", "aeb_ttc_s"),
         ("Peak decel. [m/s²]", "decel_peak_mps2"),
     ]
-    drive = [("Top speed [m/s]", "speed_max_mps"), ("Sim time [s]", "sim_time_s")]
-    return [*(lane + brake[1:3] if dossier.lane_keeping else brake), *drive]
+    drive = [("Top speed [m/s]", "speed_max_mps"), (time_label(dossier), "sim_time_s")]
+    columns = [*(lane + brake[1:3] if dossier.lane_keeping else brake), *drive]
+    if dossier.imported is None:
+        return columns
+    # Logs never hold some of them, and a column of dashes looks like cases without a value.
+    return [
+        (title, name)
+        for title, name in columns
+        if any(row.scalar(name) is not None for row in dossier.rows)
+    ]
 
 
 def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
@@ -141,7 +150,7 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
         **{column.name: row.scalar(column.name) for column in SCALARS},
         **{column.name: row.end.names.get(column.name) for column in NAMES},
         "realtime": msgspec.to_builtins(end.realtime),
-        "attempts": end.attempts,
+        "attempts": end.attempts if dossier.imported is None else None,
         "charges": end.charges,
         "attempt_dir": end.attempt_dir or None,
         "kpi_sha256": end.kpi_sha256 or None,

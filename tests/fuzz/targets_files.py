@@ -27,6 +27,7 @@ from schemas.drive_record import DRIVE_FILE
 from schemas.yaml_file import YamlError, load_yaml
 from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery, kpi_file
+from twin.fabric.autodrive_files import read_log_files
 from twin.fabric.drive_record import RecordReader
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError
 from twin.fabric.key_file import load_key
@@ -113,8 +114,7 @@ def _log(data: bytes) -> object:
 
 
 def _logs(path: Path) -> object:
-    notes: list[str] = []
-    return [*autodrive_logs.find_logs(path.parent, notes)], notes
+    return list(read_log_files(path.parent))
 
 
 def _drive_record(path: Path) -> int:

@@ -112,21 +112,23 @@ def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(files):
 
 
 def test_parity(tmp_path):
+    name = "batch_1/aeb_metrics_sim_inst_1.csv"
     header = "Timestamp,Model,Label,Confidence (%),Size (px^2),AEB (bool)\n"
-    log = tmp_path / "a.csv"
+    log = tmp_path / "batch_1" / "aeb_metrics_sim_inst_1.csv"
+    log.parent.mkdir()
     log.write_text(header + "t,yolov2,car,70,1200,1\nt,yolov2,,0.0,,0\nt,yolov2,car,70,,1\n")
     done = devkit("parity", tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [
         "2 / 2 rows agree, in 1 logs",
         "  yolov2: 2 / 2",
-        "a.csv:4: not judged: a box without Size (px^2)",
+        f"{name}:4: not judged: a box without Size (px^2)",
     ]
     log.write_text(log.read_text() + "t,yolov2,car,70,1200,0\n")
     done = devkit("parity", tmp_path)
     assert done.returncode == 1
     assert "2 / 3 rows agree" in done.stdout
-    assert "a.csv:5: car 70 % 1200 px^2: logged AEB 0, the rule says 1" in done.stdout
+    assert f"{name}:5: car 70 % 1200 px^2: logged AEB 0, the rule says 1" in done.stdout
     told = json.loads(devkit("parity", tmp_path, "--output", "json").stdout)
     assert (told["rows"], told["agreeing"]) == (3, 2)
     assert told["disagreements"][0]["line"] == 5

@@ -120,24 +120,92 @@ def test_columns_may_come_in_any_order_and_windows_line_ends():
     assert parity.unreadable == []
 
 
+ROW = "t,yolov2,car,70,1200,1,1,0\n"
+INSTANCE_1 = "aeb_metrics_sim_inst_1.csv"
+
+
+def pack(path: Path, members: dict[str, bytes]) -> None:
+    with tarfile.open(path, "w:gz") as archive:
+        for name, data in members.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            archive.addfile(member, io.BytesIO(data))
+
+
+def write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+
+
 def test_folders_and_archives(tmp_path):
     with pytest.raises(UsageError, match="no such folder"):
         run_parity(tmp_path / "none")
-    with pytest.raises(UsageError, match=r"holds no \.csv"):
+    with pytest.raises(UsageError, match="no log batch_N"):
         run_parity(tmp_path)
-    (tmp_path / "x.csv").write_text("a\n")
+    write(tmp_path / "batch_1" / INSTANCE_1, b"a\n")
     with pytest.raises(UsageError, match="1 logs, but no row"):
         run_parity(tmp_path)
-    log = (HEADER + "t,yolov2,car,70,1200,1,1,0\n").encode()
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "deep" / "y.csv").write_bytes(log)
-    with tarfile.open(tmp_path / "z.tar.gz", "w:gz") as archive:
-        member = tarfile.TarInfo("batch/w.csv")
-        member.size = len(log) * 2 - len(HEADER)
-        archive.addfile(member, io.BytesIO(log + b"t,yolov2,car,70,1200,0,1,0\n"))
+    log = (HEADER + ROW).encode()
+    write(tmp_path / "batch_2" / INSTANCE_1, log)
+    other = log + ROW.replace("1200,1", "1200,0").encode()
+    pack(tmp_path / "batch_3.tar.gz", {f"./batch_3/{INSTANCE_1}": other})
     found = run_parity(tmp_path)
     assert (found.files, found.rows, found.agreeing) == (3, 3, 2)
-    assert found.disagreements[0].file == "z.tar.gz/batch/w.csv"
-    (tmp_path / "z.tar.gz").write_bytes(b"no archive")
-    with pytest.raises(UsageError, match=r"z\.tar\.gz: not a readable"):
-        run_parity(tmp_path)
+    assert found.disagreements[0].file == f"batch_3/{INSTANCE_1}"
+    assert run_parity(tmp_path / "batch_2").rows == 1  # a batch by itself
+
+
+def test_names_that_are_not_logs_are_not_logs(tmp_path):
+    log = (HEADER + ROW).encode()
+    foreign = ("../evil.csv", f"../batch_1/{INSTANCE_1}", f"/batch_1/{INSTANCE_1}", "notes.csv")
+    hostile = "batch_1/\x1b[2J\nx.csv"
+    pack(
+        tmp_path / "batch_1.tar.gz",
+        {f"batch_1/{INSTANCE_1}": log, **dict.fromkeys((*foreign, hostile), log)},
+    )
+    write(tmp_path / "batch_2" / "notes.csv", log)
+    write(tmp_path / "summary.csv", log)
+    found = run_parity(tmp_path)
+    assert (found.files, found.rows) == (1, 1)
+    assert [refused.file for refused in found.refused] == [
+        *(f"batch_1.tar.gz/{name}" for name in foreign),
+        "batch_1.tar.gz/batch_1/\\x1b[2J\\nx.csv",
+        "batch_2/notes.csv",
+    ]
+    assert {refused.reason for refused in found.refused} == {"not the name of a log"}
+
+
+def test_a_large_or_damaged_file_is_one_line_and_the_rest_goes_on(tmp_path):
+    log = (HEADER + ROW).encode()
+    write(tmp_path / "batch_1" / INSTANCE_1, log)
+    with (tmp_path / "batch_1" / "aeb_metrics_sim_inst_2.csv").open("wb") as sparse:
+        sparse.truncate(2 << 30)
+    (tmp_path / "batch_1" / "aeb_metrics_sim_inst_3.csv").mkdir()
+    (tmp_path / "batch_1" / "aeb_metrics_sim_inst_4.csv").symlink_to(tmp_path / "none")
+    write(tmp_path / "batch_2.tar.gz", b"no archive")
+    pack(tmp_path / "batch_3.tar.gz", {f"batch_3/{INSTANCE_1}": log})
+    pack(tmp_path / "batch_1.tar.gz", {f"batch_1/{INSTANCE_1}": log})
+    found = run_parity(tmp_path)
+    assert (found.files, found.rows, found.agreeing) == (2, 2, 2)
+    said = {refused.file: refused.reason for refused in found.refused}
+    assert said == {
+        "batch_1/aeb_metrics_sim_inst_2.csv": "has at least 2147483648 bytes, a log at most "
+        "67108864",
+        "batch_1/aeb_metrics_sim_inst_3.csv": "not a file",
+        "batch_1/aeb_metrics_sim_inst_4.csv": "No such file or directory",
+        f"batch_1/{INSTANCE_1}": "is there a second time; the first one counts",
+        "batch_2.tar.gz": "not read to its end, its logs may be damaged: Not a gzipped file "
+        "(b'no')",
+    }
+
+
+def test_texts_of_a_log_are_escaped():
+    parity = Parity()
+    judge(
+        "a.csv",
+        HEADER + "t,\x1b[2Jyolo,\x1b]0;pwned\x07,70,1200,1,1,0\nt,m,car,\x1b[31m,1200,1,1,0\n",
+        parity,
+    )
+    assert list(parity.by_model) == ["\\x1b[2Jyolo"]
+    assert parity.disagreements[0].label == "\\x1b]0;pwned\\x07"
+    assert parity.unreadable[0].reason.isprintable()

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from conductor.report.autodrive_layout import COLUMNS, log_name
+from schemas.autodrive_log import COLUMNS, log_name
 
 SIZE = 4
 """Instances of a batch, said in the configuration."""
+ROWS_MIN = 131
+"""Fewest rows of a log, one a second: it is complete."""
 MODELS = ("yolov2", "yolov3-tiny")
 
 Rows = list[dict[str, str]]
@@ -30,10 +32,12 @@ def config(models: tuple[str, ...] = MODELS) -> dict[str, Any]:
 
 
 def drive(instance: dict[str, Any], *, brake_m: float = 30.0, stop_m: float = 20.0) -> Rows:
-    """From 148 m at 1 m per row to ``stop_m``, with AEB from ``brake_m`` on; at 0 m it hits."""
+    """From 148 m at 1 m per row and second to ``stop_m``, with AEB from ``brake_m`` on; at 0 m it
+    hits. Then it stands until the job's time is up."""
     rows = []
     distances = [148.0 - step for step in range(int(148 - stop_m) + 1)]
-    for second, dtc_m in enumerate([*distances, distances[-1], distances[-1]]):
+    stands = max(2, ROWS_MIN - len(distances))
+    for second, dtc_m in enumerate([*distances, *[distances[-1]] * stands]):
         aeb = dtc_m <= brake_m
         rows.append(
             {

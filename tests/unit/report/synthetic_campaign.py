@@ -17,7 +17,7 @@ from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.kpi import SCALARS
 from schemas.yaml_file import dump_yaml
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 
 TICK_S = 0.05
 _SIGHT = {"heavy_fog": 0.45, "light_fog": 0.8, "heavy_rain": 0.7, "heavy_snow": 0.65}
@@ -109,6 +109,25 @@ def drive(folder: Path, case: Case) -> CaseOutcome:
         device_class="cpu:avx2",
         worker="w1",
         wall_s=1.5,
+    )
+
+
+def rested(folder: Path, end: CaseOutcome, dtc_m: float) -> CaseOutcome:
+    """The case with a second of rest ``dtc_m`` from the obstacle, after which it drove on."""
+    path = folder / end.attempt_dir / "kpi.parquet"
+    before = read_kpi(path).to_pydict()
+    at = next(row for row, distance in enumerate(before["dtc_m"]) if distance < dtc_m)
+    order = [*range(at), *[at] * 20, *range(at, len(before["dtc_m"]))]
+    columns = {name: [values[row] for row in order] for name, values in before.items()}
+    columns["tick"] = list(range(len(order)))
+    columns["sim_time_ns"] = [round(tick * TICK_S * 1e9) for tick in columns["tick"]]
+    columns["speed_mps"][at : at + 20] = [0.0] * 20
+    columns["dtc_m"][at : at + 20] = [dtc_m] * 20
+    table = kpi_table(columns)
+    write_kpi(table, path)
+    reason = f"came to rest {dtc_m:.2f} m from the obstacle; further than 30 m is false braking"
+    return msgspec.structs.replace(
+        end, verdict="false_braking", reasons=[reason], kpi_sha256=kpi_sha256(table)
     )
 
 

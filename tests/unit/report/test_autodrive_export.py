@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from conductor.fingerprint import fingerprint
 from conductor.report import report_json
 from conductor.report.autodrive_export import export_autodrive
 from conductor.report.autodrive_import import import_autodrive
-from conductor.report.autodrive_layout import COLUMNS, STEERING_MAX_RAD
+from conductor.report.autodrive_layout import STEERING_MAX_RAD
+from schemas.autodrive_log import COLUMNS
 from schemas.kpi import DETECTION_FIELDS
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
@@ -49,11 +51,10 @@ def test_a_campaign_comes_back_as_it_was(tmp_path: Path) -> None:
     assert not found.notes
     assert len(found.files) == 9
     config = json.loads((tmp_path / "logs" / "config.json").read_text())
-    assert config["simulation_instances"][1] == {
-        "time_of_day": 780,
-        "weather_id": 1,
-        "model": "yolov3",
-    }
+    instance = config["simulation_instances"][1]
+    assert [instance[key] for key in ("time_of_day", "weather_id", "model")] == [780, 1, "yolov3"]
+    log = (tmp_path / "logs" / "batch_1" / "aeb_metrics_sim_inst_2.csv").read_bytes()
+    assert instance["exported"]["log_sha256"] == hashlib.sha256(log).hexdigest()
     import_autodrive(tmp_path / "logs", tmp_path / "back")
     before, after = held(tmp_path / "run"), held(tmp_path / "back")
     assert {case["verdict"] for case in before["cases"]} == {"pass", "collision"}

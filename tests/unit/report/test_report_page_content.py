@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
+from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of, rested
 
 from conductor.fingerprint import fingerprint
 from conductor.outcomes import Late
@@ -145,8 +145,7 @@ def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
     def change(case, end):
         if case.time_of_day_min == 5 * 60:
             return end
-        far = {**end.scalars, "dtc_end_m": 40.0 + len(case.weather), "aeb_dtc_m": 55.0}
-        return replace(end, verdict="false_braking", scalars=far, wall_s=9.25)
+        return replace(rested(tmp_path, end, 40.0 + len(case.weather)), wall_s=9.25)
 
     make_campaign(tmp_path, change=change)
     text = without_scripts(page_of(tmp_path))
