@@ -88,7 +88,7 @@ def test_metrics_count_verdicts_that_are_a_pass() -> None:
     leases = bench.lease("w1", k=2)
     bench.next("w1", k=0, results=[result(leases[0]), result(leases[1], verdict="time_up")])
     found = {**status(bench.state, bench.now_ns), "counters": {}}
-    metric = next(iter(ConductorCollector(lambda: found)._gauges(found)))
+    metric = next(iter(ConductorCollector(lambda: found).collect()))
     assert isinstance(metric, GaugeMetricFamily)
     values = {sample.labels["state"]: sample.value for sample in metric.samples}
     assert (values["passed"], values["not_passed"]) == (1, 1)

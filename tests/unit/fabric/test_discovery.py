@@ -96,8 +96,8 @@ def test_nobody_waits_for_a_folder_that_is_not_there(tmp_path):
 
 
 def test_a_conductor_may_come_to_a_run_that_has_not_ended(tmp_path):
-    refuse_ended(tmp_path)
-    refuse_ended(campaign(tmp_path / "cut", complete=False))
+    assert refuse_ended(tmp_path) is None
+    assert refuse_ended(campaign(tmp_path / "cut", complete=False)) is None
     again = campaign(tmp_path / "again", complete=True)
     announce(again, 1)  # of a conductor that runs some of its cases once more
-    refuse_ended(again)
+    assert refuse_ended(again) is None

@@ -104,7 +104,7 @@ def test_modules_named_by_the_campaign_may_be_loaded_so(stack):
     loaded = LoadedModules(find_stack(named), "stack stack_of_mine:X")
     importlib.import_module("stack_of_mine")
     importlib.import_module("uncounted")
-    loaded.check()
+    assert loaded.check() is None
 
 
 def test_a_file_that_a_parameter_names_is_compared_by_its_value(stack):
