@@ -183,6 +183,8 @@ class Engine(Steerable):
         self._limits = judging.Limits.of(slots)
         self._course = Course.of(self._world, vehicle)
         self._nearest = np.zeros((slots, len(NEAREST)))
+        self._surveyed = False
+        """What egos are nearest to is being measured at the current ticks."""
         self._placed_ns = np.full(slots, -1, np.int64)
         """Sim times at which the scripted objects stand in the fleet."""
         self._unmeasured = False  # no vehicle was placed since the state was measured last
@@ -229,6 +231,7 @@ class Engine(Steerable):
         speed_mps = case.scenario.ego_speed_mps
         self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
         self._unmeasured = True  # once for all that begin together
+        self._surveyed = False
         self._vehicles.active[slot] = 1
         self._eyes.reset(slot, case)
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
@@ -309,6 +312,8 @@ class Engine(Steerable):
         sensors.update((name, SensorData(values)) for name, values in own.items())
         now = Moment(self.tick, self.sim_time_ns, self.active)
         self._place_objects()
+        # It is done long before the stack has answered: no tick waits for it.
+        self._survey()
         lamps = self._lamps()
         self._watch.lap("sense")
         images = self._eyes.read(now, lamps, self._placement, self._vehicles.ego_device, truth)
@@ -381,7 +386,9 @@ class Engine(Steerable):
                 mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
             else:
                 good.append((slot, run, command))
-        self._nearest = self._survey()
+        if not self._surveyed:
+            self._survey()
+        self._nearest = self._vehicles.nearest()
         self._record([slot for slot, _, _ in good], [command for _, _, command in good])
         self._record(list(mistakes), [None] * len(mistakes))
         finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
@@ -397,6 +404,7 @@ class Engine(Steerable):
         else:
             self._vehicles.advance(self._steps)
         self._watch.lap("physics")
+        self._surveyed = False
         self.tick[self.active] += 1
         self.sim_time_ns[self.active] += self.control_period_ns
         finished += self._ended()
@@ -457,13 +465,15 @@ class Engine(Steerable):
             slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m, self._nearest
         )
 
-    def _survey(self) -> np.ndarray:
-        """What every ego is nearest to at the current ticks, see :meth:`Fleet.nearest`."""
+    def _survey(self) -> None:
+        """Begin to measure what every ego is nearest to at the current ticks, see
+        :meth:`Fleet.survey`."""
         self._refresh()
         movers = self._vehicles.movers
         if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
             movers = self._movers(self._motion.at(self.sim_time_ns / 1e9))
-        return self._vehicles.nearest(movers)
+        self._vehicles.survey(movers)
+        self._surveyed = True
 
     def _ended(self) -> list[Finished]:
         """The cases that end at the tick just reached."""
@@ -477,7 +487,9 @@ class Engine(Steerable):
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
-            self._nearest = self._survey()
+            self._survey()
+            self._nearest = self._vehicles.nearest()
+            self._surveyed = False
         for slot in ending:
             if faulty[slot]:
                 fault = self._vehicles.fault(slot)

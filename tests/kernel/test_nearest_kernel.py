@@ -83,6 +83,11 @@ def first_touch(a, b, velocity, until_s=6.0, step_s=0.002):
     return float(times[np.argmax(touching)]) if touching.any() else None
 
 
+def surveyed(fleet):
+    fleet.survey(fleet.movers)
+    return fleet.nearest()
+
+
 def test_distances_and_times_are_those_of_geometry():
     draw = np.random.default_rng(3)
     met = missed = 0
@@ -99,7 +104,7 @@ def test_distances_and_times_are_those_of_geometry():
         yaw, velocity = draw.uniform(-3.1, 3.1), draw.uniform(-8.0, 8.0, 2)
         made = fleet(walls)
         at(made, 0, 0.0, 0.0, yaw, velocity)
-        (found,) = made.nearest(made.movers)
+        (found,) = surveyed(made)
         ego = (0.0, 0.0, yaw, *HULL)
         distances = [distance(ego, wall) for wall in walls]
         assert found[0] == pytest.approx(min(distances), abs=1e-9)
@@ -122,7 +127,7 @@ def test_distances_and_times_are_those_of_geometry():
 def test_a_hull_beside_the_way_is_near_and_never_hit():
     made = fleet([(10.0, 3.0, 0.0, 2.0, 0.9)])
     at(made, 0, 0.0, 0.0, 0.0, (8.0, 0.0))
-    (found,) = made.nearest(made.movers)
+    (found,) = surveyed(made)
     assert found[1] == 0
     assert found[3] == -1
 
@@ -136,7 +141,7 @@ def test_movers_come_after_walls_and_props_after_movers():
     made.movers[1, 1] = (20.0, 0.0, 0.0, 0.3, 0.3, -2.0, 0.0, 0.0)
     made.movers[3, 0] = (20.0, 0.0, 0.0, 0.0, 0.3, -2.0, 0.0, 0.0)
     made.place_prop(2, 0, 30.0, 0.0)
-    found = made.nearest(made.movers)
+    found = surveyed(made)
     assert found[:, 1].tolist() == [0, 2, 3, 0]
     assert found[:, 3].tolist() == [0, 2, 3, 0]
     gap = 20.0 - 0.3 - HULL[0]
@@ -150,12 +155,12 @@ def test_nothing_depends_on_the_slot_and_inactive_ones_have_nothing():
     for slot in (0, 2):
         at(made, slot, 0.0, 0.0, 0.1, (7.0, 0.4))
     made.active[1] = 0
-    found = made.nearest(made.movers).copy()
+    found = surveyed(made).copy()
     assert found[0].tobytes() == found[2].tobytes()
     assert (found[1, [1, 3]] == -1).all()
     alone = fleet(walls)
     at(alone, 0, 0.0, 0.0, 0.1, (7.0, 0.4))
-    assert alone.nearest(alone.movers)[0].tobytes() == found[0].tobytes()
+    assert surveyed(alone)[0].tobytes() == found[0].tobytes()
 
 
 def test_what_was_hit_first_is_told_by_the_same_count():

@@ -135,9 +135,8 @@ class Fleet:
                 return first[int(kind)] + int(partner)
         return -1
 
-    def nearest(self, movers: np.ndarray) -> np.ndarray:
-        """What vehicles 0 are nearest to [S, 4], columns
-        :data:`twin.vehicle.nearest.NEAREST`; a view. Inactive slots: nothing.
+    def survey(self, movers: np.ndarray) -> None:
+        """Begin to measure what vehicles 0 are nearest to; :meth:`nearest` waits for it.
 
         Args:
             movers: hulls of the scripted objects at the same times as the state [S, M, 8].
@@ -161,8 +160,11 @@ class Fleet:
             device=self._device,
             block_dim=_BLOCK,
         )
-        self._nearest.pull()
-        return self._nearest.host
+
+    def nearest(self) -> np.ndarray:
+        """What vehicles 0 were nearest to at the last :meth:`survey` [S, 4], columns
+        :data:`twin.vehicle.nearest.NEAREST`; a view. Inactive slots: nothing."""
+        return self._nearest.pull()
 
     def _see(self) -> None:
         """Bring the events over: hardly anybody looks at them, and not at every step."""
