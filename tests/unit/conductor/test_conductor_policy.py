@@ -367,3 +367,30 @@ def test_a_share_looks_at_so_many_cases_and_no_more(huge: int) -> None:
 def test_a_share_that_cannot_be_is_refused(share: tuple[int, int, int, int]) -> None:
     with pytest.raises(ValueError, match="both count from 0"):
         Share(*share)
+
+
+def _two_rigs(own: int, others: int, priority: int = 0) -> Bench:
+    """w1 holds ``own`` cases of ``here`` and w2 ``others``; ``there`` has another rig and waits."""
+    bench = Bench()
+    bench.ask(_prioritised("here", 0, cases=20))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    bench.lease("w1", k=own)
+    if others:
+        bench.lease("w2", k=others)
+    bench.ask(_prioritised("there", priority, cases=4, width=320))
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("others", "priority", "refilled"), [(0, 0, True), (8, 0, False), (8, -1, True)]
+)
+def test_a_rig_is_given_up_only_for_who_has_too_little_of_the_others(
+    others: int, priority: int, refilled: bool
+) -> None:
+    """What this rig itself runs does not count against its campaign, and nobody gives way to a
+    lower priority."""
+    bench = _two_rigs(4, others, priority)
+    own = list(bench.state.workers["w1"].tokens)
+    names = _campaigns(bench.lease("w1", k=1, held=own))
+    assert names == (["here"] if refilled else [])

@@ -203,3 +203,27 @@ def test_large_values_have_a_mean_too() -> None:
     assert found is not None
     assert found.estimate == 0.0
     assert 1e199 < found.high < 1e201
+
+
+@pytest.mark.parametrize("total", [1, 3, 7, 10, 64, 250, 1999])
+def test_bounds_of_none_and_of_all_are_exact(total: int) -> None:
+    assert wilson(0, total)[0] == 0.0
+    assert wilson(total, total)[1] == 1.0
+
+
+def test_newcombe_where_pairs_go_together_and_where_a_margin_is_empty() -> None:
+    # Newcombe 1998: table II, method 10.
+    found = newcombe_paired(20, 12, 2, 16)
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.2, 0.0562, 0.3292), abs=5e-5)
+    # Without a pass on one side there is no correlation: the bounds add up as squares.
+    found = newcombe_paired(0, 0, 3, 2)
+    (_, high), (low, _) = wilson(0, 5), wilson(3, 5)
+    assert found.high == pytest.approx(-0.6 + math.hypot(high, 0.6 - low), rel=1e-12)
+    for counts in ((-1, 5, 5, 5), (5, 5, -1, 5), (5, 5, 5, -1)):
+        with pytest.raises(ValueError, match="0 or more"):
+            newcombe_paired(*counts)
+
+
+def test_the_tail_of_small_chi_squares() -> None:
+    assert chi_square_tail(1.0, 2) == pytest.approx(math.exp(-0.5), rel=1e-12)
+    assert chi_square_tail(0.0, 3) == 1.0
