@@ -70,6 +70,6 @@ def test_an_edit_stays_inside_its_symbol(tmp_path: Path) -> None:
     for symbol, line in (("One.f", 6), ("Two.f", 12), ("g", 17), ("A", 1)):
         bug = Planted("x", "x", f"made:{symbol}", "1", "2", "tests/x.py::test_x", 1.0)
         _, text = planted_source(tmp_path, bug)
-        before = (tmp_path / "made.py").read_text().splitlines()
-        changed = [n for n, (a, b) in enumerate(zip(before, text.splitlines(), strict=True), 1) if a != b]
+        lines = zip((tmp_path / "made.py").read_text().splitlines(), text.splitlines(), strict=True)
+        changed = [number for number, (old, new) in enumerate(lines, 1) if old != new]
         assert changed == [line], symbol

@@ -394,3 +394,21 @@ def test_a_rig_is_given_up_only_for_who_has_too_little_of_the_others(
     own = list(bench.state.workers["w1"].tokens)
     names = _campaigns(bench.lease("w1", k=1, held=own))
     assert names == (["here"] if refilled else [])
+
+
+def test_a_case_that_was_paused_when_it_was_cancelled_waits_after_a_retry() -> None:
+    bench = started(cases=1)
+    bench.control("pause", case="repeat_0")
+    bench.control("cancel", case="repeat_0")
+    assert bench.control("retry", case="repeat_0").status["changed"] == 1
+    assert [lease.case.id for lease in bench.lease("w1")] == ["repeat_0"]
+
+
+def test_the_cases_of_all_campaigns_count_against_the_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("conductor.admit.CASES_HELD_MAX", 6)
+    bench = started(cases=4)
+    assert not bench.ask(submit("beta", cases=2)).error
+    error = bench.ask(submit("gamma", cases=1)).error
+    assert "gamma: 6 cases are here, 1 more given, at most 6; start another conductor" in error

@@ -227,3 +227,8 @@ def test_newcombe_where_pairs_go_together_and_where_a_margin_is_empty() -> None:
 def test_the_tail_of_small_chi_squares() -> None:
     assert chi_square_tail(1.0, 2) == pytest.approx(math.exp(-0.5), rel=1e-12)
     assert chi_square_tail(0.0, 3) == 1.0
+
+
+def test_one_small_group_among_large_ones_is_counted_exactly() -> None:
+    assert homogeneity([(1, 4), (60, 100)]).exact is True
+    assert homogeneity([(50, 100), (60, 100)]).exact is False
