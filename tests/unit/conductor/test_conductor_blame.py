@@ -6,7 +6,16 @@ import pytest
 from conductor_bench import Bench, ended, hello, result, started, submit
 
 from conductor.core import worker_lost
-from conductor.facts import AttemptEnded, CaseEnded, EpochRaised, Fact, Intervention, Paused
+from conductor.facts import (
+    AttemptEnded,
+    CaseEnded,
+    EpochRaised,
+    Fact,
+    Intervention,
+    Leased,
+    Paused,
+    Submitted,
+)
 from conductor.fold import apply
 from conductor.settle import LOSSES_ANYWAY
 from conductor.state import Config
@@ -100,10 +109,22 @@ def test_a_repeated_request_gets_the_same_lone_lease() -> None:
         Intervention(campaign="alpha", case="repeat_0", token=7, tick=1, what="x", changes=0),
         Paused(campaign="alpha", case="repeat_0", paused=False),
         Paused(campaign="alpha", case="repeat_1", paused=True),
+        Leased("alpha", "repeat_0", token=2**32 + 1, attempt=2, worker="w1", alone=False),
+        Leased("alpha", "repeat_0", token=2**32 + 1, attempt=1, worker="w1", alone=True),
+        Leased("alpha", "repeat_0", token=2**32 + 2, attempt=1, worker="w1", alone=False),
     ],
 )
 def test_a_fact_that_contradicts_the_state_is_our_own_mistake(fact: Fact) -> None:
     bench = started(cases=2)
     bench.control("cancel", case="repeat_1")
+    assert bench.state.epoch == 1
     with pytest.raises(AssertionError, match=r"contradicts the state: \w+\("):
+        apply(bench.state, fact)
+
+
+def test_a_campaign_is_submitted_once_and_says_where_it_lies() -> None:
+    bench = started(cases=2)
+    assert bench.ask(submit(cases=2)).status["out"] == "/state/alpha"
+    (fact,) = bench.facts(Submitted)
+    with pytest.raises(AssertionError, match=r"contradicts the state: Submitted\("):
         apply(bench.state, fact)

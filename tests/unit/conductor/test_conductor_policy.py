@@ -412,3 +412,61 @@ def test_the_cases_of_all_campaigns_count_against_the_limit(
     assert not bench.ask(submit("beta", cases=2)).error
     error = bench.ask(submit("gamma", cases=1)).error
     assert "gamma: 6 cases are here, 1 more given, at most 6; start another conductor" in error
+
+
+def test_a_rig_is_shared_by_campaigns_that_fit_it() -> None:
+    """Nobody has to give it up: the one with fewer cases under way is served."""
+    bench = Bench()
+    bench.ask(_prioritised("here", 0, cases=20))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    (held,) = bench.lease("w1", k=1)
+    bench.lease("w2", k=8)
+    bench.ask(_prioritised("there", 0, cases=4))
+    assert _campaigns(bench.lease("w1", k=2, held=[held.token])) == ["there", "there"]
+
+
+@pytest.mark.parametrize("stretch", [0, 1, 2])
+def test_a_share_is_followed_by_the_next_stretch(stretch: int) -> None:
+    bench = Bench()
+    bench.ask(submit(cases=9))
+    bench.ask(hello(share=Share(stretch, 3, 0, 1)))
+    numbers = [int(lease.case.id[-1]) for lease in bench.lease(k=9)]
+    assert sorted(numbers) == list(range(9))
+    first = [number // 3 for number in numbers]
+    assert first == [s % 3 for s in range(stretch, stretch + 3) for _ in range(3)]
+
+
+def test_why_a_worker_gets_nothing_is_told_to_the_word() -> None:
+    bench = started(cases=2)
+    bench.lease("w1")
+    bench.ask(hello("w2", software="beef" * 10))
+    bench.ask(hello("w3", device_class="cuda:H100"))
+    for worker, said in (
+        (
+            "w2",
+            "w2: software beefbeefbeef is not the f00d that campaign 'alpha' began with; "
+            "it gets no case of it, install the same version",
+        ),
+        (
+            "w3",
+            "w3: device class cuda:H100 is not the cpu:avx2 that campaign 'alpha' began with; "
+            "it gets no case of it, submit with 'device: any' to mix device classes",
+        ),
+    ):
+        assert bench.next(worker).status == {"notes": [said]}
+
+
+def test_a_retry_forgets_losses_and_a_refusal_says_nothing_else() -> None:
+    bench = started(cases=1)
+    bench.lease("w1")
+    bench.now_ns += bench.config.ttl_ns
+    bench.tick()
+    case = bench.state.campaigns["alpha"].cases["repeat_0"]
+    assert (case.lost_times, case.lost) == (1, ("w1",))
+    bench.control("cancel", case="repeat_0")
+    bench.control("retry", case="repeat_0")
+    assert (case.lost_times, case.lost, case.losses) == (0, (), ())
+    refused = bench.control("pause", case="repeat_9")
+    assert refused.error
+    assert refused.status == {}

@@ -20,6 +20,13 @@ from twin.fabric.roles import (
     split_name,
 )
 
+
+@pytest.fixture(autouse=True)
+def _nothing_remembered():
+    """What is allowed is remembered for the whole process."""
+    may.cache_clear()
+
+
 FLOWS = {
     Act.publish: ({"put", "delete"}, {"declare_subscriber"}),
     Act.subscribe: ({"declare_subscriber"}, {"put", "delete"}),

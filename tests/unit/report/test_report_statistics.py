@@ -232,3 +232,12 @@ def test_the_tail_of_small_chi_squares() -> None:
 def test_one_small_group_among_large_ones_is_counted_exactly() -> None:
     assert homogeneity([(1, 4), (60, 100)]).exact is True
     assert homogeneity([(50, 100), (60, 100)]).exact is False
+
+
+def test_the_quantile_of_many_degrees_of_freedom_is_exact() -> None:
+    """2.0422724563 for 30 (tables of Student's t)."""
+    values = [float(value % 7) for value in range(31)]
+    found = mean_interval(values)
+    assert found is not None
+    spread = statistics.stdev(values) / math.sqrt(31) * 2.0422724563
+    assert found.high - found.estimate == pytest.approx(spread, rel=1.3e-6)
