@@ -280,8 +280,9 @@ def test_turns_of_a_short_leg_leave_each_other_room():
         np.testing.assert_allclose(end, path.start[k + 1, :2], atol=1e-9)
 
 
-def test_a_walker_on_a_loop_does_not_change_step_where_the_loop_ends():
-    waypoints = [[0, 0], [7, 0], [7, 5], [0, 5]]
+@pytest.mark.parametrize("side_m", [7.0, 7.2, 7.4, 7.6])
+def test_a_walker_on_a_loop_does_not_change_step_where_the_loop_ends(side_m):
+    waypoints = [[0, 0], [side_m, 0], [side_m, 5], [0, 5]]
     one = cast(kind="pedestrian", waypoints=waypoints, speed_mps=1.3, loop=True)
     found = at(one, np.arange(0.1, 60.0, 0.02)).kind[:, 0]
     phases = int(found.max())
