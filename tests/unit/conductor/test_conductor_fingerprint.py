@@ -11,7 +11,6 @@ import pytest
 from typer.testing import CliRunner
 
 from conductor.cli import app
-from conductor.fingerprint import fingerprint
 from conductor.fingerprint import Fingerprinter, fingerprint
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from schemas.kpi import KPI_COLUMNS
@@ -19,7 +18,14 @@ from twin.fabric.errors import InfrastructureError, UnfinishedError, UsageError
 from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 
-_VALUES = {"bool": True, "int32": 3, "int64": 4, "float64": 0.5, "detections": []}
+_VALUES = {
+    "bool": True,
+    "int32": 3,
+    "int64": 4,
+    "float64": 0.5,
+    "name": "car",
+    "detections": [],
+}
 
 
 def _kpi(folder: Path, case: str, speed_mps: float) -> CaseOutcome:
@@ -178,6 +184,8 @@ def test_runs_that_differ_are_told_apart_by_case_and_first_value(tmp_path: Path)
     assert code == 1
     found = json.loads(said)
     assert (found["same"], list(found["differences"])) == (False, ["a", "only", "verdict"])
+
+
 def test_names_and_outcomes_do_not_run_together() -> None:
     """Two cases ``a`` and ``b`` against one that is called like all of it."""
     failed, whole = CaseOutcome(outcome="failed"), Fingerprinter()
