@@ -128,3 +128,38 @@ def test_a_campaign_is_submitted_once_and_says_where_it_lies() -> None:
     (fact,) = bench.facts(Submitted)
     with pytest.raises(AssertionError, match=r"contradicts the state: Submitted\("):
         apply(bench.state, fact)
+
+
+def _die(bench: Bench, times: int = 1) -> None:
+    for _ in range(times):
+        (lease,) = bench.lease("w1")
+        bench.next("w1", k=0, ended=[ended(lease, "crash")])
+
+
+def test_a_case_that_dies_often_is_one_death_of_its_host() -> None:
+    bench = started(cases=1, attempts_max=4)
+    _die(bench, 3)
+    assert bench.state.deaths == {"node": (("alpha", "repeat_0"),)}
+
+
+def test_a_quarantined_case_is_no_death_of_a_host_any_more() -> None:
+    """It was the case that was bad; what others died of is not known yet."""
+    bench = started(cases=3, attempts_max=2)
+    first, second = bench.lease("w1", k=2)
+    bench.next("w1", k=0, ended=[ended(first, "crash"), ended(second, "crash")])
+    assert len(bench.state.deaths["node"]) == 2
+    _die(bench)
+    assert [end.case for end in bench.facts(CaseEnded)] == ["repeat_0"]
+    assert bench.state.deaths == {"node": (("alpha", "repeat_1"),)}
+
+
+def test_disagreements_add_up() -> None:
+    bench = started(cases=3)
+    leases = bench.lease("w1", k=3)
+    bench.now_ns += bench.config.ttl_ns
+    bench.tick()
+    late = [result(lease, kpi="late") for lease in leases]
+    assert bench.next("w1", k=0, results=late).fenced == [lease.token for lease in leases]
+    while again := bench.lease("w1", k=3):
+        bench.next("w1", k=0, results=[result(lease) for lease in again])
+    assert bench.state.campaigns["alpha"].disagreements == 3

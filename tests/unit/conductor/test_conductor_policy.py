@@ -11,8 +11,16 @@ import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
 from conductor.backlog import Backlog
-from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDraining
+from conductor.facts import (
+    CaseEnded,
+    Committed,
+    LateAttempt,
+    Leased,
+    Replied,
+    WorkerDraining,
+)
 from conductor.grant import SPREAD_MAX, _preferred, _spread
+from conductor.lease import token_of
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Share, Submit
@@ -470,3 +478,39 @@ def test_a_retry_forgets_losses_and_a_refusal_says_nothing_else() -> None:
     refused = bench.control("pause", case="repeat_9")
     assert refused.error
     assert refused.status == {}
+
+
+def test_a_reply_with_cases_asks_for_no_patience_and_notes_nothing() -> None:
+    bench = started(cases=2)
+    bench.ask(hello("w2", software="beef"))
+    bench.lease("w1")
+    bench.ask(submit("beta", cases=2))
+    reply = bench.next("w2")
+    assert [lease.case.campaign for lease in reply.leases] == ["beta"]
+    assert (reply.retry_after_s, reply.status) == (0.0, {})
+    (stored,) = [fact for fact in bench.facts(Replied) if fact.worker == "w2"]
+    assert stored.reply.leases == [], "cases are in the journal already"
+    assert [granted.campaign for granted in stored.granted] == ["beta"]
+
+
+def test_a_case_counts_once_for_the_campaign_that_is_due() -> None:
+    """``first`` has none under way and ``second`` one: with one more each they are equal."""
+    bench = Bench()
+    bench.ask(_prioritised("second", 0, cases=4))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    bench.lease("w2")
+    bench.ask(_prioritised("third", 0, cases=4))
+    assert _campaigns(bench.lease("w1", k=3)) == ["third", "second", "third"]
+
+
+def test_a_submission_is_answered_with_its_digest() -> None:
+    bench = started(cases=1)
+    assert bench.ask(submit(cases=1)).status["digest"] == bench.state.campaigns["alpha"].digest
+
+
+@pytest.mark.parametrize("count", [0, 2**32])
+def test_an_epoch_has_so_many_tokens(count: int) -> None:
+    with pytest.raises(AssertionError, match=f"lease {count} of one epoch"):
+        token_of(1, count)
+    assert token_of(1, 2**32 - 1) < token_of(2, 1)

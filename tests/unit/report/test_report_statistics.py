@@ -241,3 +241,12 @@ def test_the_quantile_of_many_degrees_of_freedom_is_exact() -> None:
     assert found is not None
     spread = statistics.stdev(values) / math.sqrt(31) * 2.0422724563
     assert found.high - found.estimate == pytest.approx(spread, rel=1.3e-6)
+
+
+def test_what_a_test_of_groups_says_beside_its_p_value() -> None:
+    for groups in ([(0, 4), (0, 9)], [(4, 4), (9, 9), (1, 1)]):
+        same = homogeneity(groups)
+        assert (same.p_value, same.chi_square) == (1.0, 0.0)
+        assert (same.freedom, same.exact) == (len(groups) - 1, True)
+    exact = homogeneity([(1, 4), (3, 4), (2, 5)])
+    assert (exact.freedom, exact.exact) == (2, True)
