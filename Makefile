@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-train install-bench demo test faults fuzz soak offline check lock models clean
+.PHONY: help install install-test install-train install-bench demo test faults fuzz soak offline planted mutation check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -15,6 +15,8 @@ help:
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
+	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
+	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
 	@echo "make check    format, lint, types and layers, in under a minute"
 
 install: $(VENV)/.installed
@@ -63,6 +65,14 @@ offline: install-test
 	OFFLINE=1 PATH="$$(dirname $$(tests/e2e/install_apptainer.sh build/apptainer)):$$PATH" \
 	  $(BIN)/pytest tests/e2e/test_offline.py tests/e2e/test_containers.py $(ARGS)
 
+# Goes on where it was stopped. `make test` checks only that every entry still fits the code.
+planted: install-test
+	$(BIN)/python tests/planted/run.py $(ARGS)
+
+mutation: install-test
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[mutation]'
+	$(BIN)/python tests/mutation/run.py $(ARGS)
+
 check: install-test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -72,7 +82,7 @@ check: install-test
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,bench]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,bench,mutation]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

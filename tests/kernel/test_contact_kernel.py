@@ -223,6 +223,9 @@ def test_events_count_separate_touches_only():
     assert made.event_count[0] == 2
     assert events[1, EVENT.index("step")] - events[0, EVENT.index("last_step")] > 50
     assert events[1, EVENT.index("last_step")] == 1550
+    # The car's own impact is the first one.
+    assert made.state[0, 0, COLUMN["impact_step"]] == events[0, EVENT.index("step")]
+    assert made.state[0, 0, COLUMN["impact_speed_mps"]] > 5.0
 
 
 def test_more_events_than_room_are_still_counted():
@@ -314,3 +317,17 @@ def test_a_car_that_its_first_impact_froze_is_not_hit_again():
     advance(made, 200, first=200)
     assert made.event_count[0] == 1
     assert made.state[0, 0].tobytes() == frozen.tobytes()
+
+
+def test_a_car_that_is_placed_again_has_hit_nothing():
+    wall = np.array([[10.0, 0.0, 0.0, 0.5, 20.0]])
+    made = fleet(colliders=wall)
+    made.place(0, 0.0, 8.0, 0.85)
+    advance(made, 1000)
+    assert made.event_count[0] > 0
+    made.place(0, 0.0, 0.0, 0.85)
+    assert made.event_count[0] == 0
+    assert not made.events[0].any()
+    assert made.state[0, 0, COLUMN["collisions"]] == 0.0
+    advance(made, 10)
+    assert made.event_count[0] == 0

@@ -391,3 +391,12 @@ def test_a_fault_on_the_way_keeps_the_last_good_state():
     fleet.advance(500)
     assert "kinetic energy" in fleet.fault(0)
     assert np.isfinite(fleet.state).all()
+
+
+@pytest.mark.parametrize(("friction", "stands"), [(0.85, True), (0.15, False)])
+def test_brakes_hold_on_a_slope_as_far_as_the_tyres_grip(friction, stands):
+    """Three metres in ten need a friction of 0.3."""
+    full = (0.0, 1.0, 0.0, 0.0, 1.0)
+    rows = on_ground(slope_ground(0.3), full, 1500, friction=friction, grade=0.3)
+    way_m = rows[-1][COLUMN["x_m"]] - rows[0][COLUMN["x_m"]]
+    assert bool(abs(way_m) < 0.3) is stands

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import yaml
 
-ROOT = Path(__file__).resolve().parents[2]
 CATALOGUE = Path(__file__).parent / "catalogue"
 _FIELDS = {"name", "kind", "symbol", "old", "new", "test", "seconds"}
 

@@ -10,21 +10,20 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from queue import SimpleQueue
 
-from planting import ROOT, Planted, PlantingError, load_catalogue, planted_source
+from copies import ROOT, Copy
+from planting import Planted, PlantingError, load_catalogue, planted_source
 from rich.console import Console
 from rich.table import Table
 
@@ -55,75 +54,26 @@ class Outcome:
     """Tests that ran there; 0: they took too long."""
 
 
-class Copy:
-    """A copy of the working tree in which bugs are planted; one job uses it at a time."""
-
-    def __init__(self, folder: Path) -> None:
-        """Copy what git knows or would add; ``../shared`` is linked, as tests expect it there."""
-        self.root = folder / ROOT.name
-        self._cache = folder / "kernels"
-        shutil.rmtree(self.root, ignore_errors=True)
-        listed = subprocess.run(
-            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-            cwd=ROOT,
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        for name in filter(None, listed.stdout.split("\0")):
-            if (ROOT / name).is_file():
-                (self.root / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / name, self.root / name)
-        shared = ROOT.parent / "shared"
-        if shared.exists() and not (folder / "shared").exists():
-            (folder / "shared").symlink_to(shared)
-
-    def pytest(self, arguments: Sequence[str], limit_s: float) -> tuple[int | None, str]:
-        """Exit code (None: it took too long) and output of pytest in the copy."""
-        environment = os.environ | {
-            "PYTHONPATH": str(self.root),
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "WARP_CACHE_PATH": str(self._cache),
-            "HYPOTHESIS_STORAGE_DIRECTORY": str(self._cache / "hypothesis"),
-        }
-        command = [sys.executable, "-m", "pytest", "-q", "--tb=no", "-p", "no:cacheprovider"]
-        process = subprocess.Popen(
-            [*command, *arguments],
-            cwd=self.root,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        try:
-            output, _ = process.communicate(timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            return None, ""
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-        return process.returncode, output
-
-    def carry_out(self, bug: Planted, key: str) -> Outcome:
-        """Plant, test, undo."""
-        path, text = planted_source(self.root, bug)
-        before = path.read_bytes()
-        path.write_text(text, encoding="utf-8")
-        try:
-            begin_s = time.monotonic()
-            code, output = self.pytest(["-x", bug.test], NAMED_S)
-            seconds = round(time.monotonic() - begin_s, 1)
-            if code == 0:
-                return Outcome(bug.name, key, "survived", bug.test, seconds)
-            if code not in (1, None):
-                return Outcome(bug.name, key, "does not apply", _last(output), seconds)
-            _, output = self.pytest([bug.test_file], FILE_S)
+def carry_out(copy: Copy, bug: Planted, key: str) -> Outcome:
+    """Plant, test, undo."""
+    path, text = planted_source(copy.root, bug)
+    before = path.read_bytes()
+    path.write_text(text, encoding="utf-8")
+    try:
+        begin_s = time.monotonic()
+        code, output = copy.pytest(["-x", bug.test], NAMED_S)
+        seconds = round(time.monotonic() - begin_s, 1)
+        if code == 0:
+            return Outcome(bug.name, key, "survived", bug.test, seconds)
+        if code not in (1, None):
+            return Outcome(bug.name, key, "does not apply", _last(output), seconds)
+        failed, total = 0, 0
+        if code is not None:  # or its file hangs as well
+            _, output = copy.pytest([bug.test_file], FILE_S)
             failed, total = _counts(output)
-            return Outcome(bug.name, key, CAUGHT, "", seconds, failed, total)
-        finally:
-            path.write_bytes(before)
+        return Outcome(bug.name, key, CAUGHT, "", seconds, failed, total)
+    finally:
+        path.write_bytes(before)
 
 
 def _last(output: str) -> str:
@@ -145,7 +95,13 @@ def key_of(bug: Planted) -> str:
     except PlantingError as error:
         text = str(error)
     test = ROOT / bug.test_file
-    parts = [repr(bug), text, test.read_text(encoding="utf-8") if test.is_file() else ""]
+    parts = [
+        bug.name,
+        bug.symbol,
+        bug.test,
+        text,
+        test.read_text(encoding="utf-8") if test.is_file() else "",
+    ]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
@@ -249,7 +205,7 @@ def _carry_out_all(bugs: list[Planted], out: Path, jobs: int) -> list[Outcome]:
                 return Outcome(bug.name, key, "test fails without it", words)
             copy = copies.get()
             try:
-                return copy.carry_out(bug, key)
+                return carry_out(copy, bug, key)
             except PlantingError as error:
                 return Outcome(bug.name, key, "does not apply", str(error))
             finally:

@@ -100,3 +100,19 @@ def test_a_workers_words_are_kept_so_they_are_short(given: dict[str, object], sa
     assert said in reply.error
     assert len(reply.error) < 300
     assert bench.state.workers == {}
+
+
+def test_what_a_worker_says_of_itself_is_kept() -> None:
+    bench = started(cases=1)
+    assert not bench.ask(hello("w2", walltime_end_s=77.5, tags=["t"] * 100)).error
+    joined = bench.state.workers["w2"].joined
+    assert (joined.walltime_end_s, len(joined.tags)) == (77.5, 100)
+    assert "101 tags, at most 100" in bench.ask(hello("w3", tags=["t"] * 101)).error
+
+
+def test_a_worker_that_is_forgotten_was_silent_for_too_long() -> None:
+    bench = started(cases=1)
+    bench.now_ns += bench.config.forget_ns
+    bench.tick()
+    (left,) = bench.facts(WorkerLeft)
+    assert (left.worker, left.reason, left.forgotten) == ("w1", "silent for too long", True)

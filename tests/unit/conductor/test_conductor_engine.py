@@ -216,3 +216,19 @@ def test_a_hint_gets_no_reply(engine: Engine) -> None:
     ask(engine, Next(v=V, worker="w1", seq=1, k=1))
     assert engine.turn([Message(b"", 2 * S, vanished="w1")]).replies == [None]
     assert engine.next_expiry_ns() == 5 * S
+
+
+def test_a_request_that_comes_by_another_key_is_refused(engine: Engine, store: Store) -> None:
+    """The access list knows keys: who may only ask for the status must not submit there."""
+    before = len(store.facts)
+    for request, key, accepted in (
+        (submit("beta"), "conductor/rpc/status", False),
+        (hello("w3"), "conductor/rpc/admin", False),
+        (hello("w3"), "conductor/rpc/worker", True),
+    ):
+        (data,) = engine.turn([Message(encode(request), S, door=key)]).replies
+        error = decode(data or b"", Reply).error
+        assert (error == "") is accepted
+        assert accepted or error.startswith(f"{type(request).__name__} came on {key}; send it to ")
+    assert [type(fact).__name__ for fact in store.facts[before:]] == ["WorkerJoined"]
+    assert engine.counters.refused == 2

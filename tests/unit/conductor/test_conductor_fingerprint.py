@@ -11,14 +11,21 @@ import pytest
 from typer.testing import CliRunner
 
 from conductor.cli import app
-from conductor.fingerprint import fingerprint
+from conductor.fingerprint import Fingerprinter, fingerprint
 from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from schemas.kpi import KPI_COLUMNS
 from twin.fabric.errors import InfrastructureError, UnfinishedError, UsageError
 from twin.fabric.files import write_atomic
 from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 
-_VALUES = {"bool": True, "int32": 3, "int64": 4, "float64": 0.5, "detections": []}
+_VALUES = {
+    "bool": True,
+    "int32": 3,
+    "int64": 4,
+    "float64": 0.5,
+    "name": "car",
+    "detections": [],
+}
 
 
 def _kpi(folder: Path, case: str, speed_mps: float) -> CaseOutcome:
@@ -177,3 +184,17 @@ def test_runs_that_differ_are_told_apart_by_case_and_first_value(tmp_path: Path)
     assert code == 1
     found = json.loads(said)
     assert (found["same"], list(found["differences"])) == (False, ["a", "only", "verdict"])
+
+
+def test_names_and_outcomes_do_not_run_together() -> None:
+    """Two cases ``a`` and ``b`` against one that is called like all of it."""
+    failed, whole = CaseOutcome(outcome="failed"), Fingerprinter()
+    outcomes = Outcomes(
+        campaign="alpha", digest="d", seed=0, simulator="warp", software="", device="same",
+        device_classes=[], complete=True, cases={},
+    )  # fmt: skip
+    for name in ("a", "b"):
+        whole.add(name, failed, b"")
+    other = Fingerprinter()
+    other.add("afailedb", failed, b"")
+    assert whole.result(outcomes).sha256 != other.result(outcomes).sha256

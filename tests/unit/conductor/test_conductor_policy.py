@@ -11,8 +11,16 @@ import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
 from conductor.backlog import Backlog
-from conductor.facts import CaseEnded, Committed, LateAttempt, Leased, WorkerDraining
+from conductor.facts import (
+    CaseEnded,
+    Committed,
+    LateAttempt,
+    Leased,
+    Replied,
+    WorkerDraining,
+)
 from conductor.grant import SPREAD_MAX, _preferred, _spread
+from conductor.lease import token_of
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Share, Submit
@@ -367,3 +375,142 @@ def test_a_share_looks_at_so_many_cases_and_no_more(huge: int) -> None:
 def test_a_share_that_cannot_be_is_refused(share: tuple[int, int, int, int]) -> None:
     with pytest.raises(ValueError, match="both count from 0"):
         Share(*share)
+
+
+def _two_rigs(own: int, others: int, priority: int = 0) -> Bench:
+    """w1 holds ``own`` cases of ``here`` and w2 ``others``; ``there`` has another rig and waits."""
+    bench = Bench()
+    bench.ask(_prioritised("here", 0, cases=20))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    bench.lease("w1", k=own)
+    if others:
+        bench.lease("w2", k=others)
+    bench.ask(_prioritised("there", priority, cases=4, width=320))
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("others", "priority", "refilled"), [(0, 0, True), (8, 0, False), (8, -1, True)]
+)
+def test_a_rig_is_given_up_only_for_who_has_too_little_of_the_others(
+    others: int, priority: int, refilled: bool
+) -> None:
+    """What this rig itself runs does not count against its campaign, and nobody gives way to a
+    lower priority."""
+    bench = _two_rigs(4, others, priority)
+    own = list(bench.state.workers["w1"].tokens)
+    names = _campaigns(bench.lease("w1", k=1, held=own))
+    assert names == (["here"] if refilled else [])
+
+
+def test_a_case_that_was_paused_when_it_was_cancelled_waits_after_a_retry() -> None:
+    bench = started(cases=1)
+    bench.control("pause", case="repeat_0")
+    bench.control("cancel", case="repeat_0")
+    assert bench.control("retry", case="repeat_0").status["changed"] == 1
+    assert [lease.case.id for lease in bench.lease("w1")] == ["repeat_0"]
+
+
+def test_the_cases_of_all_campaigns_count_against_the_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("conductor.admit.CASES_HELD_MAX", 6)
+    bench = started(cases=4)
+    assert not bench.ask(submit("beta", cases=2)).error
+    error = bench.ask(submit("gamma", cases=1)).error
+    assert "gamma: 6 cases are here, 1 more given, at most 6; start another conductor" in error
+
+
+def test_a_rig_is_shared_by_campaigns_that_fit_it() -> None:
+    """Nobody has to give it up: the one with fewer cases under way is served."""
+    bench = Bench()
+    bench.ask(_prioritised("here", 0, cases=20))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    (held,) = bench.lease("w1", k=1)
+    bench.lease("w2", k=8)
+    bench.ask(_prioritised("there", 0, cases=4))
+    assert _campaigns(bench.lease("w1", k=2, held=[held.token])) == ["there", "there"]
+
+
+@pytest.mark.parametrize("stretch", [0, 1, 2])
+def test_a_share_is_followed_by_the_next_stretch(stretch: int) -> None:
+    bench = Bench()
+    bench.ask(submit(cases=9))
+    bench.ask(hello(share=Share(stretch, 3, 0, 1)))
+    numbers = [int(lease.case.id[-1]) for lease in bench.lease(k=9)]
+    assert sorted(numbers) == list(range(9))
+    first = [number // 3 for number in numbers]
+    assert first == [s % 3 for s in range(stretch, stretch + 3) for _ in range(3)]
+
+
+def test_why_a_worker_gets_nothing_is_told_to_the_word() -> None:
+    bench = started(cases=2)
+    bench.lease("w1")
+    bench.ask(hello("w2", software="beef" * 10))
+    bench.ask(hello("w3", device_class="cuda:H100"))
+    for worker, said in (
+        (
+            "w2",
+            "w2: software beefbeefbeef is not the f00d that campaign 'alpha' began with; "
+            "it gets no case of it, install the same version",
+        ),
+        (
+            "w3",
+            "w3: device class cuda:H100 is not the cpu:avx2 that campaign 'alpha' began with; "
+            "it gets no case of it, submit with 'device: any' to mix device classes",
+        ),
+    ):
+        assert bench.next(worker).status == {"notes": [said]}
+
+
+def test_a_retry_forgets_losses_and_a_refusal_says_nothing_else() -> None:
+    bench = started(cases=1)
+    bench.lease("w1")
+    bench.now_ns += bench.config.ttl_ns
+    bench.tick()
+    case = bench.state.campaigns["alpha"].cases["repeat_0"]
+    assert (case.lost_times, case.lost) == (1, ("w1",))
+    bench.control("cancel", case="repeat_0")
+    bench.control("retry", case="repeat_0")
+    assert (case.lost_times, case.lost, case.losses) == (0, (), ())
+    refused = bench.control("pause", case="repeat_9")
+    assert refused.error
+    assert refused.status == {}
+
+
+def test_a_reply_with_cases_asks_for_no_patience_and_notes_nothing() -> None:
+    bench = started(cases=2)
+    bench.ask(hello("w2", software="beef"))
+    bench.lease("w1")
+    bench.ask(submit("beta", cases=2))
+    reply = bench.next("w2")
+    assert [lease.case.campaign for lease in reply.leases] == ["beta"]
+    assert (reply.retry_after_s, reply.status) == (0.0, {})
+    (stored,) = [fact for fact in bench.facts(Replied) if fact.worker == "w2"]
+    assert stored.reply.leases == [], "cases are in the journal already"
+    assert [granted.campaign for granted in stored.granted] == ["beta"]
+
+
+def test_a_case_counts_once_for_the_campaign_that_is_due() -> None:
+    """``first`` has none under way and ``second`` one: with one more each they are equal."""
+    bench = Bench()
+    bench.ask(_prioritised("second", 0, cases=4))
+    bench.ask(hello("w1"))
+    bench.ask(hello("w2"))
+    bench.lease("w2")
+    bench.ask(_prioritised("third", 0, cases=4))
+    assert _campaigns(bench.lease("w1", k=3)) == ["third", "second", "third"]
+
+
+def test_a_submission_is_answered_with_its_digest() -> None:
+    bench = started(cases=1)
+    assert bench.ask(submit(cases=1)).status["digest"] == bench.state.campaigns["alpha"].digest
+
+
+@pytest.mark.parametrize("count", [0, 2**32])
+def test_an_epoch_has_so_many_tokens(count: int) -> None:
+    with pytest.raises(AssertionError, match=f"lease {count} of one epoch"):
+        token_of(1, count)
+    assert token_of(1, 2**32 - 1) < token_of(2, 1)

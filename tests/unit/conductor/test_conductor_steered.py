@@ -91,3 +91,21 @@ def test_a_case_that_somebody_looks_at_gets_no_second_lease() -> None:
     bench.now_ns += S
     bench.ask(Beat(v=SCHEMA_VERSION, worker="w1", held=held))
     assert lease.token in bench.state.leases, "a pause ends no lease"
+
+
+def test_a_touch_says_what_it_means_and_of_which_case() -> None:
+    bench = started(cases=2)
+    first, second = bench.lease(k=2)
+    held = {str(lease.token): 41 for lease in (first, second)}
+    for touch in (PAUSE, FOG):
+        touched = {str(second.token): touch}
+        bench.ask(Beat(v=SCHEMA_VERSION, worker="w1", held=held, touched=touched))
+    assert [(fact.campaign, fact.case) for fact in bench.facts(Intervention)] == [
+        ("alpha", second.case.id),
+        ("alpha", second.case.id),
+    ]
+    assert bench.state.leases[second.token].touched == (
+        "environment weather=heavy_fog at tick 41; no verdict, changes: 1"
+    )
+    assert bench.state.leases[first.token].touched == ""
+    assert bench.state.leases[first.token].progress == 41

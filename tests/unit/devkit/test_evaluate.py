@@ -256,3 +256,9 @@ def test_what_does_not_fit(change, line):
     }
     with pytest.raises(ValueError, match=line):
         evaluate(**arguments)
+
+
+def test_boxes_that_are_apart_both_ways_share_nothing():
+    """Two negative sides make a positive area."""
+    left, right = np.array([[0.0, 0, 10, 10]]), np.array([[15.0, 15, 10, 10]])
+    assert overlaps(left, right).tolist() == [0.0]

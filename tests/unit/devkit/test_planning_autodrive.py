@@ -31,6 +31,8 @@ def brakes(detections, width_px, height_px):
         (changed(CAR, confidence=math.nextafter(0.5, 0)), False),
         (changed(CAR, width_px=39.99), False),  # cut to 39 whole pixels
         (changed(CAR, width_px=40.9, height_px=25.9), True),
+        (changed(CAR, width_px=41.9, height_px=24.0), False),  # 41 x 24
+        (changed(CAR, width_px=24.0, height_px=41.9), False),
         (changed(CAR, label="truck"), False),
     ],
 )

@@ -129,3 +129,14 @@ def test_straight_holds_the_wheel_and_refuses_what_it_would_ignore():
     assert steer(Wheel(), LaneCurve((1.0, 0.0, 0.0, 0.0)), None, 8.0, 0.05, straight) == Wheel()
     with pytest.raises(ValueError, match="lane_width_m is set, but steering: straight"):
         Steering(steering="straight", lane_width_m=3.0)
+
+
+def test_a_bend_fades_in_seconds_whatever_the_rate():
+    """Without a lane its curvature falls to 1 / e in about ``fade_s``."""
+    for period_s in (0.05, 0.01):
+        wheel, ticks = Wheel(bend_per_m=0.02), round(STEERING.fade_s / period_s)
+        for _ in range(ticks):
+            wheel = steer(wheel, None, None, 8.0, period_s, STEERING)
+        expected = 0.02 / (1.0 + period_s / STEERING.fade_s) ** ticks
+        assert wheel.bend_per_m == pytest.approx(expected, rel=1e-9)
+        assert wheel.bend_per_m == pytest.approx(0.02 / math.e, rel=0.05)

@@ -159,3 +159,23 @@ def test_a_file_of_a_version_in_which_a_column_was_never_missing_is_read(tmp_pat
     read = read_kpi(tmp_path / "kpi.parquet")
     assert read.schema.equals(KPI_SCHEMA)
     assert kpi_sha256(read) == kpi_sha256(table)
+
+
+def test_labels_do_not_run_together():
+    """Two boxes ``ab`` and ``c`` are not two boxes ``a`` and ``bc``."""
+    digests = set()
+    for labels in (("ab", "c"), ("a", "bc")):
+        made = columns(1)
+        made["detections"] = [[{**DETECTION, "label": label} for label in labels]]
+        digests.add(kpi_sha256(kpi_table(made)))
+    assert len(digests) == 2
+
+
+def test_times_beyond_32_bits_count_whole():
+    """Sim time passes 2^32 ns after four seconds."""
+    digests = set()
+    for time_ns in (1_000, 1_000 + 2**32, 1_000 + 2**33):
+        made = columns(1)
+        made["sim_time_ns"] = [time_ns]
+        digests.add(kpi_sha256(kpi_table(made)))
+    assert len(digests) == 3

@@ -252,3 +252,16 @@ def test_pull_without_programs(tmp_path):
     done = pull("run", folder=tmp_path, path="/nowhere")
     assert done.returncode == 3
     assert "install rsync" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("free_bytes", "found", "level"),
+    [
+        (3 << 30, "3.0 GiB free", "ok"),
+        (1 << 30, "1.0 GiB free", "ok"),
+        (1 << 29, "0.5 GiB free", "note"),
+    ],
+)
+def test_free_space_is_told_in_gibibytes(free_bytes, found, level):
+    (line,) = [x for x in judge(replace(FACTS, free_bytes=free_bytes)).lines if x.what == "space"]
+    assert (line.found, line.level) == (found, level)

@@ -120,3 +120,16 @@ def test_walltime(text, minutes):
 def test_bad_walltime(text):
     with pytest.raises(UsageError, match="expected HH:MM"):
         parse_walltime(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "one_node"),
+    [
+        ({"workers": 1}, True),
+        ({"workers": 2}, False),
+        ({"workers": 2, "nodes": 1}, True),
+        ({"workers": 1, "remote_stacks": True}, False),
+    ],
+)
+def test_only_a_single_task_is_on_one_node_for_certain(changes, one_node):
+    assert request(**changes).one_node is one_node

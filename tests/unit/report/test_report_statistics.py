@@ -203,3 +203,50 @@ def test_large_values_have_a_mean_too() -> None:
     assert found is not None
     assert found.estimate == 0.0
     assert 1e199 < found.high < 1e201
+
+
+@pytest.mark.parametrize("total", [1, 3, 7, 10, 64, 250, 1999])
+def test_bounds_of_none_and_of_all_are_exact(total: int) -> None:
+    assert wilson(0, total)[0] == 0.0
+    assert wilson(total, total)[1] == 1.0
+
+
+def test_newcombe_where_pairs_go_together_and_where_a_margin_is_empty() -> None:
+    # Newcombe 1998: table II, method 10.
+    found = newcombe_paired(20, 12, 2, 16)
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.2, 0.0562, 0.3292), abs=5e-5)
+    # Without a pass on one side there is no correlation: the bounds add up as squares.
+    found = newcombe_paired(0, 0, 3, 2)
+    (_, high), (low, _) = wilson(0, 5), wilson(3, 5)
+    assert found.high == pytest.approx(-0.6 + math.hypot(high, 0.6 - low), rel=1e-12)
+    for counts in ((-1, 5, 5, 5), (5, 5, -1, 5), (5, 5, 5, -1)):
+        with pytest.raises(ValueError, match="0 or more"):
+            newcombe_paired(*counts)
+
+
+def test_the_tail_of_small_chi_squares() -> None:
+    assert chi_square_tail(1.0, 2) == pytest.approx(math.exp(-0.5), rel=1e-12)
+    assert chi_square_tail(0.0, 3) == 1.0
+
+
+def test_one_small_group_among_large_ones_is_counted_exactly() -> None:
+    assert homogeneity([(1, 4), (60, 100)]).exact is True
+    assert homogeneity([(50, 100), (60, 100)]).exact is False
+
+
+def test_the_quantile_of_many_degrees_of_freedom_is_exact() -> None:
+    """2.0422724563 for 30 (tables of Student's t)."""
+    values = [float(value % 7) for value in range(31)]
+    found = mean_interval(values)
+    assert found is not None
+    spread = statistics.stdev(values) / math.sqrt(31) * 2.0422724563
+    assert found.high - found.estimate == pytest.approx(spread, rel=1.3e-6)
+
+
+def test_what_a_test_of_groups_says_beside_its_p_value() -> None:
+    for groups in ([(0, 4), (0, 9)], [(4, 4), (9, 9), (1, 1)]):
+        same = homogeneity(groups)
+        assert (same.p_value, same.chi_square) == (1.0, 0.0)
+        assert (same.freedom, same.exact) == (len(groups) - 1, True)
+    exact = homogeneity([(1, 4), (3, 4), (2, 5)])
+    assert (exact.freedom, exact.exact) == (2, True)

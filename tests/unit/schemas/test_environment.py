@@ -82,3 +82,15 @@ def test_custom_and_timeline_are_no_axes():
 
 def test_minutes_of_a_time():
     assert [minutes(t) for t in ("00:00", "06:05", "23:59")] == [0, 365, 1439]
+
+
+def test_a_change_may_begin_when_the_one_before_ends():
+    timeline = [
+        {"at_s": 1.0, "over_s": 2.0, "weather": "heavy_fog"},
+        {"at_s": 3.0, "weather": "clear"},
+    ]
+    _, cases, mistakes = parse({"timeline": timeline})
+    assert mistakes == []
+    assert [change.at_s for change in cases[0].environment.timeline] == [1.0, 3.0]
+    timeline[1]["at_s"] = 2.999
+    assert len(parse({"timeline": timeline})[2]) == 1

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from schemas.lens import CameraMount, Lens
-from schemas.lens_curve import check_lens, intrinsics
+from schemas.lens_curve import check_lens, curve, intrinsics, radial, reach
 from schemas.validation import convert_all
 
 
@@ -69,3 +70,15 @@ def test_a_lens_fits_every_resolution() -> None:
     small, large = (intrinsics(lens, w, h, 70.0) for w, h in ((320, 180), (1280, 720)))
     assert large.fx_px == 4 * small.fx_px == 1024.0
     assert (large.cx_px, large.cy_px) == (4 * small.cx_px, 4 * small.cy_px) == (512.0, 360.0)
+
+
+@pytest.mark.parametrize(
+    "lens", [Lens(model="brown_conrady", k1=-0.3), Lens(model="fisheye", k1=-0.2)]
+)
+def test_a_lens_ends_where_its_curve_turns_back(lens: Lens) -> None:
+    arguments, radii = curve(lens)
+    assert len(arguments) == len(radii)
+    assert (np.diff(radii) > 0.0).all()
+    further = arguments[-1] + (arguments[-1] - arguments[-2])
+    assert radial(lens, np.array([further]))[0] <= radii[-1]
+    assert (reach(lens).argument, reach(lens).radius) == (arguments[-1], radii[-1])

@@ -1,6 +1,7 @@
 """The wire codec: one validation path, bounded, versioned."""
 
 import msgpack
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -101,3 +102,14 @@ def test_headlight_codes_are_the_originals():
     assert codes[(False, False, True, False)] == 3  # day
     assert codes[(False, False, True, True)] == 9  # day in fog
     assert set(codes.values()) == set(range(12))
+
+
+@pytest.mark.parametrize("name", ["confidence", "x_px", "y_px", "width_px", "height_px"])
+def test_no_number_of_a_detection_may_be_missing(name):
+    good = Detection("car", 0.5, 1.0, 2.0, 3.0, 4.0)
+    command = Command(0, 0, 0, 0.0, 0.0, 0.0, detections=[good])
+    assert command_mistake(command) == ""
+    for value in (float("nan"), float("inf")):
+        bad = msgspec.structs.replace(good, **{name: value})
+        mistake = command_mistake(msgspec.structs.replace(command, detections=[good, bad]))
+        assert mistake == f"detection {name} is {value}, allowed: finite numbers"

@@ -76,3 +76,12 @@ def test_custom_weathers_and_the_winds_direction():
     assert environment.at(0)[0].wind_mps == pytest.approx(22.6, abs=0.1)
     north = CaseEnvironment(case(wind_from_deg=180.0), PLACE)
     assert north.wind_towards == (0.0, 1.0)  # to the left
+
+
+def test_the_light_follows_the_weather_at_the_same_hour():
+    timeline = [{"at_s": 10, "weather": "heavy_fog"}]
+    environment = CaseEnvironment(case(timeline=timeline), PLACE)
+    clear, fog = environment.at(0)[1], environment.at(20 * S)[1]
+    alone = CaseEnvironment(case("heavy_fog"), PLACE).at(0)[1]
+    assert fog.exposure == alone.exposure != clear.exposure
+    np.testing.assert_array_equal(fog.sun_rgb_lx, alone.sun_rgb_lx)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from schemas.messages import Command
+from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.kpi.verdict import scalars
 from twin.vehicle.state import COLUMN
+from twin.world.lane import Piece, trace
 
 PERIOD_NS = 50_000_000
 
@@ -67,7 +69,7 @@ def test_the_first_trigger_counts_and_a_tick_without_a_command_is_none():
         ]
     )
     found = scalars(rows, state, None)
-    assert found["aeb_time_s"] == pytest.approx(0.05)
+    assert found["aeb_time_s"] == 0.05
     assert (found["aeb_dtc_m"], found["aeb_ttc_s"]) == (20.0, 2.5)
     assert (found["dtc_min_m"], found["dtc_end_m"]) == (12.0, 14.0)
     assert (found["sim_time_s"], found["ticks"]) == (pytest.approx(0.15), 3)
@@ -78,3 +80,18 @@ def test_a_trigger_while_nothing_closes_has_no_time_to_collision():
     rows, state = rows_of([({"dtc_m": 20.0, "closing_mps": 0.0}, True)])
     found = scalars(rows, state, None)
     assert (found["aeb_dtc_m"], found["aeb_ttc_s"]) == (20.0, None)
+
+
+def test_lane_keeping_has_its_way_and_its_errors():
+    """The errors of the rows, whichever side; the way of the progress."""
+    recorder = Recorder(1)
+    state = np.zeros((1, len(COLUMN)))
+    for tick, error_m in enumerate((0.3, -0.4)):
+        now = np.array([tick])
+        recorder.add([0], now, now * PERIOD_NS, state, [None], [error_m])
+    lane = LaneProgress(trace((0.0, 0.0, 0.0), [Piece(100.0, 0.0)]), 0.0, 0.0)
+    lane.move(12.5, 0.2)
+    found = scalars(recorder.of(0), state[0], lane)
+    assert found["distance_m"] == pytest.approx(12.5)
+    assert found["lateral_error_rms_m"] == pytest.approx(0.25 * 2**0.5)
+    assert found["lateral_error_max_m"] == pytest.approx(0.4)

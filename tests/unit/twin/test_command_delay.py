@@ -93,3 +93,12 @@ def test_delays_are_axes_and_the_stack_is_none():
     ):
         _, mistakes = parse_campaign({"campaign": "c", "matrix": axis})
         assert words in mistakes[0].line("c.yaml")
+
+
+def test_what_gets_lost_says_nothing_about_delays():
+    """Of commands that arrive, the delays are as even as without losses."""
+    (one,) = case(latency_jitter_ms=200, drop=0.5)
+    found = arrivals(one, 4000)
+    delays_ms = np.array([STEP_MS * (step - t * PERIOD_STEPS) for t, step in found.items()])
+    assert 1800 < len(found) < 2200
+    assert abs(delays_ms.mean() - 101) < 5

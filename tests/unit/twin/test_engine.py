@@ -457,3 +457,14 @@ def test_objects_differ_per_slot_and_nothing_depends_on_the_slot():
         ended, frames = run(engine, {0: one}, ask)[one.id]
         assert table_bytes(ended.table) == table_bytes(together[one.id][0].table)
         assert frames == together[one.id][1]
+
+
+def test_no_time_passes_where_nothing_runs():
+    one = case()
+    engine = Engine(one, 3)
+    engine.reset(1, one)
+    for _ in range(2):
+        engine.sense()
+        engine.step([None, ask(engine, 1), None])
+    assert engine.tick.tolist() == [0, 2, 0]
+    assert engine.sim_time_ns.tolist() == [0, 100_000_000, 0]

@@ -73,3 +73,14 @@ def test_the_limits_are_exact(time_ns, rest_step, collisions, ends):
     state[1, COLUMN["rest_step"]] = rest_step
     state[1, COLUMN["collisions"]] = collisions
     assert bool(have_ended(limits, np.array([0, time_ns]), state)[1]) is ends
+
+
+def test_what_is_not_valid_is_zero():
+    """Scalars are made from the values, and a digest holds them."""
+    recorder = Recorder(1)
+    state = np.zeros((1, len(COLUMN)))
+    state[:, COLUMN["dtc_m"]], state[:, COLUMN["closing_mps"]] = 10.0, 0.5 * CLOSING_MIN_MPS
+    recorder.add([0], np.zeros(1), np.zeros(1), state, [None], [None])
+    rows = recorder.of(0)
+    for name in ("ttc_s", "throttle", "brake", "lateral_error_m"):
+        assert (rows.column(name).tolist(), rows.valid(name).tolist()) == ([0], [False]), name

@@ -153,3 +153,10 @@ def test_near_and_far_planes_bound_what_is_visible() -> None:
 def test_mounts_turn_the_camera(rotation: list, forward: Any, right: Any, down: Any) -> None:
     axes = vehicle_from_camera(rotation)
     np.testing.assert_allclose(axes, np.array([right, down, forward]).T, atol=1e-12)
+
+
+def test_a_pixel_on_the_axis_of_a_fisheye_looks_straight_ahead():
+    """Its angle and its radius are 0: the ratio of the two must not be asked for."""
+    rays = ray_table(FISHEYE, 129, 73, 150.0)
+    np.testing.assert_allclose(rays[36, 64], (0.0, 0.0, 1.0), atol=1e-7)
+    assert np.isfinite(rays).all()

@@ -253,3 +253,39 @@ def test_a_variation_needs_what_it_varies(given, variation, expected):
     with pytest.raises(ValueError) as error:
         varied(one, 1, one=variation)
     assert expected in str(error.value)
+
+
+def test_times_between_uneven_knots_are_smoothed_by_the_harmonic_mean():
+    """Fritsch and Carlson 1980: 3 s at 10 / 3 m/s after 1 s at 10 m/s."""
+    law = law_of_times(np.array([0.0, 10.0, 20.0]), np.array([0.0, 1.0, 4.0]), loop=False)
+    before, after, slow, fast = 1.0, 3.0, 10.0 / 3.0, 10.0
+    near, far = 2 * after + before, after + 2 * before
+    np.testing.assert_allclose(law.speed_mps[1], (near + far) / (near / fast + far / slow))
+    assert law.speed_mps[[0, 2]].tolist() == [0.0, 0.0]
+
+
+def test_turns_of_a_short_leg_leave_each_other_room():
+    """Both want 20 m of a leg of 6 m."""
+    waypoints = np.array([[0.0, 0, 0], [40, 0, 0], [40, 6, 0], [80, 6, 0]])
+    path = build_path(waypoints, 20.0, loop=False)
+    assert (np.diff(path.station_m) > 0.0).all()
+    assert path.length_m > path.station_m[-1]
+    assert path.length_m < 40 + 6 + 40
+    # Pieces join: each one's end is the next one's beginning.
+    for k, length in enumerate(np.diff(path.station_m)):
+        x, y, heading = path.start[k]
+        half = 0.5 * path.curvature[k] * length
+        chord = length * np.sinc(half / np.pi)
+        end = x + chord * np.cos(heading + half), y + chord * np.sin(heading + half)
+        np.testing.assert_allclose(end, path.start[k + 1, :2], atol=1e-9)
+
+
+@pytest.mark.parametrize("side_m", [7.0, 7.2, 7.4, 7.6])
+def test_a_walker_on_a_loop_does_not_change_step_where_the_loop_ends(side_m):
+    waypoints = [[0, 0], [side_m, 0], [side_m, 5], [0, 5]]
+    one = cast(kind="pedestrian", waypoints=waypoints, speed_mps=1.3, loop=True)
+    found = at(one, np.arange(0.1, 60.0, 0.02)).kind[:, 0]
+    phases = int(found.max())
+    assert phases > 3
+    steps = np.diff(found) % phases
+    assert set(steps.tolist()) == {0, 1}

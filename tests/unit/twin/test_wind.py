@@ -78,3 +78,13 @@ def test_presets_blow_as_their_weather():
     assert 5.5 < WEATHER["heavy_rain"].wind_mps < 10.7  # a moderate to a fresh breeze
     for weather in WEATHER.values():
         assert weather.gust_mps == pytest.approx(0.2 * weather.wind_mps)
+
+
+def test_gusts_blow_along_the_wind_and_to_its_left():
+    """The same case in two directions: one is the other one turned."""
+    east, turned = (storm(1, toward=toward) for toward in ((1.0, 0.0), (0.6, 0.8)))
+    along, across = blow(east, 60)[:, 0].T
+    x, y = blow(turned, 60)[:, 0].T
+    np.testing.assert_allclose(0.6 * x + 0.8 * y, along, rtol=1e-12)
+    np.testing.assert_allclose(0.6 * y - 0.8 * x, across, atol=1e-12)
+    assert np.abs(across).max() > 1.0

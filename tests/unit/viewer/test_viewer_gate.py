@@ -163,3 +163,19 @@ def test_the_laptop_is_told_the_gates_port():
         assert hub.sink_url != hub.url
     finally:
         hub.close()
+
+
+def test_so_many_viewers_and_no_more(server, gate, monkeypatch):
+    monkeypatch.setattr("viewer.gate.LINES_MAX", 2)
+    with contextlib.ExitStack() as opened:
+        lines = []
+        for _ in range(3):
+            line = opened.enter_context(socket.create_connection(("127.0.0.1", gate.port)))
+            line.settimeout(PATIENCE_S)
+            lines.append(line)
+            with contextlib.suppress(OSError):  # the last one may be closed already
+                line.sendall(b"hello")
+                if len(lines) < 3:
+                    assert line.recv(5) == b"hello"
+        with contextlib.suppress(ConnectionResetError):
+            assert lines[2].recv(5) == b""

@@ -82,3 +82,15 @@ def test_a_flood_leaves_the_latest():
     assert len(told) == LINES_MAX
     assert told[-1] == f"line {LINES_MAX + 2}"
     assert pulse.left_out == 3
+
+
+def test_workers_that_are_not_here_are_not_counted():
+    pulse, found = Pulse(), status(9, ["a", "b", "c"])
+    found["workers"][1]["present"] = False
+    pulse.status(found, 1.0)
+    logged = pulse.take()
+    assert scalar(logged, naming.WORKERS_PRESENT) == 2
+    assert {p for p, _ in logged if p.startswith(f"{naming.WORKERS}/")} == {
+        "workers/a",
+        "workers/c",
+    }

@@ -31,3 +31,12 @@ def test_an_old_sample_is_refused():
     sequence.take(1)
     assert not sequence.take(1)
     assert (sequence.received, sequence.lost) == (2, 0)
+
+
+def test_several_samples_in_one_message():
+    sequence = Sequence()
+    assert sequence.take(0, count=5)
+    assert sequence.take(5, count=2)
+    assert not sequence.take(6)
+    assert sequence.take(9)
+    assert (sequence.received, sequence.lost) == (8, 2)

@@ -32,3 +32,12 @@ def test_large_pictures_do_not_wait():
     data = batch.take()
     assert len(data) < FREE_BYTES_MAX, "decoded without being counted first"
     assert decode(data, RecorderBatch).samples[0].jpeg == jpeg
+
+
+def test_after_a_large_batch_small_samples_wait_again():
+    batch = Batch()
+    batch.add(RecorderSample(camera=camera(1, 0), jpeg=b"x" * BYTES_MAX), 0.0)
+    assert batch.left_s(0.0) == 0.0
+    batch.take()
+    batch.add(RecorderSample(state=state(2)), 5.0)
+    assert batch.left_s(5.0) == AGE_MAX_S

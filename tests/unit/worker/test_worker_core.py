@@ -717,3 +717,24 @@ def test_a_refused_rig_blames_no_case_however_many_it_has():
     effects = core.on_rig_died("refused", "mine.py has changed", 6)
     assert effects == [StopRig(), Say("rig ended (refused): mine.py has changed")]
     assert [(e.reason, e.detail) for e in core.ended] == [("refused", "mine.py has changed")] * 2
+
+
+def test_a_spooled_result_counts_only_with_its_own_digest():
+    one, other = pack(result(1)), pack(result(2))
+    assert (unpack(one), unpack(other)) == (result(1), result(2))
+    assert unpack(one[:32] + other[32:]) is None
+    assert unpack(one[:-1]) is None
+    assert unpack(b"") is None
+
+
+def test_what_ends_while_a_request_is_on_its_way_is_told_with_the_next():
+    core, request = joined(slots=2)
+    core.on_reply(request, reply(seq=1, leases=[lease(1), lease(2, CASES[1])]), 0)
+    core.on_rig_ready()
+    core.on_done(result(1), 1)
+    (asked,) = core.on_time(1)
+    assert [r.token for r in asked.request.results] == [1]
+    core.on_rig_died("crash", "signal 9", 2)
+    core.on_reply(asked.request, reply(seq=2), 3)
+    assert core.results == []
+    assert [(end.token, end.reason) for end in core.ended] == [(2, "crash")]
