@@ -457,6 +457,8 @@ class Engine(Steerable):
             vehicles.switch_step[slots] = switches
 
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
+        if not slots:
+            return
         lateral_m = []
         for slot in slots:
             run = self._runs[slot]
