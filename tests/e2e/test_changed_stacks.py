@@ -103,7 +103,7 @@ def test_a_finished_run_is_refused_with_a_changed_stack(marked, stack, tmp_path)
     path = campaign(tmp_path, "finished", {"stack": "mine.drive:GapStack"})
     out = tmp_path / "out"
     assert run(marked, path, out)[0] in (0, 1)
-    assert "have ended already" in run(marked, path, out)[2]
+    assert "ended already" in run(marked, path, out)[2]
     (stack / "table.txt").write_text("4 5 6\n")
     refused(marked, path, out, "mine/table.txt has changed")
     # Data that no KPI depends on: another stack, the same fingerprint.
