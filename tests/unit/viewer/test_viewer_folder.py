@@ -24,7 +24,8 @@ def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=Tr
     path = folder / "cases" / case / f"attempt-{number}"
     path.mkdir(parents=True)
     rows = 3
-    columns = {c.name: [0 if c.type.startswith("int") else 0.0] * rows for c in KPI_COLUMNS}
+    empty = {"int32": 0, "int64": 0, "name": None}
+    columns = {c.name: [empty.get(c.type, 0.0)] * rows for c in KPI_COLUMNS}
     columns["sim_time_ns"] = [0, 50_000_000, 100_000_000]
     columns["dtc_m"] = [9.0, 3.0, 4.0]
     columns["aeb"] = [row in aeb for row in range(rows)]
