@@ -90,7 +90,10 @@ def test_mistakes_are_one_line():
         }
     )
     lines = [m.line("file") for m in mistakes]
-    assert lines == ["file: cameras: 'front_right' appears twice; name each once"]
+    assert lines == [
+        "file: cameras: 'front_right' appears twice; name each once",
+        "file: cameras[1].hz: given 3, allowed: a divisor of control_hz 20",
+    ]
     _, mistakes = parse_campaign(
         {
             "campaign": "eyes",
