@@ -266,15 +266,15 @@ def test_the_words_of_a_command_that_are_files_count_with_what_they_import(write
     ]
     assert parts("./tool") == ["autonomy.command[0]", "near.py"]
     assert parts("sh", "-c", "true") == []
-    assert parts("python3", "-m", "app") == ["app/__main__.py", "near.py"]
+    assert parts(sys.executable, "-m", "app") == ["app/__main__.py", "near.py"]
     (folder / "elsewhere").mkdir()
     (folder / "elsewhere" / "there.py").write_text("import nearby")
     (folder / "elsewhere" / "nearby.py").write_text("")
-    assert parts("env", "-C", "elsewhere", "python3", "there.py") == [
+    assert parts("env", "-C", "elsewhere", sys.executable, "there.py") == [
         *("autonomy.command[4]", "nearby.py"),
     ]
     repository = Repository("https://example.org/x", ref="f00d")
-    assert parts("python3", "run.py", repository=repository) == ["autonomy.repository"]
+    assert parts(sys.executable, "run.py", repository=repository) == ["autonomy.repository"]
 
 
 def test_an_image_counts_by_its_content_and_is_read_once(write, monkeypatch, tmp_path):
