@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -98,6 +99,12 @@ def private_touched(module: Module, function: ast.FunctionDef) -> Iterator[str]:
 
 def named(module: Module, function: ast.FunctionDef) -> str:
     return f"{module.path.relative_to(ROOT)}::{function.name}"
+
+
+def test_files_of_tests_have_names_of_their_own():
+    """Pytest imports them by that name alone: of two it collects one."""
+    names = Counter(path.name for path in TESTS.rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_every_test_asserts_something() -> None:

@@ -39,7 +39,7 @@ from schemas.expected import Expected
 from schemas.messages import BOXES_MAX, Command, Commands, Detection, Episode, Tick
 from schemas.perception import GroundTruthPerception, NetworkPerception
 from twin.fabric.drive import Incoming
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 
 WIDTH, HEIGHT = 96, 64
 NAMES = ["car", "person", "stop sign", "kite"]
@@ -335,6 +335,8 @@ def test_what_the_host_says_of_a_missing_file(tmp_path):
         answers: ClassVar[list[Commands]] = []
 
         def receive(self, on_wait):
+            if self.answers:
+                raise InfrastructureError("the simulator went away")
             given = variant(tmp_path / "gone.onnx")
             tick = Tick(1, 0, [True], [1], [0], [0], [], 1)
             return Incoming(tick, [episode(0, 1, given)], {}, {})
@@ -342,7 +344,7 @@ def test_what_the_host_says_of_a_missing_file(tmp_path):
         def answer(self, commands):
             self.answers.append(commands)
 
-    with pytest.raises(UsageError):
+    with pytest.raises(InfrastructureError):
         serve(Link(), AebStack(1))
     assert Link.answers[0].error == f"{tmp_path}/gone.onnx: No such file or directory"
 
