@@ -3,13 +3,13 @@ frames of a traceback, and where the rest is."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from conductor.attempts import LOG_FILE, attempt_file
 from conductor.outcomes import CaseOutcome, Outcomes
 from schemas.words import plain
 from twin.fabric.errors import TwinError
+from twin.fabric.process import last_frames
 
 GROUPS_MAX = 3
 """Most different reasons that are told."""
@@ -22,8 +22,6 @@ LINE_CHARS_MAX = 300
 
 LOG_BYTES_MAX = 1 << 20
 """What is read of the end of a log; one of ours is shorter [bytes]."""
-
-_TRACEBACK = "Traceback (most recent call last):"
 
 
 def told(folder: Path, outcomes: Outcomes) -> list[str]:
@@ -54,18 +52,9 @@ def _seen_in_log(folder: Path, name: str, case: CaseOutcome) -> list[str]:
     log = _log_of(folder, name, case)
     if log is None:
         return []
-    frames = [f"  {plain(line, LINE_CHARS_MAX)}" for line in last_frames(_end_of(log))]
-    return [*frames, f"  log: {log}"]
-
-
-def last_frames(text: str) -> list[str]:
-    """The last lines of the last traceback in ``text``, with what was raised; empty: none."""
-    start = text.rfind(_TRACEBACK)
-    if start < 0:
-        return []
-    found = re.match(r"(?:[ \t]+.*\n|\n)*(?:\S.*)?", text[start + len(_TRACEBACK) + 1 :])
-    lines = found[0].splitlines() if found is not None else []
-    return [line for line in lines if line.strip(" ^~")][-FRAME_LINES_MAX:]
+    frames = last_frames(_end_of(log))[-FRAME_LINES_MAX:]
+    shown = [f"  {plain(line, LINE_CHARS_MAX)}" for line in frames]
+    return [*shown, f"  log: {log}"]
 
 
 def _log_of(folder: Path, name: str, case: CaseOutcome) -> Path | None:

@@ -170,18 +170,26 @@ def bound_log(log: IO[bytes], starts: Sequence[int] = (), start_bytes: int = 0) 
             return
 
 
-RAISED = re.compile(
-    r"Traceback \(most recent call last\):\n(?:[ \t].*\n|\n)+(?P<line>\S.*)", re.MULTILINE
-)
-"""A traceback as Python prints it, and its last line."""
+_TRACEBACK = "Traceback (most recent call last):"
+
+
+def last_frames(text: str) -> list[str]:
+    """Lines of the last traceback in ``text`` without its head, what was raised the last of them;
+    empty: there is none."""
+    start = text.rfind(_TRACEBACK)
+    if start < 0:
+        return []
+    # Frames are indented, and so is what is marked in them; what was raised begins its line.
+    found = re.match(r"(?:[ \t]+.*\n|\n)*(?:\S.*)?", text[start + len(_TRACEBACK) + 1 :])
+    return [line for line in (found[0] if found else "").splitlines() if line.strip(" ^~")]
 
 
 def raised_in(log: IO[bytes]) -> str:
     """The last line of the last traceback among the last lines of a log; empty: none is there."""
     size = os.fstat(log.fileno()).st_size
     text = os.pread(log.fileno(), 65536, max(0, size - 65536)).decode("utf-8", "replace")
-    raised = [found["line"].strip() for found in RAISED.finditer(text)]
-    return raised[-1] if raised else ""
+    raised = next(reversed(last_frames(text)), "")
+    return "" if raised[:1].isspace() else raised.rstrip()  # that of a log cut short is a frame
 
 
 def last_lines(log: IO[bytes], count: int = 3) -> str:

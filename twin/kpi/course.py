@@ -50,13 +50,13 @@ class Course:
         centre_x = x + self.centre_offset_m * cosine
         centre_y = y + self.centre_offset_m * sine
         station = np.asarray(self.lane.locate(x, y).s_m)
-        driven = station[0] + np.append(0.0, np.cumsum(self._way(np.diff(station))))
+        driven = station[0] + np.append(0.0, np.cumsum(self.lane.shorter_way(np.diff(station))))
         corners = _corners(centre_x, centre_y, yaw, self.half_length_m, self.half_width_m)
-        rear = self._way(self.lane.locate(*corners).s_m - station).min(axis=0)
+        rear = self.lane.shorter_way(self.lane.locate(*corners).s_m - station).min(axis=0)
         tx, ty, tyaw, half_length, half_width = self.target.tolist()
         ends = _corners(np.array(tx), np.array(ty), np.array(tyaw), half_length, half_width)
         middle = float(self.lane.locate(tx, ty).s_m)
-        front = middle + float(self._way(self.lane.locate(*ends).s_m - middle).max())
+        front = middle + float(self.lane.shorter_way(self.lane.locate(*ends).s_m - middle).max())
         ahead = front - station[0]
         if self.lane.closed:
             ahead %= self.lane.length_m
@@ -64,14 +64,6 @@ class Course:
         if not len(past) or past[0] < _PLACED_ROWS:
             return None
         return int(past[0])
-
-    def _way(self, metres: np.ndarray) -> np.ndarray:
-        """Differences of stations; on a closed lane the shorter way round."""
-        if not self.lane.closed:
-            return metres
-        half_m = 0.5 * self.lane.length_m
-        way: np.ndarray = (metres + half_m) % self.lane.length_m - half_m
-        return way
 
 
 def _corners(

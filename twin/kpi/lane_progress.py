@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from twin.world.lane import LanePath
 
 
@@ -21,11 +23,7 @@ class LaneProgress:
     def move(self, x_m: float, y_m: float) -> None:
         """The ego is at a new place; between two places it has driven less than half a lap."""
         station_m, self.lateral_m = self._locate(x_m, y_m)
-        way_m = station_m - self._station_m
-        if self._lane.closed:
-            half_m = 0.5 * self._lane.length_m
-            way_m = (way_m + half_m) % self._lane.length_m - half_m
-        self.distance_m += way_m
+        self.distance_m += float(self._lane.shorter_way(np.array(station_m - self._station_m)))
         self._station_m = station_m
 
     def _locate(self, x_m: float, y_m: float) -> tuple[float, float]:

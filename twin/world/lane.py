@@ -132,6 +132,15 @@ class LanePath:
         heading_rad = _settled(_turned(chosen(heading) + turn))
         return LanePlace(s, _settled(lateral), heading_rad, curvature)
 
+    def shorter_way(self, metres: np.ndarray) -> np.ndarray:
+        """Differences of stations, any shape [m]; on a closed lane the shorter way round, in
+        [-length / 2, length / 2)."""
+        if not self.closed:
+            return metres
+        half_m = 0.5 * self.length_m
+        way: np.ndarray = (metres + half_m) % self.length_m - half_m
+        return way
+
 
 def trace(
     start: tuple[float, float, float], pieces: Sequence[Piece], closed: bool = False

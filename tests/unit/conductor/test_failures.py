@@ -1,6 +1,6 @@
 """Failures on the terminal: one group per reason, the last frames, and where the log is."""
 
-from conductor.failures import FRAME_LINES_MAX, GROUPS_MAX, last_frames, told
+from conductor.failures import FRAME_LINES_MAX, GROUPS_MAX, told
 from conductor.outcomes import CaseOutcome, Outcomes
 
 TRACEBACK = """printed before
@@ -74,7 +74,14 @@ def test_a_log_that_leads_elsewhere_is_not_read(tmp_path):
     assert told(tmp_path / "run", outcomes(a=failed("x"))) == ["a failed: x"]
 
 
-def test_of_a_deep_traceback_the_last_lines_are_shown():
+def test_of_a_deep_traceback_the_last_lines_are_shown(tmp_path):
     deep = "Traceback (most recent call last):\n" + "  File x\n" * 50 + "RecursionError: deep\n"
-    assert last_frames(deep) == ["  File x"] * (FRAME_LINES_MAX - 1) + ["RecursionError: deep"]
-    assert last_frames("nothing") == []
+    path = log(tmp_path, "a", text=deep)
+    frames = ["    File x"] * (FRAME_LINES_MAX - 1) + ["  RecursionError: deep"]
+    assert told(tmp_path, outcomes(a=failed("x"))) == [
+        "a failed: x",
+        *frames,
+        f"  log: {path}",
+    ]
+    path.write_text("nothing")
+    assert told(tmp_path, outcomes(a=failed("x"))) == ["a failed: x", f"  log: {path}"]
