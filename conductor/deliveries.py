@@ -23,6 +23,7 @@ from schemas.delivery import (
     extras_sha256,
     files_sha256,
 )
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Respond
 from twin.fabric.channel import Channel
@@ -80,7 +81,7 @@ class Deliveries:
         if folder is None:
             return False
         try:
-            content = (folder / CONDUCTOR_FILE).read_bytes()
+            content = read_regular(folder / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
         except OSError:
             return False
         return hashlib.sha256(content).hexdigest() == seen.sha256

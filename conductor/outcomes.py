@@ -18,6 +18,7 @@ from schemas.campaign import Clock
 from schemas.json_text import JsonError, decode_json
 from schemas.messages import PerceptionCost
 from schemas.realtime import Realtime
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.verdict import Judged
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.discovery import OUTCOMES_NAME
@@ -182,7 +183,7 @@ def read_outcomes(folder: Path) -> Outcomes:
     """
     path = folder / FILE_NAME
     try:
-        return decode_json(path.read_bytes(), Outcomes)
+        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), Outcomes)
     except FileNotFoundError:
         if (folder / CONDUCTOR_FILE).exists():
             raise UsageError(

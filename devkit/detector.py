@@ -24,8 +24,8 @@ from devkit.detector_description import (
 from devkit.detector_network import HostNetwork, Network, Pictures
 from devkit.detector_runtime import ModelError, RuntimeName, first_line, open_runtime
 from devkit.images import Images
+from schemas.regular_file import read_regular
 from schemas.validation import suggest
-from twin.fabric.files import read_at_most
 
 MODEL_BYTES_MAX = 2 << 30
 """A larger model does not fit into one ONNX file [bytes]."""
@@ -158,7 +158,7 @@ def _read_model(path: Path) -> Any:
     from google.protobuf.message import DecodeError
 
     try:
-        data = read_at_most(path, MODEL_BYTES_MAX)
+        data = read_regular(path, MODEL_BYTES_MAX)
     except OSError as error:
         raise ModelError(f"{path}: {error.strerror or error}") from None
     try:

@@ -13,11 +13,15 @@ import msgspec
 from msgspec import Meta, Struct
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import read_regular
 from schemas.validation import convert_all
 from twin.fabric.errors import UsageError
 
 METADATA_KEY = "drivetwin.detector"
 """Key of the description in the metadata of an ONNX file; the value is JSON."""
+
+FILE_BYTES_MAX = 1 << 20
+"""Largest description [bytes]."""
 
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 
@@ -108,7 +112,7 @@ def read_description(path: Path) -> DetectorDescription:
         UsageError: one line naming the file.
     """
     try:
-        return decode_description(path.read_text(encoding="utf-8"), str(path))
+        return decode_description(read_regular(path, FILE_BYTES_MAX).decode(), str(path))
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:

@@ -17,6 +17,7 @@ from devkit.evaluate import Truth
 from schemas.identity import digest
 from schemas.json_text import JsonError, decode_json
 from schemas.messages import OBJECT_CLASSES
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.validation import suggest
 from schemas.yaml_file import load_yaml
 from twin.fabric.errors import UsageError
@@ -211,7 +212,9 @@ def read_head(folder: Path) -> DatasetHead:
     counts = head.get("counts") or {}
     images = {split: counts.get(split, {}).get("images", 0) for split in SPLITS}
     software = str(head.get("software"))
-    return DatasetHead(folder, recipe, software, digest([path.read_bytes()]), images)
+    return DatasetHead(
+        folder, recipe, software, digest([read_regular(path, RUN_FILE_BYTES_MAX)]), images
+    )
 
 
 def read_labelled(
@@ -282,7 +285,7 @@ class _Document(Struct, frozen=True):
 
 def _read(path: Path) -> _Document:
     try:
-        return decode_json(path.read_bytes(), _Document)
+        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), _Document)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
     except JsonError as error:

@@ -15,7 +15,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from schemas.regular_file import open_regular, read_regular
 from schemas.yaml_file import load_yaml
+
+FILE_BYTES_MAX = 2 << 30
+"""Largest scene, vehicle, mesh or model file [bytes]."""
 
 _FILE_KEYS = ("file", "heightmap")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
@@ -25,6 +29,7 @@ _NAME_KEYS = ("profile",)
 _MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
 _PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _HEAD_BYTES = 64 << 10
+_LINE_BYTES_MAX = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
 """Largest JSON of a glTF file, and largest material library, that is searched [bytes]."""
 
@@ -65,13 +70,17 @@ def asset_digest(path: Path) -> str:
     return sha.hexdigest()
 
 
-def file_digest(path: Path) -> str:
+def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
     """SHA-256 of a file's content, whatever it is called.
 
+    Args:
+        path: the file.
+        most: its largest size [bytes]; None: any.
+
     Raises:
-        OSError: it cannot be read.
+        OSError: it cannot be read, is larger or no regular file.
     """
-    with path.open("rb") as stream:
+    with open_regular(path, most) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -100,7 +109,7 @@ def _resources(mesh: Path) -> list[str]:
         return []
     suffix = mesh.suffix.lower()
     if suffix == ".ply":
-        with mesh.open("rb") as file:
+        with open_regular(mesh) as file:
             head = file.read(_HEAD_BYTES).split(b"end_header")[0]
         return [name.decode(errors="replace") for name in _PLY_TEXTURE.findall(head)]
     if suffix in (".gltf", ".glb"):
@@ -110,23 +119,26 @@ def _resources(mesh: Path) -> list[str]:
 
 def _obj_resources(mesh: Path) -> list[str]:
     found = []
-    with mesh.open("rb") as lines:
-        for line in lines:
+    with open_regular(mesh, FILE_BYTES_MAX) as lines:
+        while line := lines.readline(_LINE_BYTES_MAX):
             if line.startswith(b"mtllib "):
                 found.append(line[7:].strip().decode(errors="replace"))
     for library in list(found):
         path = mesh.parent / library
-        if path.is_file() and path.stat().st_size <= _TEXT_BYTES_MAX:
-            for image in _MAP.findall(path.read_bytes()):
-                # Options may stand before the name; what is no file is left out.
-                text = image.decode(errors="replace")
-                found += [text, text.split()[-1]]
+        try:
+            materials = read_regular(path, _TEXT_BYTES_MAX)
+        except (OSError, ValueError):
+            continue
+        for image in _MAP.findall(materials):
+            # Options may stand before the name; what is no file is left out.
+            text = image.decode(errors="replace")
+            found += [text, text.split()[-1]]
     return found
 
 
 def _gltf_resources(mesh: Path) -> list[str]:
     try:
-        with mesh.open("rb") as file:
+        with open_regular(mesh) as file:
             head = file.read(20)
             if head[:4] == b"glTF":  # binary: a header, then a chunk of JSON
                 data = file.read(min(int.from_bytes(head[12:16], "little"), _TEXT_BYTES_MAX))

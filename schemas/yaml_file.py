@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from schemas.regular_file import read_regular
 from schemas.words import plain
 
 FILE_BYTES_MAX = 4 << 20
@@ -37,7 +38,10 @@ class _Loader(yaml.SafeLoader):
         if self.nodes > VALUES_MAX:
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem=f"more than {VALUES_MAX} values", problem_mark=mark)
-        return super().compose_node(parent, index)
+        node = super().compose_node(parent, index)
+        if node is not None:
+            _check_tag(node)
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -55,6 +59,9 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
+_PATTERNS: dict[str, re.Pattern[str]] = {}
+"""What a scalar of each tag looks like, with and without its tag."""
+
 _Loader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("tag:yaml.org,2002:bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
@@ -67,9 +74,38 @@ for _tag, _pattern, _first in (
         "-+0123456789.",
     ),
 ):
-    _Loader.add_implicit_resolver(_tag, re.compile(f"^(?:{_pattern})$"), list(_first))
+    _PATTERNS[_tag] = re.compile(f"^(?:{_pattern})$")
+    _Loader.add_implicit_resolver(_tag, _PATTERNS[_tag], list(_first))
 # The empty scalar ("key:") is null in YAML 1.2 as well.
 _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^$"), [""])
+
+_PREFIX = "tag:yaml.org,2002:"
+_TAGS = ("str", "int", "float", "bool", "null", "map", "seq")
+"""Tags that a file may write; the others are types that no file of ours holds."""
+_LIKE = {"int": ("int",), "float": ("float", "int"), "bool": ("bool",), "null": ("null",)}
+"""Whose pattern a scalar of a tag has to match."""
+
+
+def _check_tag(node: yaml.Node) -> None:
+    """Refuse what ``!!tag`` makes of a value if the value alone would not be read as that.
+
+    PyYAML's constructors take it for granted that a scalar fits its tag.
+    """
+    name = node.tag.removeprefix(_PREFIX)
+    if not node.tag.startswith(_PREFIX) or name not in _TAGS:
+        shown = f"!!{name}" if node.tag.startswith(_PREFIX) else name
+        given, allowed = f"tag '{shown}'", ", ".join(f"!!{tag}" for tag in _TAGS)
+        raise yaml.MarkedYAMLError(
+            problem=f"{given}; leave it out, or one of {allowed}", problem_mark=node.start_mark
+        )
+    kind = {"map": yaml.MappingNode, "seq": yaml.SequenceNode}.get(name, yaml.ScalarNode)
+    patterns = [_PATTERNS[f"{_PREFIX}{like}"] for like in _LIKE.get(name, ())]
+    fits = not patterns or any(pattern.match(str(node.value)) for pattern in patterns)
+    if not isinstance(node, kind) or not fits:
+        shown = f"'{node.value[:80]}'" if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+        raise yaml.MarkedYAMLError(
+            problem=f"{shown} is no !!{name}; leave the tag out", problem_mark=node.start_mark
+        )
 
 
 def parse_yaml(text: str, name: str) -> Any:
@@ -125,13 +161,10 @@ def load_yaml(path: Path) -> Any:
     """Read one YAML document from ``path``.
 
     Raises:
-        YamlError: missing, unreadable, too large, not UTF-8 or not YAML.
+        YamlError: missing, unreadable, no regular file, too large, not UTF-8 or not YAML.
     """
     try:
-        size = path.stat().st_size
-        if size > FILE_BYTES_MAX:
-            raise YamlError(f"{path}: {size} bytes, at most {FILE_BYTES_MAX} are read")
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, FILE_BYTES_MAX).decode()
     except OSError as error:
         raise YamlError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:

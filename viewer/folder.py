@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import read_kpi_columns
 from viewer import naming
@@ -191,7 +192,7 @@ def _number(path: Path) -> int:
 def committed_attempts(folder: Path) -> dict[str, str]:
     """Case -> name of its committed attempt's folder; cases that have none are left out."""
     try:
-        cases = decode_json((folder / "outcomes.json").read_bytes())["cases"]
+        cases = decode_json(read_regular(folder / "outcomes.json", RUN_FILE_BYTES_MAX))["cases"]
         items = list(cases.items())
     except (OSError, JsonError, KeyError, TypeError, AttributeError):
         return {}
@@ -205,7 +206,7 @@ def committed_attempts(folder: Path) -> dict[str, str]:
 def _note(attempt: Path) -> dict[str, Any]:
     """What the recorder has left to say; empty: nothing that could be read."""
     try:
-        found = decode_json((attempt / naming.RECORDING_NOTE).read_bytes())
+        found = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

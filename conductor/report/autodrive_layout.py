@@ -15,6 +15,7 @@ from msgspec import Meta
 from schemas.autodrive_log import CONFIG_FILE, LOG_BYTES_MAX
 from schemas.json_text import JsonError, decode_json
 from schemas.names import WEATHERS
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.scenario import Scenario
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 
@@ -141,7 +142,7 @@ def read_imported(folder: Path) -> Imported | None:
     """
     path = folder / IMPORT_FILE
     try:
-        return decode_json(path.read_bytes(), Imported)
+        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), Imported)
     except FileNotFoundError:
         return None
     except OSError as error:

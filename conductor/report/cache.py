@@ -16,6 +16,7 @@ from msgspec import Struct
 
 from conductor.fingerprint import Fingerprint
 from conductor.report.curves import BINS, CURVES, SHARED, Curve
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.fabric.files import write_atomic
 
 FOLDER = ".report"
@@ -68,7 +69,9 @@ class Cache(Struct):
 def load(folder: Path) -> Cache:
     """The cache of a campaign folder; empty where there is none that can be used."""
     try:
-        found = msgspec.msgpack.decode((folder / FOLDER / _FILE).read_bytes(), type=Cache)
+        found = msgspec.msgpack.decode(
+            read_regular(folder / FOLDER / _FILE, RUN_FILE_BYTES_MAX), type=Cache
+        )
     except (OSError, msgspec.MsgspecError):
         return Cache()
     return found if found.version == Cache().version else Cache()

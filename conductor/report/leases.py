@@ -18,6 +18,7 @@ from conductor.timeline import (
     Event,
 )
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 
 STILL_OPEN = "open"
 """How a lease ended that has not, or whose end a crash kept from being written."""
@@ -83,7 +84,7 @@ def read_leases(folder: Path) -> Leases:
     A lease that has no end lasts until the last event.
     """
     try:
-        lines = (folder / FILE_NAME).read_bytes().splitlines()
+        lines = read_regular(folder / FILE_NAME, RUN_FILE_BYTES_MAX).splitlines()
     except OSError:
         return Leases([], [])
     events: list[Event] = []

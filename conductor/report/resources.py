@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.resources import PART_SUFFIX, PARTS_FOLDER, Sample
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
@@ -122,7 +123,7 @@ def _keys(table: pa.Table) -> tuple[list[int], list[str]]:
 
 def _read_text(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path, RUN_FILE_BYTES_MAX)
     except FileNotFoundError:
         return b""
 

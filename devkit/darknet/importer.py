@@ -12,6 +12,7 @@ from devkit.darknet.network import Network
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import coco_names
 from devkit.darknet.weights import Weights, float_count, read_weights
+from schemas.regular_file import open_regular
 
 NAMES_BYTES_MAX = 1 << 20
 """A larger file is no list of names [bytes]."""
@@ -107,7 +108,7 @@ def _labels(network: Network, path: Path | None) -> Sequence[str]:
             f"{network.name}: {needed} classes without names; give --names FILE, one per line"
         )
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             text = stream.read(NAMES_BYTES_MAX).decode()
     except OSError as error:
         raise DarknetError(f"{path}: {error.strerror or error}") from None

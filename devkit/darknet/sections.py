@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from schemas.regular_file import open_regular
 from schemas.validation import suggest
 from twin.fabric.errors import UsageError
 
@@ -49,7 +50,7 @@ def read_sections(path: Path) -> list[Section]:
         DarknetError: the file cannot be read or is no cfg.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             data = stream.read(TEXT_BYTES_MAX + 1)
     except OSError as error:
         raise DarknetError(f"{path}: {error.strerror or error}") from None

@@ -16,6 +16,8 @@ import numpy as np
 
 from devkit.darknet.network import Convolutional, Network
 from devkit.darknet.sections import DarknetError
+from schemas.assets import FILE_BYTES_MAX
+from schemas.regular_file import open_regular
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +58,8 @@ def read_weights(path: Path, network: Network) -> Weights:
             something that is no finite number; the line names the layer.
     """
     try:
-        data = np.fromfile(path, np.uint8)
+        with open_regular(path, FILE_BYTES_MAX) as stream:
+            data = np.fromfile(stream, np.uint8)
     except OSError as error:
         raise DarknetError(f"{path}: {error.strerror or error}") from None
     version, seen, offset = _read_header(path, data)

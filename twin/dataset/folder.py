@@ -12,6 +12,7 @@ import msgspec
 import yaml
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.yaml_file import load_yaml
 from twin.dataset.recipe import Recipe, parse_recipe
 from twin.fabric.errors import InfrastructureError, UsageError
@@ -148,7 +149,7 @@ class Folder:
         """
         path = self.part_path(split, index)
         try:
-            return decode_json(path.read_bytes())
+            return decode_json(read_regular(path, RUN_FILE_BYTES_MAX))
         except JsonError:
             raise InfrastructureError(
                 f"{path}: damaged, as by a power cut; remove it and run the same command again"

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.dataset.chance import generator
 from twin.fabric.errors import UsageError
 from twin.fabric.files import write_atomic
@@ -50,7 +51,10 @@ def write_sheet(path: Path, dataset: Path, *, columns: int, rows: int, seed: int
         UsageError: no such file can be written, or no complete dataset; one line.
     """
     check_sheet(path, dataset)
-    documents = [json.loads(p.read_bytes()) for p in sorted(dataset.glob("annotations/*.json"))]
+    documents = [
+        json.loads(read_regular(p, RUN_FILE_BYTES_MAX))
+        for p in sorted(dataset.glob("annotations/*.json"))
+    ]
     images = [(image, doc) for doc in documents for image in doc["images"]]
     if not images:
         raise UsageError(f"preview: {dataset} holds no images")

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from schemas.messages import OBJECT_CLASSES
 from schemas.names import WEATHERS
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 
 HEIGHTS_PX = (8, 16, 32, 64)
 """Limits between groups of box heights [px]."""
@@ -59,7 +60,7 @@ def tally(dataset: Path) -> dict[str, Any]:
     }
     reasons: dict[str, Counter[str]] = {name: Counter() for name in OBJECT_CLASSES}
     for path in sorted(dataset.glob("annotations/*.json")):
-        document = json.loads(path.read_bytes())
+        document = json.loads(read_regular(path, RUN_FILE_BYTES_MAX))
         by_id = {image["id"]: image for image in document["images"]}
         images[document["info"]["split"]] += len(by_id)
         for row in document["annotations"]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
@@ -158,7 +159,7 @@ def find_conductor(folder: Path) -> ConductorFile:
     """
     path = folder / FILE_NAME
     try:
-        return decode_json(path.read_bytes(), ConductorFile)
+        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), ConductorFile)
     except FileNotFoundError:
         if not folder.is_dir():
             raise UsageError(
@@ -195,6 +196,8 @@ def refuse_ended(folder: Path) -> None:
 def _has_ended(folder: Path) -> bool:
     """Whether all cases of a campaign folder have outcomes."""
     try:
-        return decode_json((folder / OUTCOMES_NAME).read_bytes(), _Complete).complete
+        return decode_json(
+            read_regular(folder / OUTCOMES_NAME, RUN_FILE_BYTES_MAX), _Complete
+        ).complete
     except (OSError, JsonError):
         return False

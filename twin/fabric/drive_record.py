@@ -32,6 +32,7 @@ from schemas.drive_record import (
     RecordHead,
     RecordSeen,
 )
+from schemas.regular_file import open_regular
 from schemas.words import plain
 from twin.fabric.errors import UsageError
 from twin.fabric.picture_file import DAMAGED
@@ -172,7 +173,7 @@ class RecordReader:
         self.end: RecordEnd | None = None
         """When all ticks were read; None: the file was cut off."""
         try:
-            with self.path.open("rb") as file:
+            with open_regular(self.path) as file:
                 head = next(self._blocks(file), None)
         except FileNotFoundError:
             raise UsageError(
@@ -197,7 +198,7 @@ class RecordReader:
             UsageError: the file is damaged; one line.
         """
         seen: RecordSeen | None = None
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             for block in self._blocks(file):
                 if isinstance(block, RecordAnswer) and seen is not None:
                     yield RecordedTick(seen, block)

@@ -1,9 +1,8 @@
-"""Files that are complete or absent, whatever is killed while they are written; bounded reads."""
+"""Files that are complete or absent, whatever is killed while they are written."""
 
 from __future__ import annotations
 
 import ctypes
-import errno
 import os
 import secrets
 from pathlib import Path
@@ -60,15 +59,3 @@ def sync_files(folder: Path) -> None:
             raise OSError(number, os.strerror(number), str(folder))
     finally:
         os.close(descriptor)
-
-
-def read_at_most(path: Path, most: int) -> bytes:
-    """The content of a file of at most ``most`` bytes.
-
-    Raises:
-        OSError: it is larger, which ``strerror`` says then, or it cannot be read.
-    """
-    size = path.stat().st_size
-    if size > most:
-        raise OSError(errno.EFBIG, f"{size} bytes, at most {most} are read", str(path))
-    return path.read_bytes()

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.words import plain
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
@@ -71,7 +72,7 @@ def read_kpi(path: Path) -> pa.Table:
     """
     try:
         # Half the time of `read_table`, which is made for many large files.
-        with pq.ParquetFile(pa.BufferReader(path.read_bytes())) as file:
+        with pq.ParquetFile(pa.BufferReader(read_regular(path, RUN_FILE_BYTES_MAX))) as file:
             table = file.read(use_threads=False)
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None

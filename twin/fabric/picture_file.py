@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from schemas.regular_file import read_regular
 from twin.fabric.errors import UsageError
-from twin.fabric.files import read_at_most
 
 FILE_BYTES_MAX = 256 << 20
 """Largest file [bytes]."""
@@ -41,7 +41,7 @@ def read_picture(path: Path) -> np.ndarray:
         UsageError: no such file, no picture of a format that is read, or too large; one line.
     """
     try:
-        data = read_at_most(path, FILE_BYTES_MAX)
+        data = read_regular(path, FILE_BYTES_MAX)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from None
     picture = None

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
+from schemas.regular_file import read_regular
 from schemas.validation import Mistake, suggest
-from twin.fabric.stack_identity.imports import locate
+from twin.fabric.stack_identity.imports import SOURCE_BYTES_MAX, locate
 
 CHAIN_MAX = 20
 """Most modules that are looked through for a class: re-exports and bases lead from one to the
@@ -69,8 +70,8 @@ class _Source:
         if spec.origin is None or not spec.origin.endswith(".py"):
             return None
         try:
-            tree = ast.parse(Path(spec.origin).read_bytes())
-        except (OSError, SyntaxError, ValueError):
+            tree = ast.parse(read_regular(Path(spec.origin), SOURCE_BYTES_MAX))
+        except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
             return None
         return cls(spec.name, spec.submodule_search_locations is not None, tree)
 

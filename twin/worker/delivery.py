@@ -28,6 +28,7 @@ from schemas.delivery import (
     files_sha256,
 )
 from schemas.messages import Ended, Lease, Result
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.wire import WireError, decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -132,7 +133,7 @@ class Delivery:
 
     def _is_shared(self, lease: Lease) -> bool:
         try:
-            content = (Path(lease.out) / CONDUCTOR_FILE).read_bytes()
+            content = read_regular(Path(lease.out) / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
         except OSError:
             return False
         seen = SeenFolder(

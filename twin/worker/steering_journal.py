@@ -20,6 +20,7 @@ from schemas.interventions import (
 )
 from schemas.json_text import JsonError, decode_json
 from schemas.messages import Lease, Result
+from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.software import device_class, software_digest
 
@@ -112,7 +113,7 @@ def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEn
     """
     path = path / JOURNAL_FILE if path.is_dir() else path
     try:
-        texts = path.read_bytes().splitlines()
+        texts = read_regular(path, RUN_FILE_BYTES_MAX).splitlines()
         lines: list[JournalLine] = [decode_json(text, JournalLine) for text in texts]
     except FileNotFoundError:
         raise UsageError(

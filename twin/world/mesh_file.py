@@ -14,6 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from schemas.assets import mesh_files
+from schemas.regular_file import open_regular
 from twin.world.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
 from twin.world.srgb import linear, srgb
 
@@ -89,6 +91,7 @@ def _check_before(path: Path) -> None:
     try:
         if path.is_dir():
             raise ValueError(f"{path}: a folder, needed a mesh file")
+        open_regular(path).close()
         size = path.stat().st_size
         if not size:
             raise ValueError(f"{path}: the file is empty")
@@ -102,6 +105,22 @@ def _check_before(path: Path) -> None:
         raise ValueError(f"{path}: {declared} faces, at most {FACES_MAX}; simplify the mesh first")
     if size > FILE_BYTES_MAX:
         raise ValueError(f"{path}: {size} bytes, at most {FILE_BYTES_MAX}; simplify the mesh first")
+    for file in mesh_files(path)[1:]:
+        _check_named(file, path)
+
+
+def _check_named(file: Path, path: Path) -> None:
+    """Refuse a file that the mesh ``path`` names and trimesh would read: a device, a pipe, a
+    giant."""
+    try:
+        if not file.exists() or file.is_dir():
+            return
+    except (OSError, ValueError):
+        return  # no name of a file
+    try:
+        open_regular(file, FILE_BYTES_MAX).close()
+    except OSError as error:
+        raise ValueError(f"{path}: it names {file}: {error.strerror or error}") from None
 
 
 def _read(path: Path) -> list[Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from twin.fabric.files import read_at_most
+from schemas.regular_file import read_regular
 from twin.fabric.picture_file import DAMAGED
 from twin.world import materials
 from twin.world.content import Terrain
@@ -38,11 +38,11 @@ def load_heights(terrain: Terrain) -> np.ndarray:
     path = Path(terrain.heightmap)
     where = f"terrain.heightmap {path}"
     try:
-        data = read_at_most(path, _FILE_BYTES_MAX)
+        data = read_regular(path, _FILE_BYTES_MAX)
     except OSError as error:
         raise ValueError(f"{where}: {error.strerror or error}") from None
     if path.suffix.lower() == ".npy":
-        values = _from_npy(path, where)
+        values = _from_npy(data, where)
     elif path.suffix.lower() == ".png":
         values = _from_png(data, where)
     else:
@@ -62,9 +62,9 @@ def _check_size(rows: int, columns: int, where: str) -> None:
         )
 
 
-def _from_npy(path: Path, where: str) -> np.ndarray:
+def _from_npy(data: bytes, where: str) -> np.ndarray:
     try:
-        values = np.load(path, mmap_mode="r", allow_pickle=False)
+        values = np.load(io.BytesIO(data), allow_pickle=False)
     except Exception:  # its header is a Python expression, and wrong in as many ways
         raise ValueError(f"{where}: not an NPY file") from None
     if values.ndim != 2 or values.dtype.kind not in "fiu":

@@ -1,14 +1,13 @@
-"""Files that are complete or absent, and reads with a limit."""
+"""Files that are complete or absent."""
 
 from __future__ import annotations
 
-import errno
 import os
 from pathlib import Path
 
 import pytest
 
-from twin.fabric.files import read_at_most, sync_files, write_atomic
+from twin.fabric.files import sync_files, write_atomic
 
 
 def test_a_file_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
@@ -56,12 +55,3 @@ def test_a_file_and_its_folder_are_synced_before_it_counts(
     assert folder == tmp_path.name
     write_atomic(tmp_path / "b", b"x", sync=False)
     assert len(synced) == 2
-
-
-def test_a_file_of_the_largest_size_is_read_and_no_larger_one(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(b"12345")
-    assert read_at_most(path, 5) == b"12345"
-    with pytest.raises(OSError, match="5 bytes, at most 4 are read") as caught:
-        read_at_most(path, 4)
-    assert caught.value.errno == errno.EFBIG

@@ -281,7 +281,7 @@ def test_an_image_counts_by_its_content_and_is_read_once(write, monkeypatch, tmp
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(content, "KEPT_BYTES_MIN", 1)
     read = []
-    monkeypatch.setattr(content, "file_digest", lambda path: read.append(path) or "ab" * 32)
+    monkeypatch.setattr(content, "file_digest", lambda path, most: read.append(path) or "ab" * 32)
     folder = write(x_txt="")
     (folder / "image.sif").write_bytes(b"layers")
     (folder / "unpacked").mkdir()

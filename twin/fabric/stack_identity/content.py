@@ -12,6 +12,7 @@ import msgspec
 
 from schemas.assets import file_digest
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import read_regular
 from twin.fabric.cache import cache_folder
 from twin.fabric.errors import UsageError
 from twin.fabric.files import write_atomic
@@ -25,6 +26,8 @@ BYTES_MAX = 8 << 30
 KEPT_BYTES_MIN = 32 << 20
 """From this size on a file's digest is kept in the cache folder, and the file is read again only
 if size, times or inode changed [bytes]."""
+
+_NOTE_BYTES_MAX = 1 << 16
 
 _RUN_FOLDER = ({"conductor.db"}, {"campaign.yaml", "outcomes.json"})
 """A folder that holds all of one of these is the folder of a run, or of a conductor."""
@@ -138,8 +141,8 @@ def content_digest(path: Path) -> str:
     try:
         status = path.stat()
         if status.st_size < KEPT_BYTES_MIN:
-            return file_digest(path)
-        return _remembered(path, lambda: _stamp(path.stat()), lambda: file_digest(path))
+            return file_digest(path, None)
+        return _remembered(path, lambda: _stamp(path.stat()), lambda: file_digest(path, None))
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -187,7 +190,7 @@ def _tree_sha(folder: Path) -> str:
             content = str(Path(entry.path).readlink())
         elif entry.is_file():
             try:
-                content = file_digest(Path(entry.path))
+                content = file_digest(Path(entry.path), None)
             except PermissionError:  # such as password files: who may not read them does not
                 content = "unreadable"
         sha.update(f"{name}\0{content}\n".encode())
@@ -202,7 +205,7 @@ def _remembered(
     note = cache_folder() / "contents" / f"{name}.json"
     before = stamp()
     try:
-        kept: _Kept = decode_json(note.read_bytes(), _Kept)
+        kept: _Kept = decode_json(read_regular(note, _NOTE_BYTES_MAX), _Kept)
         if kept.stamp == before:
             return kept.sha256
     except (OSError, JsonError):

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder
 from pathlib import Path
 
+from schemas.regular_file import open_regular
 from twin.fabric.errors import UsageError
 from twin.fabric.stack_identity.content import Budget, files_below
 from twin.fabric.stack_identity.installed import claimants, is_site
@@ -281,7 +282,7 @@ def _base(node: ast.ImportFrom, package: str) -> str:
 
 def _parsed(source: Path) -> ast.Module:
     try:
-        with source.open("rb") as file:
+        with open_regular(source) as file:
             data = file.read(SOURCE_BYTES_MAX + 1)
         if len(data) > SOURCE_BYTES_MAX:
             raise UsageError(
