@@ -10,7 +10,7 @@ import typer
 
 from twin.fabric.cli import KeyOption
 from twin.fabric.errors import UsageError, storage_error
-from twin.fabric.roles import INVITED, Role
+from twin.fabric.roles import IN_WORDS, INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
@@ -61,7 +61,9 @@ def keygen(
 
 
 def invite(
-    role: Annotated[Role, typer.Option(help="What the holder may do: viewer, worker or admin.")],
+    role: Annotated[
+        Role, typer.Option(help="What the holder may do: viewer, worker, admin or submitter.")
+    ],
     state: Annotated[
         Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
     ] = None,
@@ -103,11 +105,11 @@ def invite(
         check_protected(connect, keyed=True)
     endpoint = connect or (found.endpoint if found else "")
     data = authority.issue(role, days, endpoint, found.namespace if found else "")
+    told = f"a key of role {role} for {days} days, which {IN_WORDS[role]}"
     if out is None:
         print(as_line(data).decode())
         print(
-            f"conductor: a key of role {role} for {days} days; paste the line into a file of mode "
-            "0600 and give that as --key",
+            f"conductor: {told}; paste the line into a file of mode 0600 and give that as --key",
             file=sys.stderr,
         )
         return
@@ -116,6 +118,7 @@ def invite(
     except OSError as error:
         raise storage_error(error, str(out)) from None
     print(out)
+    print(f"conductor: {told}", file=sys.stderr)
 
 
 def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | None]:

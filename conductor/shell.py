@@ -173,7 +173,7 @@ class Conductor:
                 "lease, commit, steer and stop",
                 self.endpoint,
             )
-        for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN):
+        for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN, topics.RPC_SUBMIT):
             self._bus.serve(topic.key, partial(self._inbox.receive, door=topic.key))
         self._deliveries = Deliveries(self._folder_of)
         self._bus.serve(topics.FILES.key, self._deliveries.receive)

@@ -20,13 +20,14 @@ from twin.fabric.files import write_atomic
 from twin.fabric.key_file import (
     ENDPOINT_MARK,
     NAMESPACE_MARK,
+    ROLE_MARK,
     Key,
     UnfitKeyError,
     check_validity,
     load_key,
     read_private,
 )
-from twin.fabric.roles import MEMBERS, Role, common_name, fabric_of_rig
+from twin.fabric.roles import IN_WORDS, MEMBERS, Role, common_name, fabric_of_rig
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -63,7 +64,8 @@ class Authority:
 
         private = ec.generate_private_key(ec.SECP256R1())
         certificate = _certificate(self, common_name(self.fabric, role), private, days)
-        said = f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
+        said = f"{ROLE_MARK}{role}, {IN_WORDS[role]}\n"
+        said += f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
         said += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
         pem = serialization.Encoding.PEM
         return b"".join(

@@ -27,6 +27,9 @@ LINE_MARK = b"drivetwin-key:"
 ENDPOINT_MARK, NAMESPACE_MARK = "endpoint: ", "namespace: "
 """Begin the lines before the certificate that say where the conductor is."""
 
+ROLE_MARK = "role: "
+"""Begins the line there that tells people what the key may; the certificate decides."""
+
 FILE_BYTES_MAX = 65536
 
 
