@@ -6,7 +6,7 @@ import threading
 from contextlib import ExitStack, closing, suppress
 
 import pytest
-from processes import PATIENCE_S, wait_for
+from processes import PATIENCE_S, keys_of, wait_for
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 
 from conductor.bench.own import noop_campaign
@@ -62,7 +62,7 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
     pasted.write_text(line.stdout)
     pasted.chmod(0o600)
     expired = tmp_path / "expired.key"
-    expired.write_bytes(load_authority(state / "keys").issue(Role.admin, -1))
+    expired.write_bytes(load_authority(keys_of(state)).issue(Role.admin, -1))
     expired.chmod(0o600)
     commands = tmp_path / "commands.yaml"
     text = "campaign: mine\nsimulator: noop\nautonomy: {command: [id]}\nmatrix: {repeat: [0]}\n"
@@ -118,7 +118,7 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
         refused = marked.run("conductor", "invite", "--state", str(state), *options)
         assert refused.returncode == 2
         assert words in refused.stderr
-    (state / "keys/authority.key").unlink()
+    (keys_of(state) / "authority.key").unlink()
     gone = marked.run("conductor", "invite", "--role", "viewer", "--state", str(state))
     assert (gone.returncode, "was removed" in gone.stderr) == (2, True)
 
@@ -180,7 +180,7 @@ def hello(worker):
 
 def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     """By somebody without a key, as bytes and as messages; by every other role; by a worker."""
-    keys = state / "keys"
+    keys = keys_of(state)
     port = int(find_conductor(state).endpoint.rpartition(":")[2])
     tap = stack.enter_context(closing(Tap(port)))
     with Client("", state, "twin", role=Role.submitter) as client:
