@@ -287,11 +287,15 @@ def submit(
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
 ) -> None:
-    """Submit a campaign to a conductor that serves."""
+    """Submit a campaign to a conductor that serves; it takes a key of role submitter.
+
+    Workers run what a campaign names, so an invitation to steer (admin) does not open this.
+    """
     from conductor.client import Client
+    from twin.fabric.roles import Role
 
     loaded = _checked(campaign, seed=seed)
-    with Client(connect, state, namespace, key) as client:
+    with Client(connect, state, namespace, key, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 

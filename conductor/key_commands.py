@@ -10,7 +10,7 @@ import typer
 
 from twin.fabric.cli import KeyOption
 from twin.fabric.errors import UsageError, storage_error
-from twin.fabric.roles import INVITED, Role
+from twin.fabric.roles import IN_WORDS, INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
@@ -43,7 +43,13 @@ def own_key(key: Path | None, *, insecure: bool) -> Key | None:
 
 
 def keygen(
-    folder: Annotated[Path, typer.Argument(help="Folder of keys to write, for its owner only.")],
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of keys to write, for its owner only.")
+    ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(help="Or: a conductor's state folder, whose keys lie in your own folder."),
+    ] = None,
     days: Annotated[int, typer.Option(min=1, max=3650, help="How long they are valid [days].")] = (
         365
     ),
@@ -53,17 +59,29 @@ def keygen(
 ) -> None:
     """Make the keys of a new fabric: of its authority, and one for each role.
 
-    A conductor that listens beyond loopback makes them by itself, as keys/ in its state folder.
+    A conductor makes its own by itself; those of --state FOLDER --force take their place.
     """
-    from twin.fabric.authority import make_keys
+    from twin.fabric.authority import make_keys, refuse_keys_in
+    from twin.fabric.own_folder import fabric_name, make_way, note
 
-    print(make_keys(folder, days=days, replace=force))
+    if folder is not None and state is None:
+        print(make_keys(folder, days=days, replace=force))
+        return
+    if state is None or folder is not None:
+        raise UsageError("give either a folder of keys to write, or --state FOLDER of a conductor")
+    refuse_keys_in(state)
+    made = make_keys(make_way(fabric_name(state)), days=days, replace=force)
+    note(made, state)
+    print(made)
 
 
 def invite(
-    role: Annotated[Role, typer.Option(help="What the holder may do: viewer, worker or admin.")],
+    role: Annotated[
+        Role, typer.Option(help="What the holder may do: viewer, worker, admin or submitter.")
+    ],
     state: Annotated[
-        Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
+        Path | None,
+        typer.Option(help="State folder of the conductor; your own folder has its keys."),
     ] = None,
     key: KeyOption = None,
     days: Annotated[
@@ -103,11 +121,11 @@ def invite(
         check_protected(connect, keyed=True)
     endpoint = connect or (found.endpoint if found else "")
     data = authority.issue(role, days, endpoint, found.namespace if found else "")
+    told = f"a key of role {role} for {days} days, which {IN_WORDS[role]}"
     if out is None:
         print(as_line(data).decode())
         print(
-            f"conductor: a key of role {role} for {days} days; paste the line into a file of mode "
-            "0600 and give that as --key",
+            f"conductor: {told}; paste the line into a file of mode 0600 and give that as --key",
             file=sys.stderr,
         )
         return
@@ -116,12 +134,14 @@ def invite(
     except OSError as error:
         raise storage_error(error, str(out)) from None
     print(out)
+    print(f"conductor: {told}", file=sys.stderr)
 
 
 def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | None]:
     """The folder of keys, and the conductor that is known there, if any."""
-    from twin.fabric.discovery import find_conductor
-    from twin.fabric.key_file import FOLDER_NAME
+    from twin.fabric.authority import refuse_keys_in
+    from twin.fabric.discovery import find_conductor, keys_of
+    from twin.fabric.own_folder import fabric_folder, fabric_name
 
     if state is None:
         if key is None:
@@ -131,7 +151,9 @@ def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | 
         found = find_conductor(state)
     except UsageError:
         found = None  # it may come later
-    beside = state / FOLDER_NAME
-    if key is None and not beside.exists() and found is not None and found.key:
-        return Path(found.key), found
-    return key or beside, found
+    if key is not None:
+        return key, found
+    if found is not None and found.insecure:
+        raise UsageError(f"{state}: its conductor was told --insecure and takes no keys")
+    refuse_keys_in(state)
+    return keys_of(found, state) if found else fabric_folder(fabric_name(state)), found

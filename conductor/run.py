@@ -46,7 +46,7 @@ from schemas.view import ViewMode
 from schemas.words import counted
 from twin.fabric.ahead import Told
 from twin.fabric.cli import heed_signals
-from twin.fabric.endpoint import LOOPBACK, is_exposed
+from twin.fabric.endpoint import LOOPBACK, is_tls
 from twin.fabric.errors import (
     EXIT_INTERRUPTED,
     EXIT_UNFINISHED,
@@ -275,7 +275,7 @@ def _work(
     except OSError as error:
         raise UsageError(f"{conductor.folder}: {error.strerror}") from None
     key = str(shared(conductor.key)) if conductor.key else ""
-    insecure = ["--insecure"] if is_exposed(conductor.endpoint) else []
+    insecure = [] if is_tls(conductor.endpoint) else ["--insecure"]
     if ViewMode(campaign.view).shows:
         console.print(
             shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),

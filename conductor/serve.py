@@ -17,7 +17,7 @@ from conductor.outcomes import exit_code
 from conductor.shell import Conductor
 from conductor.state import Config
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import is_exposed
+from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import EXIT_INTERRUPTED
 from twin.fabric.key_file import Key, shared
 
@@ -88,14 +88,16 @@ def _announce(conductor: Conductor, namespace: str) -> None:
     key = f" --key {shlex.quote(str(shared(conductor.key)))}" if conductor.key else ""
     here = f"{os.environ.get('USER', 'me')}@{socket.gethostname()}"
     folder = shlex.quote(str(Path(conductor.folder).absolute()))
-    typed = " --insecure" if is_exposed(conductor.endpoint) else ""
-    where = f"--connect {conductor.endpoint}{option}{key}{typed}"
+    typed = "" if is_tls(conductor.endpoint) else " --insecure"
+    where = look = f"--connect {conductor.endpoint}{option}{key}{typed}"
+    if conductor.fabric:  # the folder says everything else, and whose keys to take
+        where, look = f"--state {folder}", f"--run {folder}"
     print(
         f"conductor serves {conductor.folder} at {conductor.endpoint}\n"
         f"  submit:  conductor submit aeb-demo {where}\n"
         f"  worker:  twin worker {where}\n"
         f"  status:  conductor status {where}\n"
-        f"  look:    viewer live {where}\n"
+        f"  look:    viewer live {look}\n"
         f"  from a laptop: viewer live --ssh {here} --run {folder}",
         flush=True,
     )

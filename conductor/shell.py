@@ -46,10 +46,10 @@ from twin.fabric.address import check_free
 from twin.fabric.authority import load_or_make
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
-from twin.fabric.endpoint import LOOPBACK, is_exposed, is_tls, to_listen
+from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
 from twin.fabric.key_file import Key, WrongRoleError, shared
+from twin.fabric.own_folder import fabric_name
 from twin.fabric.roles import Role
 
 IDLE_S = 0.25
@@ -79,8 +79,8 @@ class Conductor:
         folder: state folder; created if missing.
         listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
         namespace: prefix of every key.
-        key: the conductor's key; if there is none and it listens beyond loopback, the one in the
-            folder is taken, or made with those of the other roles.
+        key: the conductor's key; if there is none and it listens with TLS, the folder's own is
+            taken from the user's own folder, or made with those of the other roles.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
     """
@@ -101,7 +101,9 @@ class Conductor:
         """Where it listens, once started."""
         self.started = threading.Event()
         self.key = key
-        """The conductor's key, once started; None: plain TCP on loopback."""
+        """The conductor's key, once started; None: plain TCP."""
+        self.fabric = ""
+        """Under which name its user's own folder has the keys; empty: those that were given."""
         self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
@@ -164,16 +166,18 @@ class Conductor:
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
         )
         if self.key is None and is_tls(self._listen):
-            self.key = load_or_make(self.folder / KEYS_NAME)
+            self.key = load_or_make(self.folder)
+            self.fabric = fabric_name(self.folder)
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
-        if is_exposed(self._listen):
+        if not is_tls(self._listen):
             _log.warning(
-                "INSECURE: plain TCP at %s, because of --insecure: whoever reaches it may read, "
-                "lease, commit, steer and stop",
+                "INSECURE: plain TCP at %s, because of --insecure: %s may read, submit, lease, "
+                "commit, steer and stop, and so run commands as you",
                 self.endpoint,
+                "anybody on this host" if is_loopback(self._listen) else "whoever reaches it",
             )
-        for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN):
+        for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN, topics.RPC_SUBMIT):
             self._bus.serve(topic.key, partial(self._inbox.receive, door=topic.key))
         self._deliveries = Deliveries(self._folder_of)
         self._bus.serve(topics.FILES.key, self._deliveries.receive)
@@ -187,7 +191,8 @@ class Conductor:
                 namespace=self.namespace,
                 version=_version(),
                 key=str(shared(self.key)) if self.key else "",
-                insecure=is_exposed(self._listen),
+                insecure=not is_tls(self._listen),
+                fabric=self.fabric,
             ),
             self._engine.state,
         )

@@ -240,6 +240,7 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
     from hpc.container import BIN_FOLDER
     from hpc.request import JobRequest, parse_walltime
     from hpc.script import job_name
+    from twin.fabric.own_folder import own_folder
 
     folder = options.out or Path("runs") / job_name(campaign)
     bin_folder = options.bin_folder.absolute() if options.bin_folder else None
@@ -271,6 +272,7 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
         container=_image(options),
         container_runtime=options.container_runtime.value,
         container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
+        home=str(own_folder()),
         remote_stacks=remote_stacks,
     )
 

@@ -51,7 +51,7 @@ UNSET = ("PYTHONPATH", "PYTHONHOME", "LD_PRELOAD")
 
 PASSED = (
     *("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER", "WARP_CACHE_PATH", "TMPDIR", "TZ"),
-    *("SLURM*", "PBS_*", "TWIN_*", "ZENOH_*"),
+    *("SLURM*", "PBS_*", "TWIN_*", "ZENOH_*", "DRIVETWIN_HOME"),
 )
 """Variables that the fabric and the job script need inside; ``*`` ends a prefix."""
 

@@ -96,6 +96,8 @@ class JobRequest:
     """How the image is entered."""
     container_binds: tuple[str, ...] = ()
     """Further folders that are seen inside as outside, e.g. of data; absolute."""
+    home: str = ""
+    """The user's own folder, where the conductor's keys lie; absolute. Empty: as on each node."""
     remote_stacks: bool = False
     """``autonomy.placement: node``: as many tasks again run the stacks, on other nodes if the
     tasks of the workers fill theirs."""
@@ -169,7 +171,8 @@ class JobRequest:
         ):
             if not path.startswith("/"):
                 raise UsageError(f"{option} {path!r}: give an absolute path")
-        for text in (self.campaign, self.out, self.folder, self.bin_folder):
+        paths = (self.out, self.folder, self.bin_folder, self.home)
+        for text in (self.campaign, *paths):
             if _CONTROL.search(text):
                 raise UsageError(f"{text!r}: a name with a line break or control character")
         if not self.campaign or self.campaign.startswith("-"):
@@ -205,10 +208,10 @@ class JobRequest:
 
     @property
     def inside(self) -> Container | None:
-        """The container; it sees the working folder, the results and the campaign file."""
+        """The container; it sees working folder, results, campaign file and keys."""
         if not self.container:
             return None
-        own = (self.folder, self.out, self.campaign.rpartition("/")[0])
+        own = (self.folder, self.out, self.campaign.rpartition("/")[0], self.home)
         return Container(
             image=self.container,
             runtime=self.container_runtime,

@@ -48,6 +48,11 @@ kernels={kernels}
 restarts_max={request.restarts_max}
 folder={quote(request.folder)}
 cd "$folder" || exit 2"""
+    if request.home:
+        text += f"""
+# Keys of the conductor lie here, for you alone, and not among the results.
+export DRIVETWIN_HOME={quote(request.home)}
+(umask 077 && mkdir -p "$DRIVETWIN_HOME") || exit 2"""
     if ends:
         text += f"\n# Workers take only cases that end before the job is told to stop.\n{ends}"
     if request.inside is not None:
@@ -76,6 +81,7 @@ stack() {{ # serves simulators of other nodes (autonomy.placement: node)
   exec {inside(request)}"$bin/devkit" host --join "$out/rigs"
 }}"""
     array = "" if request.inside is None else " inside"
+    array += " DRIVETWIN_HOME" if request.home else ""
     slots = "" if request.slots is None else f"--slots {request.slots} "
     return f"""\
 # --- What runs on a node, and what it needs there.

@@ -1,6 +1,7 @@
 """Defaults of a site, in one YAML file; options on the command line win.
 
-``~/.config/drivetwin/site.yaml``, or the file that ``--site`` names::
+``~/.config/drivetwin/site.yaml`` (see :mod:`twin.fabric.own_folder`), or the file that ``--site``
+names::
 
     scheduler: slurm
     partition: gpu
@@ -22,6 +23,7 @@ from msgspec import Meta, Struct
 from schemas.validation import convert_all
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import UsageError
+from twin.fabric.own_folder import own_folder
 
 
 class Site(Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,5 +70,4 @@ def load_site(named: Path | None, environment: Mapping[str, str] = os.environ) -
 
 def usual_path(environment: Mapping[str, str] = os.environ) -> Path:
     """Where the user's file is looked for."""
-    config = environment.get("XDG_CONFIG_HOME")
-    return (Path(config) if config else Path.home() / ".config") / "drivetwin" / "site.yaml"
+    return own_folder(environment) / "site.yaml"

@@ -24,7 +24,8 @@ DOORS: dict[type[Request], Topic] = {
     Bye: topics.RPC_WORKER,
     Explain: topics.RPC_STATUS,
     StatusRequest: topics.RPC_STATUS,
-    Submit: topics.RPC_ADMIN,
+    # Whoever submits says what workers run: apart from steering, so that nobody gets it with that.
+    Submit: topics.RPC_SUBMIT,
     Control: topics.RPC_ADMIN,
     Stop: topics.RPC_ADMIN,
 }

@@ -48,6 +48,7 @@ SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", Fals
 RPC_WORKER = Topic("conductor/rpc/worker", "msgpack", "Request -> Reply", True)
 RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True)
 RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True)
+RPC_SUBMIT = Topic("conductor/rpc/submit", "msgpack", "Request -> Reply", True)
 FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True)
 EVENT = Topic("conductor/event", "msgpack", "fact", False)
 WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False)
@@ -96,6 +97,7 @@ TOPICS: tuple[Topic, ...] = (
     RPC_WORKER,
     RPC_STATUS,
     RPC_ADMIN,
+    RPC_SUBMIT,
     FILES,
     EVENT,
     WORKER_COMMAND,

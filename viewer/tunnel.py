@@ -7,6 +7,8 @@ keys or an agent are needed.
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import shlex
 import shutil
 import subprocess
@@ -19,8 +21,7 @@ from schemas.json_text import JsonError, decode_json
 from twin.fabric.discovery import FILE_NAME, ConductorFile, Target, agreed_namespace
 from twin.fabric.endpoint import check_endpoint, host_and_port, is_loopback, is_tls
 from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
-from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
-from twin.fabric.key_file import load_key
+from twin.fabric.key_file import UnfitKeyError, load_key
 from twin.fabric.roles import Role
 from viewer import native
 
@@ -80,6 +81,8 @@ class Tunnel:
             check_endpoint(far.connect)
         self._far = far
         self._key = load_key(key, role) if key is not None else None
+        self._fetched_from = ""
+        """Where the key lies over there; empty: it was given here."""
         self._namespace = agreed_namespace(namespace, self._key)
         self._role = role
         self._child: subprocess.Popen[bytes] | None = None
@@ -101,8 +104,8 @@ class Tunnel:
         """
         self._pause()
         found = self._look_up()
-        if is_tls(found.endpoint) and self._key is None:
-            raise UsageError(f"{found.endpoint}: needs a key of the fabric; {self._key_hint()}")
+        if is_tls(found.endpoint) and (self._key is None or self._fetched_from):
+            self._fetch_key(found)
         if self._child is None or self._child.poll() is not None or self._to != found.endpoint:
             self._end()
             self._open(found)
@@ -140,6 +143,25 @@ class Tunnel:
         if far.connect:
             return ConductorFile(far.connect, 0, far.node, 0, self._namespace, "")
         path = f"{far.folder}/{FILE_NAME}"
+        data = self._read(path)
+        if data is None:
+            raise UnreachableError(f"{far.login}:{path}: no conductor serves this folder")
+        try:
+            # Whatever start-up files over there print stands before it.
+            text = data[max(0, data.find(b"{")) :]
+            found = decode_json(text, ConductorFile)
+        except JsonError as error:
+            raise UnreachableError(f"{far.login}:{path}: damaged: {error}") from None
+        try:
+            check_endpoint(found.endpoint)
+            _check_host(found.host)
+        except UsageError as error:
+            raise UsageError(f"{far.login}:{path}: {error}") from None
+        return found
+
+    def _read(self, path: str) -> bytes | None:
+        """A file over there; None: it cannot be read."""
+        far = self._far
         try:
             done = subprocess.run(
                 ["ssh", *self._options, "--", far.login, f"cat -- {shlex.quote(path)}"],
@@ -151,20 +173,29 @@ class Tunnel:
             raise self._failed(f"no answer after {READ_S:g} s") from None
         if done.returncode == 255:  # of ssh itself
             raise self._failed(done.stderr.decode("utf-8", "replace"))
-        if done.returncode:
-            raise UnreachableError(f"{far.login}:{path}: no conductor serves this folder")
+        return None if done.returncode else done.stdout
+
+    def _fetch_key(self, found: ConductorFile) -> None:
+        """Whoever may log in there as the conductor's user may read that user's key: nobody copies
+        it by hand, and here it is in memory only."""
+        path = f"{found.key}/{self._role}.key" if found.key else ""
+        if self._key is not None and path == self._fetched_from:
+            return
+        data = self._read(path) if path else None
+        if data is None:
+            raise UsageError(f"{found.endpoint}: needs a key of the fabric; {self._key_hint()}")
+        descriptor = os.memfd_create("key", os.MFD_CLOEXEC)
         try:
-            # Whatever start-up files over there print stands before it.
-            text = done.stdout[max(0, done.stdout.find(b"{")) :]
-            found = decode_json(text, ConductorFile)
-        except JsonError as error:
-            raise UnreachableError(f"{far.login}:{path}: damaged: {error}") from None
-        try:
-            check_endpoint(found.endpoint)
-            _check_host(found.host)
-        except UsageError as error:
-            raise UsageError(f"{far.login}:{path}: {error}") from None
-        return found
+            os.fchmod(descriptor, 0o600)
+            os.write(descriptor, data)
+            read = load_key(Path(f"/proc/self/fd/{descriptor}"), self._role)
+        except UnfitKeyError as error:
+            why = str(error).partition(": ")[2]
+            raise UnfitKeyError(f"{self._far.login}:{path}: {why}") from None
+        finally:
+            os.close(descriptor)
+        self._key = dataclasses.replace(read, path=Path(f"{self._far.login}:{path}"))
+        self._fetched_from = path
 
     def _open(self, found: ConductorFile) -> None:
         far = self._far
@@ -202,8 +233,12 @@ class Tunnel:
         if not far.folder:
             return "ask for one (`conductor invite --role viewer`) and give --key FILE"
         name = f"{self._role}.key"
-        copy = f"scp {far.login}:{shlex.quote(f'{far.folder}/{KEYS_NAME}/{name}')} ."
-        return f"copy it (`{copy}`) and give --key {name}"
+        state = shlex.quote(far.folder)
+        return (
+            f"{far.login} has none that you may read; have one made by whoever started it "
+            f"(`conductor invite --role {self._role} --state {state} -o {name}`), copy it and give "
+            f"--key {name}"
+        )
 
     def _pause(self) -> None:
         until_s = self._called_s + PAUSE_S

@@ -18,6 +18,8 @@ from typing import IO
 import psutil
 from waiting import PATIENCE_S, wait_for
 
+from twin.fabric.own_folder import fabric_folder, fabric_name
+
 MARK = "TWIN_TEST_MARK"
 
 
@@ -94,6 +96,11 @@ class Marked:
             for stream in (child.stdout, child.stderr):
                 if stream is not None:
                     stream.close()
+
+
+def keys_of(state: Path) -> Path:
+    """The folder of keys that a conductor of this state folder makes."""
+    return fabric_folder(fabric_name(state))
 
 
 def committed(folder: Path) -> int:

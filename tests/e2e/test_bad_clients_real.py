@@ -24,7 +24,7 @@ BAD = {
 
 def test_bad_clients(marked, tmp_path):
     state = tmp_path / "state"
-    server = marked.start("conductor", "serve", "--state", str(state))
+    server = marked.start("conductor", "serve", "--state", str(state), "--insecure")
 
     def endpoint():
         try:
@@ -40,7 +40,9 @@ def test_bad_clients(marked, tmp_path):
                 assert reason in reply.error
     finally:
         bus.close()
-    status = marked.run("conductor", "status", "--state", str(state), "--output", "json")
+    status = marked.run(
+        *("conductor", "status", "--state", str(state), "--insecure", "--output", "json")
+    )
     counters = json.loads(status.stdout)["counters"]
     assert (counters["refused"], counters["turned_away"]) == (12, 3)
     assert counters["faults"] == 0

@@ -114,14 +114,12 @@ def test_a_killed_worker_leaves_nothing_of_a_foreign_stack(marked, tmp_path):
     script = tmp_path / "stack.sh"
     script.write_text("setsid sleep 601 &\nexec sleep 602\n")
     path = campaign(tmp_path, "killed", {"command": ["sh", str(script)]})
-    conductor = marked.start(
-        "conductor", "serve", "--state", str(tmp_path / "state"), "--listen", "tcp/127.0.0.1:0"
-    )
-    line = conductor.stdout.readline() + conductor.stdout.readline() + conductor.stdout.readline()
-    endpoint = next(word for word in line.split() if word.startswith("tcp/127.0.0.1:"))
-    done = marked.run("conductor", "submit", str(path), "--connect", endpoint)
+    state = ("--state", str(tmp_path / "state"))
+    conductor = marked.start("conductor", "serve", *state)
+    conductor.stdout.readline()
+    done = marked.run("conductor", "submit", str(path), *state)
     assert done.returncode == 0, done.stderr
-    worker = marked.start("twin", "worker", "--connect", endpoint)
+    worker = marked.start("twin", "worker", *state)
     for words in (("sleep", "601"), ("sleep", "602")):
         marked.one(*words)
     worker.kill()

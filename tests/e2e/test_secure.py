@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import PATIENCE_S, interrupt, wait_for
+from processes import PATIENCE_S, interrupt, keys_of, wait_for
 from strangers import Stranger, certificates_on, options_of
 
 from schemas import SCHEMA_VERSION, topics
@@ -54,7 +54,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     out = tmp_path / "chaos-16"
     run = marked.start(
         *("conductor", "run", "chaos-16", "--workers", "1", "--slots", "4", "--out", str(out)),
-        *("--listen", "tls/127.0.0.1:0", "--view", "record+live", "--output", "json"),
+        *("--view", "record+live", "--output", "json"),
     )
     viewer = marked.start(
         *("viewer", "live", "--run", str(out), "--wait", "60", "--no-window", "--output", "json")
@@ -63,20 +63,21 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     stack = marked.one("host")
     stack.suspend()  # nothing ends while everybody is tried
     found = wait_for(lambda: len(ports(marked)) == 5 and ports(marked), "five listeners")
-    secrets = [secret_of(path) for path in (out / "keys").iterdir()]
-    assert len(secrets) == 5
+    keys = keys_of(out)
+    secrets = [secret_of(path) for path in keys.glob("*.key")]
+    assert len(secrets) == 6
     simulator = marked.one("sim")
     opened = Path(f"/proc/{marked.one('worker').pid}/fd").iterdir()
     own = [path for path in opened if path.is_file() and b"PRIVATE KEY" in path.read_bytes()]
     assert len(own) == 2, "the rig's: of its simulator and of its stack"
     secrets += [secret_of(path) for path in own]
-    member = options_of(load_key(out / "keys", Role.worker))
+    member = options_of(load_key(keys, Role.worker))
     at = [each.laddr.port for each in simulator.net_connections("tcp") if each.status == "LISTEN"]
     inside = [Stranger(f"tls/127.0.0.1:{port}", member) for port in at]
     assert sorted(each.inside for each in inside) == [False, True], "the feed, not the rig"
     for each in inside:
         each.close()
-    for kind, tls in certificates_on(out / "keys", tmp_path).items():
+    for kind, tls in certificates_on(keys, tmp_path).items():
         for port in found:
             protocol = "tcp" if kind == "plain" else "tls"
             stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
@@ -94,7 +95,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
         assert f"refused a connection: {reason}" in said, "the rig says why, too"
         assert stderr.count(f"refused a connection: {reason}") == 1, "and the conductor, once"
     for path in out.rglob("*"):
-        if path.is_file() and path.parent.name != "keys":
+        if path.is_file():
             data = path.read_bytes()
             assert not [secret for secret in secrets if secret.encode() in data], path
     interrupt(viewer)
@@ -112,7 +113,7 @@ def secret_of(path):
 
 def test_the_same_strangers_get_in_without_tls(marked, tmp_path):
     """So the test above can fail."""
-    _, found = serving(marked, tmp_path / "state")
+    _, found = serving(marked, tmp_path / "state", "--insecure")
     stranger = Stranger(found.endpoint, {}, PATIENCE_S)
     try:
         assert stranger.inside
@@ -143,9 +144,9 @@ def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
         *("conductor", "relay", "--listen", "tls/127.0.0.1:0", "--state", str(state))
     )
     entrance = relay.stdout.readline().split()[-1]
-    for kind, tls in certificates_on(state / "keys", tmp_path).items():
+    for kind, tls in certificates_on(keys_of(state), tmp_path).items():
         assert not Stranger(f"{entrance if kind != 'plain' else 'tcp' + entrance[3:]}", tls).inside
-    admin = ("--connect", entrance, "--key", str(state / "keys"))
+    admin = ("--connect", entrance, "--key", str(keys_of(state)))
     assert marked.run("conductor", "status", *admin).returncode == 0
     relay.terminate()
     out, err = relay.communicate()
@@ -203,21 +204,21 @@ def test_garbage_then_a_restart_with_the_same_key(marked, locked):
     for data in (b"", b"\x00" * 100, b"\x16\x03\x01\x40\x00" + b"\x01" * 9000):
         with socket.create_connection(("127.0.0.1", port)) as connection:
             connection.sendall(data)
-    key = (state / "keys/conductor.key").read_bytes()
+    key = (keys_of(state) / "conductor.key").read_bytes()
     assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
     process = marked.one("serve")
     process.send_signal(signal.SIGKILL)
     process.wait()
     child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
     assert again.endpoint == endpoint, "workers look for it at the old port"
-    assert (state / "keys/conductor.key").read_bytes() == key
+    assert (keys_of(state) / "conductor.key").read_bytes() == key
     # An invitation leaked: new keys shut out everybody who holds an old one.
     leaked = state / "leaked.key"
     invite = ("conductor", "invite", "--role", "admin", "--state", str(state), "-o", str(leaked))
     assert marked.run(*invite).returncode == 0
     assert marked.run("conductor", "stop", "--key", str(leaked)).returncode == 0
     assert child.wait() == 0
-    assert marked.run("conductor", "keygen", "--force", str(state / "keys")).returncode == 0
+    assert marked.run("conductor", "keygen", "--force", "--state", str(state)).returncode == 0
     child, again = serving(marked, state, "--listen", "tcp/0.0.0.0:0")
     late = marked.run("conductor", "stop", "--key", str(leaked), "--connect", again.endpoint)
     assert (late.returncode, "it is of another fabric" in late.stderr) == (2, True), late.stderr
@@ -237,7 +238,7 @@ def test_keygen_and_serve(marked, tmp_path):
     assert not state.exists()
     child, found = serving(marked, state, "--key", str(key))
     assert found.endpoint.startswith("tls/127.0.0.1:"), "with a key loopback is TLS too"
-    assert (found.key, (state / "keys").exists()) == (str(key), False)
+    assert (found.key, found.fabric, keys_of(state).exists()) == (str(key), "", False)
     assert marked.run("conductor", "status", "--state", str(state)).returncode == 0
     child.terminate()
     child.communicate()
@@ -248,7 +249,7 @@ def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
     state = tmp_path / "state"
     child, found = serving(marked, state, "--insecure", "--listen", "tcp/0.0.0.0:0")
     assert (found.endpoint[:4], found.insecure, found.key) == ("tcp/", True, "")
-    assert not (state / "keys").exists()
+    assert not keys_of(state).exists()
     place = ("--connect", found.endpoint)
     refused = [marked.start(*command, *place) for command in COMMANDS[:-1]]
     refused.append(marked.start("twin", "worker", "--state", str(state)))

@@ -6,7 +6,7 @@ import threading
 from contextlib import ExitStack, closing, suppress
 
 import pytest
-from processes import PATIENCE_S, wait_for
+from processes import PATIENCE_S, keys_of, wait_for
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 
 from conductor.bench.own import noop_campaign
@@ -50,7 +50,7 @@ def state(marked, tmp_path, request):
 
 def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, tmp_path):
     invited = {}
-    for role in ("viewer", "worker", "admin"):
+    for role in ("viewer", "worker", "admin", "submitter"):
         invited[role] = str(tmp_path / f"{role}.key")
         made = marked.run(
             *("conductor", "invite", "--role", role, "--state", str(state), "-o", invited[role])
@@ -62,8 +62,11 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
     pasted.write_text(line.stdout)
     pasted.chmod(0o600)
     expired = tmp_path / "expired.key"
-    expired.write_bytes(load_authority(state / "keys").issue(Role.admin, -1))
+    expired.write_bytes(load_authority(keys_of(state)).issue(Role.admin, -1))
     expired.chmod(0o600)
+    commands = tmp_path / "commands.yaml"
+    text = "campaign: mine\nsimulator: noop\nautonomy: {command: [id]}\nmatrix: {repeat: [0]}\n"
+    commands.write_text(text)
     endpoint = find_conductor(state).endpoint
     cancel = ("conductor", "cancel", "chaos-16")
     started = [
@@ -72,9 +75,11 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
             # Nothing but the key is given: it says where the conductor is.
             (("conductor", "status"), invited["viewer"], 0, ""),
             (("conductor", "status"), pasted, 0, ""),
-            (("conductor", "submit", "chaos-16"), invited["admin"], 0, ""),
+            (("conductor", "submit", "chaos-16"), invited["submitter"], 0, ""),
+            (("conductor", "submit", str(commands)), invited["admin"], 2, "--role submitter"),
+            (("conductor", "stop"), invited["submitter"], 2, "invite --role admin"),
             (("conductor", "stop"), invited["viewer"], 2, "invite --role admin"),
-            (("conductor", "submit", "aeb-demo"), pasted, 2, "invite --role admin"),
+            (("conductor", "submit", "aeb-demo"), pasted, 2, "invite --role submitter"),
             (cancel, invited["worker"], 2, "key of role worker may not ask conductor/rpc/admin"),
             (("viewer", "pause", "a"), invited["viewer"], 2, "invite --role admin"),
             (
@@ -102,7 +107,10 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
     )
     assert (found["campaigns"]["chaos-16"]["left"], found["workers"]) == (16, [])
     for options, words in (
-        (("--role", "conductor"), "allowed: viewer, worker, admin; a conductor has its own key"),
+        (
+            ("--role", "conductor"),
+            "allowed: viewer, worker, admin, submitter; a conductor has its own key",
+        ),
         (("--role", "stack"), "a stack gets one from its rig"),
         (("--role", "viewer", "--days", "400"), "allowed: 1 to 36"),
         (("--role", "viewer", "--connect", "tcp/10.0.0.1:7447"), "use tls/10.0.0.1:7447"),
@@ -110,7 +118,7 @@ def test_an_invitation_opens_what_its_role_may_and_nothing_else(marked, state, t
         refused = marked.run("conductor", "invite", "--state", str(state), *options)
         assert refused.returncode == 2
         assert words in refused.stderr
-    (state / "keys/authority.key").unlink()
+    (keys_of(state) / "authority.key").unlink()
     gone = marked.run("conductor", "invite", "--role", "viewer", "--state", str(state))
     assert (gone.returncode, "was removed" in gone.stderr) == (2, True)
 
@@ -172,10 +180,10 @@ def hello(worker):
 
 def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     """By somebody without a key, as bytes and as messages; by every other role; by a worker."""
-    keys = state / "keys"
+    keys = keys_of(state)
     port = int(find_conductor(state).endpoint.rpartition(":")[2])
     tap = stack.enter_context(closing(Tap(port)))
-    with Client("", state, "twin") as client:
+    with Client("", state, "twin", role=Role.submitter) as client:
         client.submit(noop_campaign(CASES), "")
     name = noop_campaign(CASES).campaign
     bus = open_bus("client", connect=[tap.endpoint], key=load_key(keys, Role.worker))
@@ -220,18 +228,20 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
         stranger = Stranger(f"{protocol}/127.0.0.1:{port}", tls)
         assert not stranger.inside, kind
     # With a key of another role, and no rule of ours minded.
-    for role in (Role.viewer, Role.admin):
+    for role in (Role.viewer, Role.admin, Role.submitter):
         tls = options_of(load_key(keys, role))
         member = Stranger(f"tls/127.0.0.1:{port}", tls, PATIENCE_S)
         stack.callback(member.close)
         assert member.inside
-        doors = [door.key for door in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN)]
+        rpc = (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN, topics.RPC_SUBMIT)
+        doors = [door.key for door in rpc]
         opened = [door for door in doors if may(role, Act.ask, door)]
         for (answer,) in member.answers([(door, recorded) for door in opened], PATIENCE_S):
             assert f"send it to {topics.RPC_WORKER.key}" in decode(answer, Reply).error
         shut = [(door, data) for door in doors if door not in opened for data in (recorded, b"")]
         assert member.answers(shut, SILENCE_S) == [[]] * len(shut)
         assert (topics.RPC_ADMIN.key in opened) is (role is Role.admin)
+        assert (topics.RPC_SUBMIT.key in opened) is (role is Role.submitter)
     assert rows() == before
     # By the worker again: the same answer. By another worker, in its own name: fenced.
     assert ask(bus, commit).acks == [lease.token]

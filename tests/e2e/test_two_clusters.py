@@ -8,7 +8,7 @@ import sys
 import pytest
 import slurm_cluster
 from namespaces import hosts_in_a_row
-from processes import MARK, outcomes, wait_for
+from processes import MARK, keys_of, outcomes, wait_for
 from slurm_cluster import SlurmCluster
 
 from conductor.fingerprint import fingerprint
@@ -72,7 +72,7 @@ def relaying(marked, listen, state, prefix=()):
 def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     node_a, login, node_b = hosts
     state = tmp_path / "state"
-    key = ("--key", str(state / "keys"))
+    key = ("--key", str(keys_of(state)))
     copy, laptop = tmp_path / "copied.key", tmp_path / "laptop.key"
     marked.start(
         *("conductor", "serve", "--state", str(state), "--ttl-s", "5"),
@@ -86,7 +86,7 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     assert subprocess.run(unreachable, capture_output=True, check=False).returncode != 0
     relay, entrance = relaying(marked, f"tls/{login.addresses[1]}:0", state, login.inside)
     # B has a copy of a worker's key and nothing else of A's disk.
-    copy.write_bytes((state / "keys/worker.key").read_bytes())
+    copy.write_bytes((keys_of(state) / "worker.key").read_bytes())
     copy.chmod(0o600)
     submit = marked.start(
         *("conductor", "submit", "chaos-16", "--connect", endpoint, *key), prefix=node_a.inside
@@ -136,7 +136,7 @@ def test_jobs_of_two_slurm_clusters(marked, quiet, tmp_path, clusters):
     submit(clusters[0], "a.sh", JOB_A)
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     relay, entrance = relaying(marked, "tls/127.0.0.1:0", state)
-    submit(clusters[1], "b.sh", JOB_B, entrance=entrance, key=state / "keys/worker.key")
+    submit(clusters[1], "b.sh", JOB_B, entrance=entrance, key=keys_of(state) / "worker.key")
     wait_for(lambda: marked.processes("sim"), "a simulator in B")
     (tmp_path / "go").touch()
     ends = [wait_for(lambda: c.ended(job), f"job {job}") for c, job in jobs]  # noqa: B023

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 import yaml
 from namespaces import hosts_in_a_row
-from processes import outcomes, wait_for
+from processes import keys_of, outcomes, wait_for
 
 import conductor
 from conductor.fingerprint import fingerprint
@@ -54,7 +54,7 @@ def test_stack_on_another_host(marked, quiet, tmp_path, hosts):
     )
     (key,) = wait_for(lambda: [p for p in rigs.glob("[!.]*.key") if p.stem != "dead"], "its key")
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
-    assert not (state / "keys/stack.key").exists(), "nothing else opens a rig"
+    assert not (keys_of(state) / "stack.key").exists(), "nothing else opens a rig"
     _, err = worker.communicate()
     assert worker.returncode == 0, err
     assert list(rigs.iterdir()) == [], "they end with the rig, and those of dead rigs"
@@ -80,7 +80,7 @@ def test_worker_on_another_host(marked, quiet, tmp_path, hosts):
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     endpoint = find_conductor(state).endpoint
     assert endpoint.startswith(f"tls/{address}:"), "what was asked for as tcp/ is TLS"
-    connect = ("--connect", endpoint, "--key", str(state / "keys"))
+    connect = ("--connect", endpoint, "--key", str(keys_of(state)))
     submit = marked.start("conductor", "submit", "chaos-16", *connect, prefix=outside)
     assert submit.communicate()[0].startswith("submitted")
     worker = marked.start(

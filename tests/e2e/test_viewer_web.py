@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from processes import PATIENCE_S, Marked, nothing_left, wait_for
+from processes import PATIENCE_S, Marked, keys_of, nothing_left, wait_for
 from test_conductor_restart import serve
 from test_hand_on_a_case import caught
 from unit.viewer.recorded_case import write
@@ -23,8 +23,9 @@ from view_messages import thumbnail
 from schemas import topics
 from schemas.wire import encode
 from twin.fabric.bus import Bus
-from twin.fabric.discovery import find_conductor
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.discovery import find_target
+from twin.fabric.roles import Role
+from twin.fabric.zenoh_bus import join
 from twin.worker.view_samples import jpeg
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
@@ -226,7 +227,7 @@ def test_it_ends_without_a_traceback_beside_an_open_browser(marked, open_page, t
     """The browser's streams are cut in the middle, one from a run's folder."""
     conductor = serve(marked, tmp_path)
     child, said = web(marked, "--run", str(tmp_path))
-    bus, stop = open_bus("client", connect=[find_conductor(tmp_path).endpoint]), threading.Event()
+    bus, stop = join(find_target(tmp_path, Role.worker), PATIENCE_S), threading.Event()
     thread = threading.Thread(target=publish, args=(bus, stop))
     thread.start()
     try:
@@ -245,9 +246,9 @@ def test_it_ends_without_a_traceback_beside_an_open_browser(marked, open_page, t
 
 def test_running_cases_and_who_comes_late(marked, open_page, tmp_path):
     conductor = serve(marked, tmp_path)
-    endpoint = find_conductor(tmp_path).endpoint
-    child, said = web(marked, "--connect", endpoint)
-    bus, stop = open_bus("client", connect=[endpoint]), threading.Event()
+    target = find_target(tmp_path, Role.worker)
+    child, said = web(marked, "--connect", target.endpoint, "--key", str(keys_of(tmp_path)))
+    bus, stop = join(target, PATIENCE_S), threading.Event()
     thread = threading.Thread(target=publish, args=(bus, stop))
     thread.start()
     try:
@@ -291,7 +292,7 @@ def test_the_panel_steers_a_running_case(marked, open_page, tmp_path):
     worker = marked.start("twin", "worker", *state)
     case = caught(tmp_path / "state")
     case.set(pace=0.1)  # however long the browser takes, the car must not reach anything
-    child, said = web(marked, "--connect", find_conductor(tmp_path / "state").endpoint)
+    child, said = web(marked, "--run", str(tmp_path / "state"))
     try:
         page = open_page(said["url"])
         hand, tick = page.locator("#hand"), case.look().tick

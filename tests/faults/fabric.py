@@ -23,7 +23,7 @@ import yaml
 from fault_campaign import CAMPAIGN, CASES
 from host_files import HostFiles
 from namespaces import Host, hosts_in_a_row
-from processes import Marked
+from processes import Marked, keys_of
 from wire import Wire
 
 TTL_S = 2.0
@@ -172,7 +172,7 @@ class Fabric:
 
     def _may_start(self, name: str) -> bool:
         """All others need a key that the conductor makes."""
-        key = self.state / "keys" / "worker.key"
+        key = keys_of(self.state) / "worker.key"
         if name in ("conductor", "dns") or not key.exists():
             return name in ("conductor", "dns")
         copy = self.folder / "worker.key"

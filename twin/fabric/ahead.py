@@ -15,7 +15,7 @@ class Told(Struct, frozen=True):
     """What such a worker is told, on one line of JSON."""
 
     connect: str
-    """The conductor's endpoint; plain TCP beyond loopback only if somebody typed ``--insecure``."""
+    """The conductor's endpoint; plain TCP only if somebody typed ``--insecure``."""
     slots: int
     """Cases simulated together."""
     key: str = ""

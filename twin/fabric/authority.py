@@ -6,7 +6,6 @@ of any role. It is needed for invitations alone and may be removed.
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import secrets
 import shutil
@@ -15,18 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.files import write_atomic
 from twin.fabric.key_file import (
     ENDPOINT_MARK,
+    FOLDER_NAME,
     NAMESPACE_MARK,
+    ROLE_MARK,
+    ExpiredKeyError,
     Key,
     UnfitKeyError,
     check_validity,
     load_key,
     read_private,
 )
-from twin.fabric.roles import MEMBERS, Role, common_name, fabric_of_rig
+from twin.fabric.own_folder import KEYS_NAME, fabric_name, make_way, note, own_folder
+from twin.fabric.roles import IN_WORDS, MEMBERS, Role, common_name, fabric_of_rig
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -40,6 +43,8 @@ DAYS = 365
 
 INVITED_DAYS = 30
 """How long a key that was asked for by itself is valid [days]."""
+
+FILE_OF_CONDUCTOR = f"{Role.conductor}.key"
 
 RIG_DAYS = 30
 """How long the two keys of a rig are valid; they open nothing once it has ended [days]."""
@@ -63,7 +68,8 @@ class Authority:
 
         private = ec.generate_private_key(ec.SECP256R1())
         certificate = _certificate(self, common_name(self.fabric, role), private, days)
-        said = f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
+        said = f"{ROLE_MARK}{role}, {IN_WORDS[role]}\n"
+        said += f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
         said += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
         pem = serialization.Encoding.PEM
         return b"".join(
@@ -123,13 +129,42 @@ def rig_keys(rig: str) -> tuple[bytes, bytes]:
     return authority.issue(Role.worker, RIG_DAYS), authority.issue(Role.stack, RIG_DAYS)
 
 
-def load_or_make(folder: Path) -> Key:
-    """The conductor's key in ``folder``, made with all others if there is none; for the conductor
-    alone, which has a lock."""
-    with contextlib.suppress(FileNotFoundError):
-        folder.lstat()
-        return load_key(folder / f"{Role.conductor}.key", Role.conductor)
-    return load_key(make_keys(folder), Role.conductor)
+def load_or_make(state: Path) -> Key:
+    """The conductor's key of a state folder, which lies in its user's own folder; made with those
+    of all other roles if there is none, and anew when they have expired. For the conductor alone,
+    which has a lock.
+
+    Raises:
+        UsageError: the state folder holds keys, or the user's own folder is not that user's alone.
+        InfrastructureError: the disk is full or broken.
+    """
+    refuse_keys_in(state)
+    folder = make_way(fabric_name(state))
+    expired = False
+    if (folder / FILE_OF_CONDUCTOR).exists():
+        try:
+            return load_key(folder, Role.conductor)
+        except ExpiredKeyError:
+            expired = True  # nobody can hold a valid one
+    try:
+        make_keys(folder, replace=expired)
+        note(folder, state)
+    except TwinError:
+        # A conductor on another node may have made them for its folder of the same path.
+        if not (folder / FILE_OF_CONDUCTOR).exists():
+            raise
+    return load_key(folder, Role.conductor)
+
+
+def refuse_keys_in(state: Path) -> None:
+    """Raise UsageError if keys lie in a state folder, as those of earlier versions did."""
+    found = state / FOLDER_NAME
+    if (found / FILE_OF_CONDUCTOR).exists():
+        kept = own_folder() / KEYS_NAME / fabric_name(state)
+        raise UsageError(
+            f"{found}: keys lie no more in a state folder, which stacks may see; to keep them run "
+            f"`mkdir -p -m 700 {kept.parent} && mv {found} {kept}`, for new ones remove them"
+        )
 
 
 def load_authority(folder: Path) -> Authority:

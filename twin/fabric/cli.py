@@ -47,17 +47,23 @@ KeyOption = Annotated[
         "--key",
         envvar="TWIN_KEY",
         help="Key file (mode 0600) or folder of keys, for tls/ endpoints; "
-        "default: keys/ beside conductor.json.",
+        "default: your own of that conductor, which --state or --run finds.",
     ),
 ]
 """The option of every command that connects."""
 
 
+_is_command = False
+"""This process is one of the commands: what it may open is decided for all of it."""
+
+
 def _allow_plain(value: bool) -> bool:
-    from twin.fabric.endpoint import allow_plain
+    from twin.fabric.endpoint import allow_plain, demand_keys
 
     if value:
         allow_plain()
+    elif _is_command:
+        demand_keys()
     return value
 
 
@@ -66,7 +72,8 @@ InsecureOption = Annotated[
     typer.Option(
         "--insecure",
         callback=_allow_plain,
-        help="Plain TCP beyond loopback: whoever reaches the port may read and command.",
+        help="Plain TCP without keys: whoever reaches the port, on loopback every user of this "
+        "host, may read and command, and so run code as you.",
     ),
 ]
 """Beside :data:`KeyOption`; works by itself, for the whole process."""
@@ -137,6 +144,8 @@ def heed_signals() -> None:
 
 def run(app: Callable[[], object], name: str) -> None:
     """Run an app; user errors become one line on stderr and their exit code."""
+    global _is_command
+    _is_command = True
     _interrupted.clear()
 
     def on_interrupt(number: int, _frame: object) -> None:

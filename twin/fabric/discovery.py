@@ -13,8 +13,8 @@ from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.fabric.endpoint import is_tls
 from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import FOLDER_NAME as KEYS_NAME
 from twin.fabric.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.own_folder import VARIABLE, fabric_folder
 from twin.fabric.roles import Role
 
 FILE_NAME = "conductor.json"
@@ -52,7 +52,9 @@ class ConductorFile(msgspec.Struct, frozen=True):
     key: str = ""
     """Path of the folder of keys, as the conductor sees it; empty: there is none."""
     insecure: bool = False
-    """It speaks plain TCP beyond loopback, which has to be typed on every side."""
+    """It speaks plain TCP, which has to be typed on every side."""
+    fabric: str = ""
+    """Under which name its user's own folder has the keys; empty: they lie elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,18 +95,44 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
 
 
 def find_target(folder: Path, role: Role, key: Path | None = None) -> Target:
-    """Where the conductor of a state or campaign folder is; the key of ``role`` lies there too,
-    unless given.
+    """Where the conductor of a state or campaign folder is, and this user's key of ``role``, unless
+    one is given.
 
     Raises:
         UsageError: there is no conductor, or no fit key.
     """
     found = find_conductor(folder)
     if key is None and is_tls(found.endpoint):
-        # Seen from another host, the folder may have another path than the file says.
-        beside = folder / KEYS_NAME
-        key = beside if beside.exists() or not found.key else Path(found.key)
+        key = keys_of(found, folder)
     return Target(found.endpoint, found.namespace, load_key(key, role) if key is not None else None)
+
+
+def keys_of(found: ConductorFile, folder: Path) -> Path:
+    """The folder of keys of a conductor that was found in ``folder``.
+
+    What runs as this user may write there, and must not say which keys are to be believed: it names
+    a fabric of the user's own folder, or keys that somebody gave the conductor elsewhere.
+
+    Raises:
+        UnfitKeyError: they lie in ``folder``, or the user's own folder is not that user's alone.
+        UsageError: this user has none of this fabric.
+    """
+    if not found.fabric:
+        path = Path(found.key)
+        if not found.key or path.resolve().is_relative_to(folder.resolve()):
+            raise UnfitKeyError(
+                f"{folder / FILE_NAME}: names no keys outside of its folder, where they are not "
+                "believed; give them with --key, or start the conductor again"
+            )
+        return path
+    kept = fabric_folder(found.fabric)
+    if not kept.exists():
+        raise UsageError(
+            f"{kept}: you have no keys of this conductor; they lie in the own folder of the user "
+            f"who started it: set {VARIABLE} as it was there, or ask for a key "
+            "(`conductor invite`) and give it with --key"
+        )
+    return kept
 
 
 def choose_target(

@@ -7,22 +7,34 @@ import ipaddress
 from twin.fabric.errors import UsageError
 
 PROTOCOLS = ("tcp", "tls")
-"""``tcp`` is plain and stays on loopback, see :func:`allow_plain`; ``tls`` needs a key."""
+"""``tcp`` is plain, see :func:`allow_plain` and :func:`demand_keys`; ``tls`` needs a key."""
 
 LOOPBACK = "tcp/127.0.0.1:0"
 """A free port that only this host reaches."""
 
 
 _plain_allowed = False
+_keys_demanded = False
 
 
 def allow_plain() -> None:
-    """From now on this process may speak plain TCP beyond loopback: somebody typed ``--insecure``.
+    """From now on this process may speak plain TCP anywhere: somebody typed ``--insecure``.
 
     It holds for the process, because what it opens must not depend on which way the word took.
     """
     global _plain_allowed
     _plain_allowed = True
+
+
+def demand_keys() -> None:
+    """From now on this process speaks no plain TCP on loopback either, unless it is allowed:
+    commands are careful, because every user of a host reaches its loopback."""
+    global _keys_demanded
+    _keys_demanded = True
+
+
+def _may_be_plain(endpoint: str) -> bool:
+    return _plain_allowed or (is_loopback(endpoint) and not _keys_demanded)
 
 
 def is_exposed(endpoint: str) -> bool:
@@ -66,26 +78,26 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def to_listen(endpoint: str, *, keyed: bool) -> str:
-    """``endpoint`` as it is listened on: with TLS beyond loopback, and wherever a key was given;
-    after :func:`allow_plain` as it stands.
+    """``endpoint`` as it is listened on: with TLS beyond loopback, and wherever a key was given or
+    is demanded; after :func:`allow_plain` as it stands.
 
     Raises:
         UsageError: it is no endpoint.
     """
     check_endpoint(endpoint)
-    if keyed or (is_exposed(endpoint) and not _plain_allowed):
+    if keyed or not _may_be_plain(endpoint):
         return f"tls/{endpoint.partition('/')[2]}"
     return endpoint
 
 
 def check_protected(endpoint: str, *, keyed: bool) -> None:
     """Raise UsageError if ``endpoint`` is TLS and there is no key, or plain beyond loopback and
-    there is one, or nobody typed ``--insecure``."""
+    there is one, or plain where nobody typed ``--insecure`` though it has to be."""
     check_endpoint(endpoint)
     if is_tls(endpoint) and not keyed:
         raise UsageError(
-            f"{endpoint}: needs a key of the fabric; give --key FILE or set TWIN_KEY "
-            "(the conductor keeps them in keys/ of its state folder, `conductor invite` makes more)"
+            f"{endpoint}: needs a key of the fabric; give --state FOLDER (`viewer`: --run), which "
+            "finds your own, or --key FILE or TWIN_KEY (`conductor invite` makes one)"
         )
     if is_tls(endpoint) and "[" in endpoint and "/[::]:" not in endpoint:
         # Zenoh 1.10 takes the brackets for a part of the server's name.
@@ -99,6 +111,11 @@ def check_protected(endpoint: str, *, keyed: bool) -> None:
             f"{endpoint}: plain TCP is for this host's loopback only; "
             f"use tls/{endpoint.partition('/')[2]} with --key FILE (`conductor keygen` makes one)"
             f"{end}"
+        )
+    if not is_tls(endpoint) and not keyed and not _may_be_plain(endpoint):
+        raise UsageError(
+            f"{endpoint}: plain TCP, where any user of this host may pose as the other side; give "
+            "--state FOLDER (`viewer`: --run) or tls/ with --key FILE, or type --insecure"
         )
 
 

@@ -19,7 +19,7 @@ from twin.fabric.errors import UsageError
 from twin.fabric.roles import Role, split_name
 
 FOLDER_NAME = "keys"
-"""Folder of the keys that a conductor makes, beside its ``conductor.json``."""
+"""Folder of keys that conductors of earlier versions made, beside their ``conductor.json``."""
 
 LINE_MARK = b"drivetwin-key:"
 """Begins a key in one line."""
@@ -27,11 +27,18 @@ LINE_MARK = b"drivetwin-key:"
 ENDPOINT_MARK, NAMESPACE_MARK = "endpoint: ", "namespace: "
 """Begin the lines before the certificate that say where the conductor is."""
 
+ROLE_MARK = "role: "
+"""Begins the line there that tells people what the key may; the certificate decides."""
+
 FILE_BYTES_MAX = 65536
 
 
 class UnfitKeyError(UsageError):
     """A key file is there, but cannot be used as it is; waiting does not help."""
+
+
+class ExpiredKeyError(UnfitKeyError):
+    """A key that was fit once."""
 
 
 class WrongRoleError(UsageError):
@@ -137,8 +144,8 @@ def read_private(path: Path) -> bytes:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise UsageError(
-            f"{path}: no such key file; a conductor that listens beyond loopback keeps its keys in "
-            f"{FOLDER_NAME}/ of its state folder, and `conductor invite` makes one for a role"
+            f"{path}: no such key file; a conductor keeps its keys in its user's own folder, where "
+            "--state FOLDER finds them, and `conductor invite` makes one for a role"
         ) from None
     except OSError as error:
         raise UsageError(f"{path}: key file: {error.strerror}") from None
@@ -153,7 +160,7 @@ def check_validity(path: Path, begin: datetime.datetime, end: datetime.datetime)
     """Raise UnfitKeyError unless the clock stands between ``begin`` and ``end``."""
     now = datetime.datetime.now(datetime.UTC)
     if now > end:
-        raise UnfitKeyError(
+        raise ExpiredKeyError(
             f"{path}: this key expired on {end:%Y-%m-%d}; ask for a new one by `conductor invite`, "
             "or where the conductor's own expired make all anew by `conductor keygen --force`"
         )

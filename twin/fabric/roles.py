@@ -27,7 +27,9 @@ class Role(StrEnum):
     viewer = "viewer"
     """Looks."""
     admin = "admin"
-    """Looks, submits, cancels, stops and steers."""
+    """Looks, cancels, stops and steers."""
+    submitter = "submitter"
+    """Looks, and submits campaigns: what they name is run by workers, as the workers' user."""
 
 
 class Act(StrEnum):
@@ -94,6 +96,10 @@ MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
         Act.subscribe: _VIEWER[Act.subscribe],
         Act.ask: (*_VIEWER[Act.ask], *_keys(topics.RPC_ADMIN, topics.VIEW_CONTROL)),
     },
+    Role.submitter: {
+        Act.subscribe: _VIEWER[Act.subscribe],
+        Act.ask: (*_VIEWER[Act.ask], *_keys(topics.RPC_SUBMIT)),
+    },
 }
 """Role -> act -> key expressions, below the session's namespace; what is not here is denied."""
 
@@ -123,12 +129,25 @@ _NOT_ITS = {
 }
 
 
-INVITED = (Role.viewer, Role.worker, Role.admin)
+INVITED = (Role.viewer, Role.worker, Role.admin, Role.submitter)
 """Roles that somebody may be invited as, the least first; there is one conductor, and a stack gets
 its key from its rig."""
 
 MEMBERS = (Role.conductor, *INVITED)
 """Roles of which a conductor's folder of keys has one."""
+
+IN_WORDS = {
+    Role.conductor: "may do everything, also in the name of others",
+    Role.worker: "may lease cases, run what they name, and deliver results",
+    Role.stack: "may drive in its rig",
+    Role.viewer: "may look, and change nothing",
+    Role.admin: "may look, cancel, pause, stop and steer, but submit nothing",
+    Role.submitter: (
+        "may look, and submit campaigns: the commands and code that they name run on every "
+        "worker, as its user"
+    ),
+}
+"""What the holder of a key may do, for whoever gives or gets one."""
 
 
 def common_name(fabric: str, role: Role) -> str:

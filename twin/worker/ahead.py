@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
-from twin.fabric.endpoint import allow_plain, is_exposed
+from twin.fabric.endpoint import allow_plain, is_tls
 from twin.fabric.errors import UsageError
 from twin.worker.rig_child import RigChild
 from twin.worker.sim_process import start_simulator
@@ -49,7 +49,7 @@ def await_told(loading: Loading | None) -> Told:
         told: Told = decode_json(line, Told)
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
-    if is_exposed(told.connect):
+    if not is_tls(told.connect):  # as somebody typed it there
         allow_plain()
     if told.log:
         log = os.open(told.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)

@@ -223,6 +223,8 @@ def test_a_request_that_comes_by_another_key_is_refused(engine: Engine, store: S
     before = len(store.facts)
     for request, key, accepted in (
         (submit("beta"), "conductor/rpc/status", False),
+        (submit("beta"), "conductor/rpc/admin", False),
+        (Stop(v=V), "conductor/rpc/submit", False),
         (hello("w3"), "conductor/rpc/admin", False),
         (hello("w3"), "conductor/rpc/worker", True),
     ):
@@ -231,4 +233,4 @@ def test_a_request_that_comes_by_another_key_is_refused(engine: Engine, store: S
         assert (error == "") is accepted
         assert accepted or error.startswith(f"{type(request).__name__} came on {key}; send it to ")
     assert [type(fact).__name__ for fact in store.facts[before:]] == ["WorkerJoined"]
-    assert engine.counters.refused == 2
+    assert engine.counters.refused == 4

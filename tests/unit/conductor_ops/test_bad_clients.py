@@ -53,12 +53,12 @@ def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> 
     tries = [
         (request, topic.key)
         for request in requests
-        for topic in (topics.RPC_STATUS, topics.RPC_WORKER, topics.RPC_ADMIN)
+        for topic in (topics.RPC_STATUS, topics.RPC_WORKER, topics.RPC_ADMIN, topics.RPC_SUBMIT)
         if topic.key != door(request)
     ]
     for request, at in tries:
         assert f"came on {at}; send it to {door(request)}" in ask(encode(request), at).error
-    assert counters(conductor)["refused"] == len(tries) == 8
+    assert counters(conductor)["refused"] == len(tries) == 12
     assert conductor.snapshot()["campaigns"] == before
     assert [worker["id"] for worker in conductor.snapshot()["workers"]] == ["w1"]
 

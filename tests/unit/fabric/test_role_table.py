@@ -83,6 +83,12 @@ def test_the_access_list_lets_each_certificate_do_what_its_role_may(plain):
         (Role.worker, Act.ask, "conductor/rpc", False),
         (Role.worker, Act.ask, "conductor/rpc/worker/x", False),
         (Role.worker, Act.ask, "conductor/rpc/admin", False),
+        (Role.admin, Act.ask, "conductor/rpc/admin", True),
+        (Role.admin, Act.ask, "conductor/rpc/submit", False),
+        (Role.admin, Act.ask, "conductor/rpc/*", False),
+        (Role.submitter, Act.ask, "conductor/rpc/submit", True),
+        (Role.submitter, Act.ask, "conductor/rpc/admin", False),
+        (Role.submitter, Act.ask, "view/a/b/control", False),
         (Role.worker, Act.publish, "drive/x/tick", True),
         (Role.worker, Act.publish, "drive/*/tick", True),
         (Role.worker, Act.publish, "drive/**/tick", False),
@@ -123,7 +129,7 @@ def test_names_of_certificates():
             Act.ask,
             topics.RPC_STATUS.key,
             "a key of role stack may not ask conductor/rpc/status, allowed: viewer or worker or "
-            "admin; ask for one by `conductor invite --role viewer`",
+            "admin or submitter; ask for one by `conductor invite --role viewer`",
         ),
         (
             Role.worker,
@@ -157,8 +163,8 @@ def test_names_of_certificates():
             Role.worker,
             Act.subscribe,
             "conductor/event",
-            "a key of role worker may not listen on conductor/event, allowed: viewer or admin; "
-            "ask for one by `conductor invite --role viewer`",
+            "a key of role worker may not listen on conductor/event, allowed: viewer or admin or "
+            "submitter; ask for one by `conductor invite --role viewer`",
         ),
     ],
 )

@@ -11,6 +11,7 @@ from twin.fabric.endpoint import (
     allow_plain,
     check_endpoint,
     check_protected,
+    demand_keys,
     is_exposed,
     is_loopback,
     to_listen,
@@ -67,6 +68,20 @@ def test_plain_beyond_loopback_is_for_who_typed_it_and_has_no_key(endpoint, monk
 
 
 @pytest.mark.parametrize("endpoint", HERE)
+def test_commands_do_not_trust_loopback_unless_told_to(endpoint, monkeypatch):
+    """Every user of a host reaches it: one may command us there, or pose as who does."""
+    for name in ("_plain_allowed", "_keys_demanded"):
+        monkeypatch.setattr(endpoints, name, False)  # put back afterwards
+    demand_keys()
+    assert to_listen(endpoint, keyed=False) == "tls" + endpoint[3:]
+    with pytest.raises(UsageError, match=r"any user of this host may pose .* type --insecure$"):
+        check_protected(endpoint, keyed=False)
+    allow_plain()
+    assert to_listen(endpoint, keyed=False) == endpoint
+    check_protected(endpoint, keyed=False)
+
+
+@pytest.mark.parametrize("endpoint", HERE)
 def test_with_a_key_loopback_is_tls_too(endpoint):
     assert to_listen(endpoint, keyed=True) == "tls" + endpoint[3:]
 
@@ -79,7 +94,7 @@ def test_what_zenoh_cannot_do_is_said(endpoint):
 
 
 def test_tls_needs_a_key():
-    with pytest.raises(UsageError, match="give --key FILE or set TWIN_KEY"):
+    with pytest.raises(UsageError, match=r"give --state FOLDER .* or --key FILE or TWIN_KEY"):
         check_protected("tls/127.0.0.1:7447", keyed=False)
     check_protected("tls/10.1.2.3:7447", keyed=True)
 

@@ -9,7 +9,7 @@ import pytest
 from cryptography import x509
 
 from twin.fabric import key_file
-from twin.fabric.authority import load_authority, load_or_make, make_keys
+from twin.fabric.authority import load_authority, make_keys
 from twin.fabric.errors import UsageError
 from twin.fabric.key_file import UnfitKeyError, as_line, load_key, shared
 from twin.fabric.roles import MEMBERS, Role
@@ -129,8 +129,6 @@ def test_an_expired_key_is_named_with_its_date(tmp_path):
     with pytest.raises(UnfitKeyError, match=r"expired on \d{4}-\d\d-\d\d; ask for a new one"):
         load_key(keys, Role.viewer)
     with pytest.raises(UnfitKeyError, match="expired on"):
-        load_or_make(keys)
-    with pytest.raises(UnfitKeyError, match="expired on"):
         load_authority(keys)
 
 
@@ -171,16 +169,6 @@ def test_keys_are_replaced_only_when_asked(tmp_path, made):
     with pytest.raises(UsageError, match="not a folder of keys"):
         make_keys(tmp_path / "mine", replace=True)
     assert (tmp_path / "mine/thesis.tex").exists()
-
-
-def test_a_conductor_takes_the_keys_that_are_there(tmp_path):
-    keys = tmp_path / "keys"
-    assert load_or_make(keys) == load_or_make(keys)
-    assert load_or_make(keys).role is Role.conductor
-    link = tmp_path / "link"
-    link.symlink_to(tmp_path / "nowhere")
-    with pytest.raises(UsageError, match="no such key file"):
-        load_or_make(link)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):

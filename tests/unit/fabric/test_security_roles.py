@@ -255,15 +255,17 @@ def test_the_table_keeps_what_matters_apart():
     }
     assert set(MAY[Role.viewer]) == {Act.subscribe, Act.ask}, "a viewer says nothing"
     assert able[Act.ask, topics.RPC_ADMIN.key] == {Role.admin}
+    assert able[Act.ask, topics.RPC_SUBMIT.key] == {Role.submitter}, "what runs code is apart"
     assert able[Act.ask, topics.RPC_WORKER.key] == {Role.worker}
-    assert able[Act.ask, topics.RPC_STATUS.key] == {Role.worker, Role.viewer, Role.admin}
+    lookers = {Role.viewer, Role.admin, Role.submitter}
+    assert able[Act.ask, topics.RPC_STATUS.key] == {Role.worker, *lookers}
     assert able[Act.ask, pattern(topics.VIEW_CONTROL).replace("*", "x")] == {Role.admin}
     command = topics.COMMAND.key.format(rig="x")
     assert able[Act.publish, command] == {Role.stack}
     assert able[Act.subscribe, command] == {Role.worker}
     for (act, key), who in able.items():
         if key.startswith("conductor/") and act is not Act.ask:
-            assert who <= {Role.viewer, Role.admin}, (act, key)
+            assert who <= lookers, (act, key)
             assert act is Act.subscribe or not who, (act, key)
         if Role.stack in who:
             assert key.startswith("drive/"), "a stack sees a drive plane and nothing else"
@@ -337,7 +339,8 @@ def test_what_a_role_may_not_is_said_before_it_is_sent(keys):
             viewer.request(topics.RPC_ADMIN.key, b"", 1.0)
         viewer.close()
         assert roles.refusal(Role.stack, Act.ask, topics.RPC_STATUS.key).endswith(
-            "allowed: viewer or worker or admin; ask for one by `conductor invite --role viewer`"
+            "allowed: viewer or worker or admin or submitter; "
+            "ask for one by `conductor invite --role viewer`"
         ), "the least that is enough"
         command = topics.COMMAND.key.format(rig="x")
         assert roles.refusal(Role.worker, Act.publish, command).endswith(

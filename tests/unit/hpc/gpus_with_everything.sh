@@ -30,6 +30,9 @@ kernels=${WARP_CACHE_PATH:-${XDG_CACHE_HOME:-$HOME/.cache}/drivetwin-kernels}
 restarts_max=3
 folder=/work
 cd "$folder" || exit 2
+# Keys of the conductor lie here, for you alone, and not among the results.
+export DRIVETWIN_HOME='/home/me/my config'
+(umask 077 && mkdir -p "$DRIVETWIN_HOME") || exit 2
 # Workers take only cases that end before the job is told to stop.
 ends=$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%e)
 if [[ $ends == 20* ]]; then
@@ -61,7 +64,7 @@ worker() {
     --slots 64 --device cuda:0
 }
 # This text carries names and functions to another node; it needs no file there.
-on_node="$(declare -p folder bin out kernels ${!TWIN_WALLTIME_S*})
+on_node="$(declare -p folder bin out kernels DRIVETWIN_HOME ${!TWIN_WALLTIME_S*})
 $(declare -f setup worker)"
 
 # --- The conductor hands out cases and keeps the results. It runs beside the workers, here.

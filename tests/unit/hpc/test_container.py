@@ -38,7 +38,8 @@ def test_podman():
         "--security-opt=label=disable --volume=/work/me:/work/me "
         "'--volume=/scratch/job 7:/scratch/job 7' --workdir=/work/me "
         "--env=CUDA_VISIBLE_DEVICES --env=CUDA_DEVICE_ORDER --env=WARP_CACHE_PATH --env=TMPDIR "
-        "--env=TZ '--env=SLURM*' '--env=PBS_*' '--env=TWIN_*' '--env=ZENOH_*' drivetwin:1"
+        "--env=TZ '--env=SLURM*' '--env=PBS_*' '--env=TWIN_*' '--env=ZENOH_*' "
+        "--env=DRIVETWIN_HOME drivetwin:1"
     )
 
 

@@ -29,6 +29,7 @@ REQUESTS = {
         signal_lead_s=120,
         restarts_max=3,
         address="10.1.2.3",
+        home="/home/me/my config",
         **PLACE,
     ),
     "one_node": JobRequest(campaign="aeb-256", out="/project/runs/x", gpus=4, nodes=1, **PLACE),
@@ -39,6 +40,7 @@ REQUESTS = {
         bin_folder=HOSTILE,
         walltime_min=3,
         workers=1,
+        home=HOSTILE,
     ),
 }
 

@@ -102,8 +102,27 @@ def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
     assert target.namespace == "mine"
     assert calls()[-1]["host"] == "me@cn007", "it listens on that node's loopback"
     (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
-    with pytest.raises(UsageError, match=r"scp me@login:.*keys/viewer\.key"):
+    with pytest.raises(UsageError, match=r"me@login has none that you may read; .* --role viewer"):
         way.target()
+
+
+def test_the_key_is_read_over_there_where_its_user_logs_in(opened, calls, port, tmp_path):
+    """Nobody copies it: whoever may log in there may read it."""
+    ours, theirs = (make_keys(tmp_path / name) for name in ("ours", "theirs"))
+    serve(opened, port, key=load_key(ours, Role.conductor))
+    entry = {"pid": 1, "host": "cn042", "epoch": 1, "namespace": "twin", "version": "1"}
+    entry |= {"endpoint": f"tls/127.0.0.1:{port}"}
+    for keys, kind in ((ours, Status), (theirs, Ended)):
+        (tmp_path / "conductor.json").write_text(json.dumps({**entry, "key": str(keys)}))
+        way = dig(opened, folder=str(tmp_path))
+        heard = hear(link_through(opened, way), kind)
+    assert "it is of another fabric than me@login:" in str(heard.error)
+    read = [call["command"] for call in calls() if call["command"].startswith("cat -- ")]
+    assert f"cat -- {ours}/viewer.key" in read
+    assert not [command for command in read if "viewer" not in command and ".key" in command]
+    (theirs / "viewer.key").write_text("nonsense")
+    with pytest.raises(UsageError, match=r"^me@login:.*/theirs/viewer.key: damaged"):
+        dig(opened, folder=str(tmp_path)).target()
 
 
 @pytest.mark.parametrize(
