@@ -8,7 +8,7 @@ from conductor.case_table import pack
 from conductor.facts import Relocated, Submitted
 from conductor.relocate import moved
 from conductor.state import CampaignState, State
-from schemas.campaign import Campaign, parse_cases
+from schemas.campaign import CASES_MAX, Campaign, cases_given, parse_cases
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.messages import Submit
 from schemas.stack_identity import difference
@@ -22,6 +22,39 @@ CASES_HELD_MAX = 1_000_000
 
 OUT_CHARS_MAX = 1000
 """Longest path of a campaign folder."""
+OUT_BYTES_MAX = 3500
+"""The same in UTF-8: Linux takes paths of 4096, and names of cases and files follow [bytes]."""
+PART_BYTES_MAX = 255
+"""Longest name of a folder on Linux [bytes]."""
+
+
+def out_mistake(out: str) -> str:
+    """What is wrong with the path of a campaign folder, whatever is on the disk; or nothing."""
+    shown = f"out folder '{plain(out, 200)}'"
+    if not out.startswith("/"):
+        return f"{shown}: give an absolute path"
+    if not out.isprintable() or len(out) > OUT_CHARS_MAX:
+        return f"{shown}: {len(out)} characters, allowed: {OUT_CHARS_MAX} that can be printed"
+    sizes = [len(part.encode()) for part in out.split("/")]
+    if max(sizes) > PART_BYTES_MAX:
+        return f"{shown}: a name of {max(sizes)} bytes in it, allowed: {PART_BYTES_MAX}"
+    if (size := len(out.encode())) > OUT_BYTES_MAX:
+        return f"{shown}: {size} bytes, allowed: {OUT_BYTES_MAX}"
+    return ""
+
+
+def _unfit(state: State, request: Submit, out: str) -> str:
+    """Why a campaign of a new name has no place here: looked at before its cases are expanded,
+    which takes seconds."""
+    if error := out_mistake(out):
+        return error
+    count = cases_given(request.campaign)
+    if count <= CASES_MAX and (error := _too_much(state, count)):
+        return error
+    for other in state.campaigns.values():
+        if other.out == out:
+            return f"{out} holds campaign '{other.campaign.campaign}'; give it another out folder"
+    return ""
 
 
 def _too_much(state: State, cases: int) -> str:
@@ -79,7 +112,10 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
         The fact and no errors; or the fact that its files were moved, or None, and no errors: the
         campaign is known, this is a resume; or None and the errors, one line each.
     """
-    given = str(request.campaign.get("campaign", "campaign"))[:80]
+    given = plain(str(request.campaign.get("campaign", "campaign")), 80)
+    out = request.out or f"{state.config.folder}/{given}"
+    if given not in state.campaigns and (error := _unfit(state, request, out)):
+        return None, [f"{given}: {error}"]
     view = {} if state.config.view is None else {"view": state.config.view.value}
     campaign, cases, mistakes = parse_cases({**request.campaign, **view})
     if campaign is None:
@@ -92,22 +128,6 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
         return (Relocated(name, paths) if paths else None), []
     if known is not None:
         return None, [_conflict(state, known, campaign, digest, request.software)]
-    out = request.out or f"{state.config.folder}/{name}"
-    if not out.startswith("/"):
-        return None, [f"{name}: out folder '{plain(out, 200)}': give an absolute path"]
-    if not out.isprintable() or len(out) > OUT_CHARS_MAX:
-        return None, [
-            f"{name}: out folder '{plain(out, 200)}': {len(out)} characters, allowed: "
-            f"{OUT_CHARS_MAX} that can be printed"
-        ]
-    if error := _too_much(state, len(cases)):
-        return None, [f"{name}: {error}"]
-    for other in state.campaigns.values():
-        if other.out == out:
-            return None, [
-                f"{name}: {out} holds campaign '{other.campaign.campaign}'; "
-                "give it another out folder"
-            ]
     content = msgspec.to_builtins(campaign)
     fact = Submitted(
         campaign=content,

@@ -130,9 +130,7 @@ class Engine:
             self._refold()
             if len(messages) > 1:
                 return self._one_by_one(messages)
-            self.counters.faults += 1
-            _log.exception("a request could not be decided")
-            return Turn([self._error("internal error of the conductor; see its log")])
+            return Turn([self._our_mistake()])
 
     def tick(self, now_ns: int) -> Turn:
         """Expire leases; call only when no message waits."""
@@ -190,9 +188,15 @@ class Engine:
             self.counters.refused += 1
             what = type(request).__name__
             return [], self._error(f"{what} came on {message.door}; send it to {door(request)}")
-        if isinstance(request, Submit) and (error_line := self._check_folder(request)):
-            return [], self._error(error_line)
-        facts, reply = decide(self.state, request, now_ns)
+        before = self.state.applied
+        try:
+            if isinstance(request, Submit) and (error_line := self._check_folder(request)):
+                return [], self._error(error_line)
+            facts, reply = decide(self.state, request, now_ns)
+        except Exception:
+            if self.state.applied != before:
+                raise  # half a decision
+            return [], self._our_mistake()
         self.counters.fenced += len(reply.fenced)
         if isinstance(request, StatusRequest):
             reply = msgspec.structs.replace(reply, status={**reply.status, **self.health()})
@@ -259,6 +263,12 @@ class Engine:
         if message.vanished:
             return None
         return self._error(self.storage_error, RETRY_S)
+
+    def _our_mistake(self) -> bytes:
+        """The answer to a request that raised; call it where that is being handled."""
+        self.counters.faults += 1
+        _log.exception("a request could not be decided")
+        return self._error("internal error of the conductor; see its log")
 
     def _error(self, error: str, retry_after_s: float = 0.0) -> bytes:
         return encode(

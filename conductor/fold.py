@@ -95,6 +95,7 @@ def apply(state: State, fact: Fact) -> None:
         AssertionError: the fact contradicts the state; a fact is never applied by halves.
     """
     kind = type(fact)
+    state.applied += 1
     _FOLDS[kind](state, fact)
     state.tail += kind in _COUNTED
 

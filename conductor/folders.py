@@ -15,6 +15,7 @@ from pathlib import Path
 
 import msgspec
 
+from conductor.admit import out_mistake
 from conductor.attempts import LOG_FILE, leads_away
 from conductor.facts import Committed
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
@@ -22,6 +23,7 @@ from conductor.outcomes import encode_campaign
 from conductor.state import CampaignState, State
 from schemas.campaign import Name
 from schemas.messages import Submit
+from schemas.words import plain
 from schemas.yaml_file import dump_yaml
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.discovery import ConductorFile
@@ -63,13 +65,19 @@ class Folders:
         if name in state.campaigns:
             return ""
         folder = Path(request.out) if request.out else self.folder / name
+        if out_mistake(str(folder)):
+            return ""  # reported by the core as well
         if any(campaign.out == str(folder) for campaign in state.campaigns.values()):
             return ""  # taken by a campaign of ours, reported by the core
-        if (folder / CAMPAIGN_FILE).exists():
-            return (
-                f"{name}: {folder} holds a campaign of another conductor; give another out folder"
-            )
-        existing = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
+        try:
+            if (folder / CAMPAIGN_FILE).exists():
+                return (
+                    f"{name}: {folder} holds a campaign of another conductor; give another out "
+                    "folder"
+                )
+            existing = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
+        except OSError as error:
+            return plain(f"{name}: {folder}: {error.strerror}; give another out folder")
         if not existing.is_dir():
             return f"{name}: {existing} is not a folder; give another out folder"
         if not os.access(existing, os.W_OK):

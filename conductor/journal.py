@@ -112,6 +112,7 @@ class Journal:
         Raises:
             JournalError: nothing was written; a later call may succeed.
             TakenOverError: nothing was written, and nothing ever will be.
+            Exception: a fact cannot be stored; nothing was written.
         """
         durable = [fact for fact in facts if is_durable(fact)]
         if not durable:
@@ -125,11 +126,10 @@ class Journal:
                 self._write(fact, now_s)
             self._claim.check()
             self._connection.execute("COMMIT")
-        except TakenOverError:
+        except BaseException as error:  # whatever it is, the next call begins a transaction
             self._rollback()
-            raise
-        except sqlite3.Error as error:
-            self._rollback()
+            if not isinstance(error, sqlite3.Error):
+                raise
             raise JournalError(
                 f"storage: {self.path}: {plain(str(error))}; free some space, then retry"
             ) from None

@@ -282,6 +282,8 @@ class State:
     """When silent workers were last looked for [ns]."""
     tail: int = _volatile(0)
     """Facts since the latest snapshot."""
+    applied: int = _volatile(0)
+    """Facts that this process has begun to apply."""
     dirty: set[tuple[str, int]] = field(default_factory=set, compare=False, repr=False)
     """(campaign, position / IMAGE_CASES) of cases that changed since the latest snapshot."""
     expiry_floor_ns: int = _volatile(FAR_NS)

@@ -40,7 +40,7 @@ from schemas.perception import Perception, file_fields
 from schemas.scenario import Scenario as Scenario
 from schemas.sensors import Sensors
 from schemas.stack_identity import StackIdentity, StackSource
-from schemas.validation import Mistake, convert_all, suggest
+from schemas.validation import MISTAKES_MAX, Mistake, convert_all, suggest
 from schemas.view_mode import Keep, Recording, View
 
 ID_CHARS_MAX = 200
@@ -312,8 +312,21 @@ def _cross_checks(campaign: Campaign) -> list[Mistake]:
 
 def _count(campaign: Campaign) -> int:
     """Cases before any is excluded."""
-    product = math.prod(len(values) for values in campaign.matrix.values())
-    return len(campaign.cases) + (product if campaign.matrix else 0)
+    return _counted(campaign.matrix, campaign.cases)
+
+
+def cases_given(data: dict[str, Any]) -> int:
+    """The same of plain data, by lengths alone; what is no list is a mistake that others tell."""
+    matrix, cases = data.get("matrix"), data.get("cases")
+    axes = matrix if isinstance(matrix, dict) else {}
+    return _counted(
+        {axis: values for axis, values in axes.items() if isinstance(values, list)},
+        cases if isinstance(cases, list) else [],
+    )
+
+
+def _counted(matrix: dict[Any, list[Any]], cases: list[Any]) -> int:
+    return len(cases) + (math.prod(map(len, matrix.values())) if matrix else 0)
 
 
 UNREPEATABLE = "a stack cannot be shown a drive again that went with the wall clock; take lockstep"
@@ -378,6 +391,9 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     for index, (where, point) in enumerate(kept):
         case, found = _case(campaign, point, where, index // size + 1 if size else 0, memo)
         mistakes += [m for m in found if m not in mistakes]
+        if len(mistakes) > MISTAKES_MAX:
+            mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
+            break
         if case is None:
             continue
         if case.id in cases:

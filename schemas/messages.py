@@ -11,6 +11,17 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from schemas import SCHEMA_VERSION
+from schemas.bounds import (
+    ENTRIES_MAX,
+    Count,
+    Int64,
+    Priority,
+    Progress,
+    Ticks,
+    Token,
+    TokenText,
+    Whole,
+)
 from schemas.campaign import Case
 from schemas.lens import Lens
 from schemas.perception import Perception
@@ -270,7 +281,7 @@ class PerceptionCost(Struct, frozen=True):
 
     runtime: str
     """What ran it, e.g. ``opencv cpu``."""
-    frames: int
+    frames: Ticks
     wall_s: float
     """Share of these frames in the time of the calls that they were part of [s]."""
 
@@ -416,10 +427,10 @@ ATTEMPT_DIR = r"^(cases/[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}/attempt-[0-9]{1,9})?\Z
 class Touch(Struct, frozen=True):
     """What a hand last did to an attempt."""
 
-    tick: int
+    tick: Ticks
     what: str
     """In a few words."""
-    changes: int
+    changes: Count
     """Actions so far that cost the case its verdict; 0: it keeps it."""
 
 
@@ -428,18 +439,19 @@ class Result(Judged, Struct, frozen=True):
 
     campaign: str
     case: str
-    token: int
+    token: Token
     outcome: Literal["verdict", "failed"]
     verdict: str
     """``pass``, ``collision``, ``false_braking``, ``lane_departure``, ``time_up``; the reason for
     ``failed``."""
-    scalars: dict[str, float | int | None] = {}
+    scalars: dict[str, float | Int64 | None] = {}
     reasons: list[str] = []
     names: dict[str, str] = {}
     """Scalars that are names, :data:`schemas.kpi.NAMES`."""
     attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
     """Attempt folder, relative to the campaign folder."""
     kpi_sha256: str = ""
+    """Of the values in its KPI file; empty: it has none."""
     manifest_sha256: str = ""
     wall_s: float = 0.0
     perception: PerceptionCost | None = None
@@ -455,7 +467,7 @@ class Ended(Struct, frozen=True):
 
     campaign: str
     case: str
-    token: int
+    token: Token
     reason: Release
     detail: str = ""
 
@@ -463,8 +475,8 @@ class Ended(Struct, frozen=True):
 class Lease(Struct, frozen=True):
     """The right to run one case, until the token is committed, released or expires."""
 
-    token: int
-    attempt: int
+    token: Token
+    attempt: Count
     out: str
     """Campaign folder."""
     case: Case
@@ -491,10 +503,10 @@ class Share(Struct, frozen=True):
     to the devices case by case, so that all have the same to do.
     """
 
-    stretch: int
-    stretches: int
-    device: int
-    devices: int
+    stretch: Count
+    stretches: Count
+    device: Count
+    devices: Count
 
     def __post_init__(self) -> None:
         if not (0 <= self.stretch < self.stretches and 0 <= self.device < self.devices):
@@ -510,14 +522,14 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     v: int
     worker: str
     host: str
-    pid: int
+    pid: Count
     device_class: str
     software: str
     """Software digest."""
-    slots: int
+    slots: Count
     walltime_end_s: float | None = None
     """When the worker's allocation ends [s since 1970]; information only."""
-    memory_bytes: int | None = None
+    memory_bytes: Whole | None = None
     """Most that its rig may use [bytes]; None: no limit."""
     tags: list[str] = []
     """What campaigns may ask for, see :class:`schemas.campaign.Requirements`."""
@@ -532,13 +544,13 @@ class Next(Struct, frozen=True, tag_field="verb", tag="next"):
 
     v: int
     worker: str
-    seq: int
-    k: int
+    seq: Whole
+    k: Count
     rig: str = ""
     """Rig key of the running rig; its cases are preferred."""
-    results: list[Result] = []
-    ended: list[Ended] = []
-    held: list[int] = []
+    results: Annotated[list[Result], Meta(max_length=ENTRIES_MAX)] = []
+    ended: Annotated[list[Ended], Meta(max_length=ENTRIES_MAX)] = []
+    held: Annotated[list[Token], Meta(max_length=ENTRIES_MAX)] = []
     """Tokens in hand; a lease of this worker that is not listed was lost on the way."""
     remaining_s: float | None = None
     """Walltime left for cases [s]; None: no end is known."""
@@ -549,9 +561,9 @@ class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
 
     v: int
     worker: str
-    held: dict[str, int]
+    held: Annotated[dict[TokenText, Progress], Meta(max_length=ENTRIES_MAX)]
     """Token (decimal) -> progress (case ticks)."""
-    touched: dict[str, Touch] = {}
+    touched: Annotated[dict[TokenText, Touch], Meta(max_length=ENTRIES_MAX)] = {}
     """Token (decimal) -> what a hand has done to it since the last beat that was answered."""
 
 
@@ -572,7 +584,7 @@ class Submit(Struct, frozen=True, tag_field="verb", tag="submit"):
     software: str = ""
     out: str = ""
     """Campaign folder, absolute; empty: a folder of the campaign's name in the state folder."""
-    priority: int = 0
+    priority: Priority = 0
     """Campaigns of a higher one are served first; equals share the workers."""
 
 
@@ -615,18 +627,18 @@ class Reply(Struct, frozen=True):
     """Answer to any request; ``error`` not empty: refused, with the reason."""
 
     v: int
-    epoch: int
+    epoch: Count
     error: str = ""
     ttl_s: float = 0.0
-    seq: int = 0
-    acks: list[int] = []
+    seq: Whole = 0
+    acks: list[Token] = []
     """Tokens whose result is settled (committed, already committed, or fenced)."""
-    fenced: list[int] = []
+    fenced: list[Token] = []
     leases: list[Lease] = []
-    left: int = 0
+    left: Count = 0
     """Cases not yet ended."""
     drain: bool = False
     retry_after_s: float = 0.0
-    lost: list[int] = []
+    lost: list[Token] = []
     """Tokens that are no longer valid: stop working on them."""
     status: dict[str, Any] = {}

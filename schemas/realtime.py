@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.bounds import Ticks
+
 OVERRUN_SHARE_MAX = 0.01
 """A machine on which a larger share of the ticks overran did not keep up."""
 
@@ -15,11 +17,11 @@ class Realtime(Struct, frozen=True):
     the tick at which it acts; it grows while the command is held.
     """
 
-    ticks: int
+    ticks: Ticks
     """Control ticks."""
-    overruns: int
+    overruns: Ticks
     """Ticks that began late, because the one before took longer than its period."""
-    dropped: int
+    dropped: Ticks
     """Ticks whose readings the stack did not get, because it was busy with earlier ones."""
     age_p50_ms: float | None
     """Median age of the commands in force; None: the case ended at its first tick [ms]."""

@@ -21,6 +21,7 @@ from conductor.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
 from conductor.run import count_outcomes
 from conductor.state import Config
 from conductor.status import status
+from schemas.bounds import Token
 from schemas.messages import Result
 from schemas.verdict import is_pass, no_collision
 from schemas.view import CaseEnd, Thumbnail
@@ -44,7 +45,7 @@ def test_what_is_written_beside_the_verdict_has_no_say(
     type_: type, said: bool, verdict: str
 ) -> None:
     names = {"": "", "outcome": "verdict", "verdict": verdict, "passed": said}
-    kinds = {int: 0, str: "", float: 0.0, bool: False, float | None: None}
+    kinds = {int: 0, Token: 0, str: "", float: 0.0, bool: False, float | None: None}
     fields = {
         field.encode_name: names.get(field.name, kinds.get(field.type, []))
         for field in msgspec.structs.fields(type_)
