@@ -206,11 +206,9 @@ def judge(
 
     Exit code 3: they are not those that were committed.
     """
-    from twin.fabric.process import bind_to_parent
     from twin.kpi.judge_command import follow, judge_folder
 
     if claims:
-        bind_to_parent()
         raise typer.Exit(follow())
     if folder is None:
         raise UsageError("judge: give a campaign folder, e.g. runs/aeb-demo")
