@@ -473,9 +473,11 @@ def report(
     from conductor.report import make_report, tables_of, write_result_page
     from conductor.report.content import first_screen
     from conductor.report_commands import report_folder
+    from conductor.sign_run import sign_derived
 
     folder = report_folder(folder, import_autodrive, out)
     made = make_report(folder, anew=anew, serial=serial)
+    sign_derived(folder)
     pages = [made.page, *({path.parent for path in made.plots})]
     if markdown is not None:
         pages.append(write_result_page(folder, markdown))

@@ -31,7 +31,10 @@ def fingerprint(
     Exit code 1: they differ; the cases that do are named, with the first value.
     """
     from conductor.fingerprint import fingerprint as compute
+    from conductor.sign_run import require_fit
 
+    for given in (folder, *([other] if other else [])):
+        require_fit(given)
     if other is not None:
         raise typer.Exit(_are_same(folder, other, as_json=output is Output.json))
     found = compute(folder)

@@ -124,7 +124,10 @@ def compare_folders(before: Path, after: Path) -> Comparison:
     from conductor.fingerprint import fingerprint
     from conductor.report.compare import compare
     from conductor.report.dossier import open_dossier
+    from conductor.sign_run import require_fit
 
+    for folder in (before, after):
+        require_fit(folder)
     first, second = open_dossier(before), open_dossier(after)
     for dossier in (first, second):
         if not dossier.outcomes.complete:

@@ -37,6 +37,7 @@ from conductor.realtime import too_slow
 from conductor.report_ahead import ReportAhead
 from conductor.serve import metrics_of
 from conductor.shell import Conductor
+from conductor.sign_run import UnfitRunError, require_agreement, sign_derived, sign_run
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
@@ -370,13 +371,35 @@ def _wait(
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:
     """Report and fingerprint; a report needs a simulator that simulates."""
     outcomes = read_outcomes(options.out)
-    found = None
-    if campaign.simulator != "noop":
-        from conductor.report import make_report
+    require_agreement(options.out)
+    if campaign.simulator == "noop":
+        found = fingerprint(options.out)
+        _sign(options.out, outcomes, found)
+        return outcomes, found
+    from conductor.report import make_report
+    from conductor.report.content import read_shown
+    from conductor.report.dossier import open_dossier
 
-        # Plots wait for `conductor report`. The fingerprint: every file has just been read.
-        found = make_report(options.out, plots=False).content.evidence.fingerprint
-    return outcomes, found or fingerprint(options.out)
+    # Before the report, which says so. The fingerprint is known: every file has just been read.
+    if early := read_shown(open_dossier(options.out))[1].fingerprint:
+        _sign(options.out, outcomes, early)
+    # Plots wait for `conductor report`.
+    late = make_report(options.out, plots=False).content.evidence.fingerprint
+    with contextlib.suppress(TwinError):  # the reason is told already
+        sign_derived(options.out)
+    return outcomes, late or fingerprint(options.out)
+
+
+def _sign(folder: Path, outcomes: Outcomes, found: Fingerprint) -> None:
+    """Sign a run that has ended; where there is no key it stays as it is, which is told."""
+    if outcomes.software and outcomes.software != software_digest():
+        return  # it was run, and judged or not, by another version
+    try:
+        sign_run(folder, outcomes, found.sha256)
+    except UnfitRunError:
+        raise
+    except TwinError as error:
+        print(f"conductor: {folder} is not signed: {error}", file=sys.stderr)
 
 
 def _tell(

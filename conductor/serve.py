@@ -13,12 +13,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from conductor.outcomes import exit_code
+from conductor.fingerprint import fingerprint
+from conductor.manifest import RUN_FILE
+from conductor.outcomes import exit_code, read_outcomes
 from conductor.shell import Conductor
+from conductor.sign_run import require_agreement, sign_run
 from conductor.state import Config
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import is_tls
-from twin.fabric.errors import EXIT_INTERRUPTED
+from twin.fabric.errors import EXIT_INTERRUPTED, TwinError
 from twin.fabric.key_file import Key, shared
 
 
@@ -62,11 +65,23 @@ def serve_folder(
     threading.Thread(target=_announce, args=(conductor, namespace), daemon=True).start()
     with metrics_of(conductor, metrics):
         conductor.serve()
+    for path in conductor.complete_folders():
+        sign_served(path)
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
     rows = conductor.snapshot().get("campaigns", {}).values()
     counts = ("cases", "passed", "unresolved", "left")
     return exit_code(**{name: sum(row[name] for row in rows) for name in counts})
+
+
+def sign_served(folder: Path) -> None:
+    """Sign a campaign that has come to its end; why it is not is told."""
+    try:
+        require_agreement(folder)
+        if not (folder / RUN_FILE).exists():
+            sign_run(folder, read_outcomes(folder), fingerprint(folder).sha256)
+    except TwinError as error:
+        logging.getLogger(__name__).error("%s is not signed: %s", folder, error)
 
 
 @contextlib.contextmanager

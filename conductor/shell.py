@@ -35,6 +35,9 @@ from conductor.folders import Folders
 from conductor.inbox import Inbox, Item
 from conductor.journal import FILE_NAME as JOURNAL_NAME
 from conductor.journal import FolderLockedError, Journal, TakenOverError
+from conductor.judge_feed import JudgeFeed
+from conductor.manifest import RUN_FILE
+from conductor.sign_run import reopen
 from conductor.state import Config
 from conductor.status import status
 from conductor.timed_store import TimedStore
@@ -51,6 +54,7 @@ from twin.fabric.errors import InfrastructureError, TwinError, UsageError, stora
 from twin.fabric.key_file import Key, WrongRoleError, shared
 from twin.fabric.own_folder import fabric_name
 from twin.fabric.roles import Role
+from twin.fabric.software import software_digest
 
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
@@ -109,6 +113,7 @@ class Conductor:
         self._bus_factory = bus_factory
         self._inbox = Inbox()
         self._folders = Folders(self.folder)
+        self._judge = JudgeFeed()
         self._lock = threading.Lock()
         self._stopping = False
         self._replaced = False
@@ -165,6 +170,7 @@ class Conductor:
             self._check_folder,
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
         )
+        self._reopen()
         if self.key is None and is_tls(self._listen):
             self.key = load_or_make(self.folder)
             self.fabric = fabric_name(self.folder)
@@ -226,6 +232,7 @@ class Conductor:
         self._stopping = True
         if self._engine is not None and self.started.is_set() and not self._replaced:
             self._folders.close(self._engine.state)
+            self._judge.close(self._engine.state.campaigns.values())
         if self._bus is not None:
             self._bus.close()
         if self._deliveries is not None:
@@ -266,6 +273,14 @@ class Conductor:
                 return {}
             return status(self._engine.state, time.monotonic_ns()) | self._engine.health()
 
+    def complete_folders(self) -> list[Path]:
+        """Folders of the campaigns that came to their end, once it has shut down."""
+        if self._engine is None or self._replaced:
+            return []
+        campaigns = self._engine.state.campaigns.values()
+        ours = software_digest()
+        return [Path(c.out) for c in campaigns if not c.left and c.software in ("", ours)]
+
     # --- the loop, step by step -----------------------------------------------------------------
 
     def _patience_s(self) -> float:
@@ -292,6 +307,8 @@ class Conductor:
                     self._folders.relocated(campaigns[fact.campaign])
                 case Pinned():
                     self._folders.open_campaign(campaigns[fact.campaign])
+                case Committed():
+                    self._judge.put(campaigns[fact.result.campaign], fact)
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
         ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
         for name in ended:
@@ -362,6 +379,14 @@ class Conductor:
     def _check_folder(self, request: Any) -> str:
         assert self._engine is not None
         return self._folders.check(self._engine.state, request)
+
+    def _reopen(self) -> None:
+        """What was signed is none any more, and what no judge has seen is judged."""
+        assert self._engine is not None
+        for campaign in self._engine.state.campaigns.values():
+            was_signed = Path(campaign.out) == self.folder and reopen(self.folder)
+            if campaign.left or not (was_signed or (Path(campaign.out) / RUN_FILE).exists()):
+                self._judge.put_all(campaign)
 
     def _predecessor(self) -> ConductorFile | None:
         try:

@@ -189,6 +189,33 @@ def reenact(
 
 
 @app.command()
+def judge(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")
+    ] = None,
+    attempt: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this one, e.g. cases/NAME/attempt-1; repeatable."),
+    ] = None,
+    claims: Annotated[
+        bool, typer.Option("--claims", hidden=True, help="Claims stand on standard input.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Compute verdicts and scalars of committed attempts again, from their files; writes nothing.
+
+    Exit code 3: they are not those that were committed.
+    """
+    from twin.kpi.judge_command import follow, judge_folder
+
+    if claims:
+        raise typer.Exit(follow())
+    if folder is None:
+        raise UsageError("judge: give a campaign folder, e.g. runs/aeb-demo")
+    raise typer.Exit(judge_folder(folder, attempt or [], as_json=output is Output.json))
+
+
+@app.command()
 def snapshot(
     out: Annotated[Path, typer.Option(help="File to write, .png or .jpg.")] = Path("snapshot.png"),
     weather: Annotated[

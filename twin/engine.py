@@ -15,6 +15,7 @@ import warp as wp
 from schemas.assets import asset_digest
 from schemas.campaign import Case, Scenario
 from schemas.identity import stream_key
+from schemas.judging import JudgeRecord
 from schemas.messages import Command, Lights, Pose, command_mistake
 from schemas.verdict import is_pass
 from schemas.yaml_file import YamlError
@@ -24,6 +25,7 @@ from twin.fabric.frames import Channel
 from twin.fabric.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.course import Course
+from twin.kpi.judge_record import judge_record
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.kpi.table import KpiTable
@@ -70,6 +72,8 @@ class Finished:
     table: KpiTable
     names: dict[str, str] = field(default_factory=dict)
     """Scalars that are names, :data:`schemas.kpi.NAMES`."""
+    record: JudgeRecord | None = None
+    """What a judge needs beside the rows."""
 
     @property
     def passed(self) -> bool:
@@ -512,8 +516,9 @@ class Engine(Steerable):
         scalars = judging.scalars(rows, state, run.lane, hit)
         names = judging.names(rows, state, hit)
         table = rows.table()
+        record = judge_record(run.case, state, self._course, hit)
         self.clear(slot)
-        return Finished(slot, "verdict", result.verdict, reasons, scalars, table, names)
+        return Finished(slot, "verdict", result.verdict, reasons, scalars, table, names, record)
 
     def _hit(self, slot: int) -> Thing | None:
         """What the ego of a slot hit first."""
@@ -530,8 +535,9 @@ class Engine(Steerable):
         assert run is not None
         scalars = judging.scalars(rows, self.state[slot], run.lane)
         table = rows.table()
+        record = judge_record(run.case, self.state[slot], self._course, None)
         self.clear(slot)
-        return Finished(slot, "failed", "", [reason], scalars, table)
+        return Finished(slot, "failed", "", [reason], scalars, table, record=record)
 
 
 def frame_channels(case: Case, slots: int) -> list[Channel]:

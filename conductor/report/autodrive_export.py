@@ -33,6 +33,7 @@ from conductor.report.autodrive_layout import (
 from conductor.report.axes import varied_axes
 from conductor.report.dossier import Dossier, Row, open_dossier
 from conductor.report.summary import inert
+from conductor.sign_run import require_fit
 from schemas.autodrive_log import (
     AEB,
     BRAKE,
@@ -85,6 +86,7 @@ def export_autodrive(folder: Path, out: Path) -> Exported:
             holds something; one line.
         InfrastructureError: files are damaged, or the disk lets us down.
     """
+    require_fit(folder)
     dossier = open_dossier(folder)
     _check(dossier, out)
     size = dossier.campaign.batch.size if dossier.campaign.batch else BATCH_SIZE

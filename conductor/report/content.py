@@ -17,6 +17,7 @@ from conductor.report.resources import read_resources
 from conductor.report.resources_use import Resources, no_resources, resources_of
 from conductor.report.speedup import SpeedUp, speed_up
 from conductor.report.tables import statuses
+from conductor.sign_run import require_fit
 from schemas.words import counted
 from twin.fabric.errors import InfrastructureError
 
@@ -46,6 +47,8 @@ class Content:
     findings: list[Finding]
     as_of: str
     """When the outcomes were written, for people."""
+    signature: str
+    """Who has signed the run, or that nobody has."""
 
     @property
     def unchanged(self) -> int:
@@ -64,7 +67,10 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
 
     Raises:
         UsageError: ``serial`` is no such folder.
+        InfrastructureError: the run is not as it was signed.
     """
+    origin = require_fit(dossier.folder)
+    anew = anew or not origin.cache_fits
     leases = read_leases(dossier.folder)
     pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
     shown, reading = read_shown(dossier, anew=anew)
@@ -82,6 +88,7 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
         effects=main_effects(dossier),
         findings=findings(dossier),
         as_of=_as_of(dossier),
+        signature=origin.words,
     )
 
 

@@ -97,6 +97,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         "software": outcomes.software or None,
         "stack": dossier.campaign.stack_identity.digest or None,
         "device_classes": outcomes.device_classes if ran else None,
+        "signature": content.signature,
         "fingerprint": evidence.fingerprint.sha256 if evidence.fingerprint else None,
         "fingerprint_missing": evidence.fingerprint_missing or None,
         "alarms": evidence.alarms,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.kpi.recorder import CaseRows
-from twin.vehicle.vehicle_file import Vehicle
 from twin.world.lane import LanePath
-from twin.world.street import World
+
+if TYPE_CHECKING:  # who judges what is written needs no world
+    from twin.vehicle.vehicle_file import Vehicle
+    from twin.world.street import World
 
 _CORNERS = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
 _PLACED_ROWS = 2

@@ -29,3 +29,15 @@ class LaneProgress:
     def _locate(self, x_m: float, y_m: float) -> tuple[float, float]:
         place = self._lane.locate(x_m, y_m)
         return float(place.s_m), float(place.lateral_m)
+
+    @classmethod
+    def along(cls, lane: LanePath, x_m: np.ndarray, y_m: np.ndarray) -> LaneProgress:
+        """After the places of all rows of a case [rows], the first of which is its start."""
+        found = cls(lane, float(x_m[0]), float(y_m[0]))
+        places = lane.locate(x_m, y_m)
+        # One after the other, as `move` adds: a pairwise sum has other last bits.
+        for way_m in lane.shorter_way(np.diff(places.s_m)).tolist():
+            found.distance_m += way_m
+        found._station_m = float(places.s_m[-1])
+        found.lateral_m = float(places.lateral_m[-1])
+        return found

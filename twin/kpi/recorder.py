@@ -11,7 +11,7 @@ import numpy as np
 from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
 from schemas.messages import Command, Lights
 from twin.kpi.table import Detections, KpiColumn, KpiTable
-from twin.vehicle.state import COLUMN
+from twin.vehicle.columns import COLUMN
 
 CLOSING_MIN_MPS = 0.05
 """Time to collision exists only above this closing speed [m/s]."""

@@ -12,8 +12,7 @@ from schemas.kpi import SCALARS
 from twin.kpi.course import Course
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import CaseRows
-from twin.vehicle.model import PHYSICS_STEP_NS
-from twin.vehicle.state import COLUMN
+from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
 from twin.world.things import Thing
 
 Scalars = dict[str, float | int | None]

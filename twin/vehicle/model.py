@@ -12,10 +12,8 @@ import math
 import numpy as np
 import warp as wp
 
+from twin.vehicle.columns import PHYSICS_STEP_NS
 from twin.vehicle.vehicle_file import Vehicle
-
-PHYSICS_STEP_NS = 2_000_000
-"""Physics step [ns]."""
 
 GRAVITY_MPS2 = 9.80665
 AIR_DENSITY_KGPM3 = 1.225

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
-from schemas.identity import digest
+import msgspec
+
+from schemas.judging import RECORD_FILE, attempt_digest
 from schemas.messages import Lease, Result
 from twin.engine import Finished
 from twin.fabric.errors import storage_error
@@ -19,7 +20,8 @@ from twin.worker.stack_output import Kept
 def write_attempt(
     lease: Lease, finished: Finished, wall_s: float, output: Kept | None = None
 ) -> Result:
-    """Write KPIs and log of a finished case; the result is ready to be committed.
+    """Write KPIs, the judge's record and log of a finished case; the result is ready to be
+    committed.
 
     Args:
         lease: of the attempt.
@@ -34,14 +36,18 @@ def write_attempt(
     folder = Path(lease.out) / relative
     table = kpi_table(finished.table.to_lists())
     log = _log_text(lease, finished, output).encode()
+    record = b""
+    if finished.record is not None:
+        record = msgspec.json.encode(finished.record) + b"\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_kpi(table, folder / "kpi.parquet")
+        if record:
+            write_atomic(folder / RECORD_FILE, record)
         write_atomic(folder / "log.txt", log)
     except OSError as error:
         raise storage_error(error, str(folder)) from None
     sha = kpi_sha256(table)
-    log_sha = hashlib.sha256(log).hexdigest()
     return Result(
         campaign=lease.case.campaign,
         case=lease.case.id,
@@ -53,7 +59,7 @@ def write_attempt(
         names=finished.names,
         attempt_dir=relative,
         kpi_sha256=sha,
-        manifest_sha256=digest([b"kpi.parquet", sha.encode(), b"log.txt", log_sha.encode()]),
+        manifest_sha256=attempt_digest(sha, log, record),
         wall_s=wall_s,
     )
 

@@ -166,7 +166,7 @@ def test_a_journal_of_version_1_is_brought_forward(tmp_path: Path) -> None:
         journal.close()
     with closing(sqlite3.connect(tmp_path / "conductor.db")) as connection:
         rows = connection.execute("SELECT value FROM meta WHERE name = 'version'").fetchall()
-    assert rows == [("2",)]
+    assert rows == [("3",)]
 
 
 def test_a_journal_of_version_1_goes_on_and_is_compacted(tmp_path: Path) -> None:

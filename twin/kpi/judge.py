@@ -1,0 +1,194 @@
+"""Comes to the verdict of a committed attempt again, from its files alone; no Warp is loaded."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+
+from schemas import SCHEMA_VERSION
+from schemas.judging import (
+    RECORD_BYTES_MAX,
+    RECORD_FILE,
+    Claim,
+    Judgement,
+    JudgeRecord,
+    attempt_digest,
+)
+from schemas.regular_file import read_regular
+from schemas.scenario import Scenario
+from schemas.words import plain
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.kpi_file import kpi_sha256, read_kpi
+from twin.kpi import verdict as judging
+from twin.kpi.judge_record import course_of, hit_of, state_of
+from twin.kpi.lane_progress import LaneProgress
+
+LOG_BYTES_MAX = 1 << 30
+_NUMBER = re.compile(r"\d+\.\d+")
+DIFFERENCES_MAX = 8
+"""Most that are told of one attempt."""
+
+
+class TableRows:
+    """Rows that were read from a file, as :class:`twin.kpi.recorder.CaseRows` gives them."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+        self._values: dict[str, np.ndarray] = {}
+        self.rows: int = table.num_rows
+
+    def column(self, name: str) -> np.ndarray:
+        """Values of a column [rows]; 0 where missing."""
+        if name not in self._values:
+            data = self._table.column(name).combine_chunks()
+            if data.null_count:
+                data = data.fill_null(pa.scalar(0, data.type) if name != "aeb" else False)
+            self._values[name] = data.to_numpy(zero_copy_only=False)
+        return self._values[name]
+
+    def name(self, column: str, row: int) -> str:
+        """A value of a column of names; empty where missing."""
+        return self._table.column(column)[row].as_py() or ""
+
+    def valid(self, name: str) -> np.ndarray:
+        """Validity of a nullable column [rows]."""
+        found: np.ndarray = self._table.column(name).combine_chunks().is_valid().to_numpy(False)
+        return found
+
+
+def examine(claim: Claim) -> Judgement:
+    """Whether a claim follows from the files of its attempt; bad files are differences, too."""
+    try:
+        differences, known = _compare(claim)
+    except Exception as error:  # files that others can write may hold anything
+        words = str(error) if isinstance(error, InfrastructureError) else repr(error)
+        differences, known = [plain(" ".join(words.split()), 300)], True
+    found = "differs" if differences else "agrees" if known else "no record"
+    return Judgement(
+        folder=claim.folder,
+        case=claim.case,
+        found=found,
+        differences=differences[:DIFFERENCES_MAX],
+    )
+
+
+def _compare(claim: Claim) -> tuple[list[str], bool]:
+    """Differences, and whether there is a record to judge by."""
+    folder = _attempt_folder(claim)
+    table = read_kpi(_plain_file(folder / "kpi.parquet"))
+    log = _read(folder / "log.txt", LOG_BYTES_MAX)
+    sealed = folder / RECORD_FILE
+    data = _read(sealed, RECORD_BYTES_MAX) if sealed.exists() or sealed.is_symlink() else b""
+    found = kpi_sha256(table)
+    if found != claim.kpi_sha256:
+        return [f"KPI rows give {found[:12]}, committed {claim.kpi_sha256[:12]}"], True
+    found = attempt_digest(found, log, data)
+    if found != claim.manifest_sha256:
+        return [f"log.txt or {RECORD_FILE} is not what was committed"], True
+    if not data:
+        return [], False
+    record = msgspec.json.decode(data, type=JudgeRecord)
+    return _judged(claim, record, TableRows(table)), True
+
+
+def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
+    if record.v != SCHEMA_VERSION:
+        return [f"{RECORD_FILE} is of version {record.v}, this program knows {SCHEMA_VERSION}"]
+    differences = []
+    if record.case != claim.case:
+        differences.append(f"{RECORD_FILE} is that of case {record.case}")
+    if claim.scenario is not None and _limits(record.scenario) != _limits(claim.scenario):
+        differences.append(f"the scenario in {RECORD_FILE} is not that of the campaign")
+    seen = int(rows.column("collisions")[-1])
+    if record.collisions != seen:
+        differences.append(f"{RECORD_FILE} counts {record.collisions} collisions, the rows {seen}")
+    state, course, hit = state_of(record), course_of(record), hit_of(record)
+    lane = None
+    if record.scenario.type == "lane_keeping":
+        lane = LaneProgress.along(course.lane, rows.column("x_m"), rows.column("y_m"))
+    differences += _of_values("scalar", claim.scalars, judging.scalars(rows, state, lane, hit))
+    if claim.outcome != "verdict":
+        return differences
+    differences += _of_values("name", claim.names, judging.names(rows, state, hit))
+    mine = judging.judge(record.scenario, rows, state, lane, course, hit)
+    if mine.verdict != claim.verdict:
+        reason = mine.reasons[0] if mine.reasons else ""
+        differences.insert(
+            0, f"the rows come to '{mine.verdict}' ({reason}), committed '{claim.verdict}'"
+        )
+    elif not _alike(claim.reasons[: len(mine.reasons)], mine.reasons):
+        differences.append(f"the reason is '{mine.reasons[0]}', committed {claim.reasons[:1]}")
+    return [plain(line, 300) for line in differences]
+
+
+def _of_values(what: str, said: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    return [
+        f"{what} {name} is {found.get(name)!r}, committed {said.get(name)!r}"
+        for name in sorted({*said, *found})
+        if not _same(said.get(name), found.get(name))
+    ]
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Equal, but for last bits of a number, which sums and sines need not have in common on two
+    processors."""
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-12) or one != one != other
+    return bool(one == other)
+
+
+def _alike(one: Sequence[str], other: Sequence[str]) -> bool:
+    """The same sentences; a number in them may be rounded the other way."""
+    if len(one) != len(other):
+        return False
+    for first, second in zip(one, other, strict=True):
+        if _NUMBER.split(first) != _NUMBER.split(second):
+            return False
+        pairs = zip(_NUMBER.findall(first), _NUMBER.findall(second), strict=True)
+        if not all(math.isclose(float(a), float(b), abs_tol=1.1 * _step(a)) for a, b in pairs):
+            return False
+    return True
+
+
+def _step(number: str) -> float:
+    """A one in the last place of a number as it is printed."""
+    return 10.0 ** -len(number.partition(".")[2])
+
+
+def _limits(scenario: Scenario) -> Scenario:
+    """Where its files lie is no part of it: a campaign may have moved."""
+    return msgspec.structs.replace(scenario, scene="", vehicle="")
+
+
+def _attempt_folder(claim: Claim) -> Path:
+    """Below the campaign folder, and no link on the way."""
+    root = Path(claim.folder)
+    parts = Path(claim.attempt_dir).parts
+    if not parts or Path(claim.attempt_dir).is_absolute() or ".." in parts:
+        raise InfrastructureError(f"attempt folder '{claim.attempt_dir}' is outside {root}")
+    folder = root
+    for part in parts:
+        folder = folder / part
+        if folder.is_symlink():
+            raise InfrastructureError(f"{folder} is a symbolic link")
+    return folder
+
+
+def _plain_file(path: Path) -> Path:
+    if path.is_symlink() or not path.is_file():
+        raise InfrastructureError(f"{path} is missing, or no plain file")
+    return path
+
+
+def _read(path: Path, most: int) -> bytes:
+    try:
+        return read_regular(_plain_file(path), most)
+    except OSError as error:
+        raise InfrastructureError(f"{path}: {error.strerror or error}") from None

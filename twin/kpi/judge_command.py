@@ -1,0 +1,132 @@
+"""``twin judge``: are the committed verdicts those of the KPI rows? Reads, and writes nothing."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import resource
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from schemas.campaign import expand, parse_campaign
+from schemas.json_text import JsonError, decode_json
+from schemas.judging import Claim, Judgement
+from schemas.scenario import Scenario
+from schemas.words import counted
+from schemas.yaml_file import YamlError, load_yaml
+from twin.fabric.discovery import OUTCOMES_NAME
+from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
+from twin.kpi.judge import examine
+
+_PR_SET_NO_NEW_PRIVS = 38
+SHOWN_MAX = 50
+"""Most attempts whose differences are told to people."""
+
+
+class _End(msgspec.Struct, frozen=True):
+    """What ``outcomes.json`` says of a case, as far as a judge needs it."""
+
+    outcome: str
+    verdict: str = ""
+    reasons: list[str] = []
+    scalars: dict[str, float | int | None] = {}
+    names: dict[str, str] = {}
+    attempt_dir: str = ""
+    kpi_sha256: str = ""
+    manifest_sha256: str = ""
+
+
+class _Ends(msgspec.Struct, frozen=True):
+    cases: dict[str, _End]
+
+
+def judge_folder(folder: Path, attempts: Sequence[str], *, as_json: bool) -> int:
+    """Judge the committed attempts of a campaign folder, or some of them; the exit code.
+
+    Raises:
+        UsageError: no campaign, or no such attempt.
+        InfrastructureError: campaign or outcomes are damaged.
+    """
+    claims = claims_of(folder)
+    if attempts:
+        chosen = {name.strip("/") for name in attempts}
+        if unknown := sorted(chosen - {claim.attempt_dir for claim in claims}):
+            raise UsageError(
+                f"{folder}: no committed attempt '{unknown[0]}'; give e.g. "
+                + (claims[0].attempt_dir if claims else "none: nothing was committed")
+            )
+        claims = [claim for claim in claims if claim.attempt_dir in chosen]
+    found = [examine(claim) for claim in claims]
+    counts = Counter(each.found for each in found)
+    if as_json:
+        print(json.dumps([msgspec.to_builtins(each) for each in found]))
+    else:
+        for line in [line for each in found for line in told(each)][:SHOWN_MAX]:
+            print(line)
+        print(
+            f"{counted(len(found), 'attempt')}: {counts['agrees']} agree, {counts['differs']} "
+            f"differ, {counts['no record']} without a record"
+        )
+    return EXIT_INFRASTRUCTURE if counts["differs"] else EXIT_PASS
+
+
+def follow() -> int:
+    """Judge what stands on standard input, a claim per line; a judgement per line is the answer."""
+    resign_rights()
+    for line in sys.stdin.buffer:
+        claim = msgspec.json.decode(line, type=Claim)
+        sys.stdout.buffer.write(msgspec.json.encode(examine(claim)) + b"\n")
+        sys.stdout.buffer.flush()
+    return EXIT_PASS
+
+
+def told(judgement: Judgement) -> Iterable[str]:
+    """Its differences for people, a line each."""
+    return [f"case {judgement.case}: {line}" for line in judgement.differences]
+
+
+def claims_of(folder: Path) -> list[Claim]:
+    """What was committed in a campaign folder, of attempts with KPI rows."""
+    try:
+        ends = decode_json((folder / OUTCOMES_NAME).read_bytes(), _Ends)
+    except OSError as error:
+        raise UsageError(
+            f"{folder / OUTCOMES_NAME}: {error.strerror}; give the folder of a campaign that a "
+            "conductor has run"
+        ) from None
+    except JsonError as error:
+        raise InfrastructureError(f"{folder / OUTCOMES_NAME}: damaged: {error}") from None
+    scenarios = dict(_scenarios(folder / "campaign.yaml"))
+    return [
+        Claim(
+            folder=str(folder),
+            case=name,
+            scenario=scenarios.get(name),
+            **{key: getattr(end, key) for key in _End.__struct_fields__},
+        )
+        for name, end in ends.cases.items()
+        if end.kpi_sha256
+    ]
+
+
+def _scenarios(path: Path) -> Iterator[tuple[str, Scenario]]:
+    try:
+        campaign, mistakes = parse_campaign(load_yaml(path))
+    except YamlError as error:
+        raise InfrastructureError(str(error)) from None
+    if campaign is None:
+        raise InfrastructureError(mistakes[0].line(str(path)))
+    for case in expand(campaign):
+        yield case.id, case.scenario
+
+
+def resign_rights() -> None:
+    """From here on this process writes no file and gains no right: what it reads was written by
+    programs under test. Its standard output must be a pipe."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    ctypes.CDLL(None).prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)

@@ -1,0 +1,75 @@
+"""``judge.json``: what a verdict is made of beside the KPI rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from schemas import SCHEMA_VERSION
+from schemas.campaign import Case
+from schemas.judging import HitRecord, JudgeRecord, LaneRecord
+from twin.kpi.course import Course
+from twin.vehicle.columns import COLUMN, TELEMETRY
+from twin.world.lane import LanePath
+from twin.world.things import Thing
+
+
+def judge_record(case: Case, state: np.ndarray, course: Course, hit: Thing | None) -> JudgeRecord:
+    """The record of a case that ends.
+
+    Args:
+        case: the case.
+        state: its vehicle's state [T].
+        course: the lane and what stands in it.
+        hit: what the ego hit first.
+    """
+    lane, target = course.lane, course.target
+    return JudgeRecord(
+        v=SCHEMA_VERSION,
+        case=case.id,
+        scenario=case.scenario,
+        collisions=int(state[COLUMN["collisions"]]),
+        impact_speed_mps=float(state[COLUMN["impact_speed_mps"]]),
+        impact_step=int(state[COLUMN["impact_step"]]),
+        moved=bool(state[COLUMN["moved"]]),
+        target=None if target is None else tuple(target.tolist()),
+        centre_offset_m=course.centre_offset_m,
+        half_length_m=course.half_length_m,
+        half_width_m=course.half_width_m,
+        lane=LaneRecord(
+            lane.station_m.tolist(),
+            [tuple(start) for start in lane.start.tolist()],
+            lane.curvature.tolist(),
+            lane.length_m,
+            lane.closed,
+        ),
+        hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
+    )
+
+
+def state_of(record: JudgeRecord) -> np.ndarray:
+    """The vehicle's state [T] as far as a verdict looks at it; zero elsewhere."""
+    state = np.zeros(len(TELEMETRY))
+    state[COLUMN["collisions"]] = record.collisions
+    state[COLUMN["impact_speed_mps"]] = record.impact_speed_mps
+    state[COLUMN["impact_step"]] = record.impact_step
+    state[COLUMN["moved"]] = record.moved
+    return state
+
+
+def course_of(record: JudgeRecord) -> Course:
+    """The lane and what stands in it."""
+    lane = LanePath(
+        np.array(record.lane.station_m),
+        np.array(record.lane.start),
+        np.array(record.lane.curvature_per_m),
+        record.lane.length_m,
+        record.lane.closed,
+    )
+    target = None if record.target is None else np.array(record.target)
+    return Course(lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m)
+
+
+def hit_of(record: JudgeRecord) -> Thing | None:
+    """What the ego hit first."""
+    hit = record.hit
+    return None if hit is None else Thing(hit.name, hit.kind, hit.hull, hit.hulls)
