@@ -225,6 +225,10 @@ def serve(
             "`conductor submit`"
         )
     found = own_key(key, insecure=insecure)
+    if metrics:
+        from conductor.metrics import checked_address
+
+        checked_address(metrics)
     with strangers_named():
         if campaign:
             loaded = _checked(campaign)

@@ -1,11 +1,15 @@
 """A Prometheus endpoint, on request: ``conductor serve --metrics 127.0.0.1:9100``.
 
-Nothing is counted here: every scrape reads the conductor's own status and counters.
+Nothing is counted here: every scrape reads the conductor's own status and counters. It is plain
+HTTP, so beyond loopback somebody has to have typed ``--insecure``. A page of another site may reach
+loopback under a name of its own (DNS rebinding), and is refused by that name.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ipaddress
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -13,7 +17,10 @@ from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from schemas.words import plain
+from twin.fabric.endpoint import is_loopback, plain_is_allowed
 from twin.fabric.errors import UsageError
+from twin.fabric.loopback import NAMES, is_own_name
 
 PREFIX = "drivetwin_conductor"
 
@@ -32,6 +39,9 @@ COUNTERS = {
     "facts": "Facts decided",
     "commits": "Groups of facts committed",
 }
+
+Application = Callable[[dict[str, Any], Any], Iterable[bytes]]
+"""Of WSGI."""
 
 Snapshot = Callable[[], dict[str, Any]]
 """Status and counters; empty before the conductor has started."""
@@ -90,9 +100,9 @@ def serving_metrics(address: str, snapshot: Snapshot) -> Iterator[str]:
     """Serve ``http://ADDRESS/metrics`` for the block; yields the URL.
 
     Raises:
-        UsageError: a bad address, or one that is in use.
+        UsageError: a bad address, one beyond loopback, or one that is in use.
     """
-    host, port = parse_address(address)
+    host, port = checked_address(address)
     registry = CollectorRegistry()
     registry.register(ConductorCollector(snapshot))
     try:
@@ -102,12 +112,57 @@ def serving_metrics(address: str, snapshot: Snapshot) -> Iterator[str]:
         raise UsageError(
             f"--metrics {address}: {reason}; choose another port, or 0 for a free one"
         ) from None
+    application = server.get_app()
+    assert application is not None
+    server.set_app(_for_own_names(application, host))
     try:
         yield f"http://{host}:{server.server_port}/metrics"
     finally:
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+def checked_address(address: str) -> tuple[str, int]:
+    """As :func:`parse_address`, of an address where metrics may be served.
+
+    Raises:
+        UsageError: it is none, or beyond loopback and nobody typed ``--insecure``.
+    """
+    host, port = parse_address(address)
+    if not is_loopback(f"tcp/{host}:{port}") and not plain_is_allowed():
+        raise UsageError(
+            f"--metrics {address}: plain HTTP beyond this host's loopback; use 127.0.0.1:{port} "
+            "and a tunnel (ssh -L), or type --insecure: whoever reaches the port may then read"
+        )
+    return host, port
+
+
+def _for_own_names(application: Application, bound: str) -> Application:
+    """Answers those alone who asked for this host by a name of its own."""
+    names = [] if is_loopback(f"tcp/{bound}:0") else [bound, socket.gethostname()]
+
+    def checked(environ: dict[str, Any], start_response: Any) -> Iterable[bytes]:
+        host = environ.get("HTTP_HOST", "")
+        # An address is no name that somebody could have led here.
+        if is_own_name(host, *names) or (names and _is_address(host)):
+            return application(environ, start_response)
+        start_response("403 Forbidden", [("Content-Type", "text/plain")])
+        allowed = ", ".join([*NAMES, *names])
+        return [f"asked for {plain(host, 80)!r}; allowed: {allowed}\n".encode()]
+
+    return checked
+
+
+def _is_address(host: str) -> bool:
+    """A numeric address, with or without a port."""
+    for text in (host, host.rpartition(":")[0]):
+        try:
+            ipaddress.ip_address(text.strip("[]"))
+        except ValueError:
+            continue
+        return True
+    return False
 
 
 def parse_address(address: str) -> tuple[str, int]:

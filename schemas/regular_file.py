@@ -57,6 +57,52 @@ def read_regular(path: Path, most: int) -> bytes:
     return data
 
 
+def open_below(folder: Path, name: str) -> BufferedReader:
+    """A regular file below ``folder`` that belongs to the folder's owner; no link leads there.
+
+    For files of a run's folder that are shown to others: a link, or a file that somebody else put
+    there, may stand for any file that we may read.
+
+    Args:
+        folder: where it lies; links to the folder itself are followed.
+        name: its path from there.
+
+    Raises:
+        OSError: there is none, or it is a link, of another owner or no regular file; ``strerror``
+            says which.
+    """
+    *parents, last = Path(name).parts
+    if any(part in ("/", "..") for part in (*parents, last)):
+        raise OSError(errno.EINVAL, "not below its folder", str(folder / name))
+    at = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        owner = os.fstat(at).st_uid
+        for part in parents:
+            flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+            inner = os.open(part, flags, dir_fd=at)
+            os.close(at)
+            at = inner
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_NOFOLLOW | os.O_CLOEXEC
+        descriptor = os.open(last, flags, dir_fd=at)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENOTDIR):
+            words = "a symbolic link stands there or on the way"
+            raise OSError(error.errno, words, str(folder / name)) from None
+        raise OSError(error.errno, error.strerror, str(folder / name)) from None
+    finally:
+        os.close(at)
+    try:
+        found = os.fstat(descriptor)
+        _check(folder / name, found, None)
+        if found.st_uid != owner:
+            words = f"belongs to user id {found.st_uid}, its folder to {owner}"
+            raise OSError(errno.EPERM, words, str(folder / name))
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
 def _check(path: Path, found: os.stat_result, most: int | None) -> None:
     if stat.S_ISDIR(found.st_mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from schemas.json_text import JsonError, decode_json
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.regular_file import RUN_FILE_BYTES_MAX, open_below, read_regular
 from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.kpi_file import read_kpi_columns
 from viewer import naming
@@ -87,7 +88,7 @@ def recording_of(folder: Path, case: str, names: list[str], committed: str) -> F
         raise UsageError(f"{folder}: no case '{case}'; {hint}")
     for attempt in attempts:
         path = attempt / naming.RECORDING_FILE
-        if path.is_file() and path.stat().st_size:
+        if _is_recorded(folder, path):
             complete = _note(attempt).get("complete") is True
             return Found(case, path, attempt / naming.KPI_FILE, complete, committed)
     if any(_note(attempt).get("kept") is False for attempt in attempts):
@@ -98,6 +99,15 @@ def recording_of(folder: Path, case: str, names: list[str], committed: str) -> F
     raise UsageError(
         f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
     )
+
+
+def _is_recorded(folder: Path, path: Path) -> bool:
+    """A link is no recording: it may lead to any file that we may read."""
+    try:
+        with open_below(folder, str(path.relative_to(folder))) as file:
+            return os.fstat(file.fileno()).st_size > 0
+    except OSError:
+        return False
 
 
 def case_names(folder: Path) -> list[str]:

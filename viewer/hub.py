@@ -13,10 +13,11 @@ from urllib.parse import urlsplit
 
 import rerun as rr
 
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 from viewer import naming, native
 from viewer.blueprint import overview_blueprint
 from viewer.gate import Gate
+from viewer.inner_port import InnerPort
 from viewer.overview import Overview
 from viewer.pulse import Pulse
 from viewer.scenery import Logged
@@ -28,6 +29,10 @@ as much beside its 200 MB (measured with eight cases in full)."""
 PROBE_S = 0.05
 """How long a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms [s]."""
 
+
+READY_TIMEOUT_S = 30.0
+"""How long Rerun's server may take to listen [s]."""
+POLL_S = 0.01
 
 PATIENCE_S = 5.0
 """So long after a viewer has stopped to read, others are relieved of it [s]."""
@@ -58,12 +63,15 @@ class Hub:
     """The overview's recording, and the address that single cases are sent to."""
 
     def __init__(
-        self, stream: rr.RecordingStream, url: str, sink_url: str = "", gate: Gate | None = None
+        self,
+        stream: rr.RecordingStream,
+        url: str,
+        gate: Gate | None = None,
+        inner: InnerPort | None = None,
     ) -> None:
         self.url = url
-        """Where viewers come: at the gate, if there is one."""
-        self.sink_url = sink_url or url
-        """Where recordings go that are to be shown."""
+        """Where viewers come, and recordings that are to be shown: at the gate, if there is one."""
+        self._inner = inner
         self.logged = 0
         self.skipped = 0
         """Pictures left out because a viewer was stuck."""
@@ -110,6 +118,8 @@ class Hub:
         if self._gate is not None:
             self._gate.close()
         leave(self._stream)
+        if self._inner is not None:
+            self._inner.end()
 
     def _put(self, logged: list[Logged], now_s: float) -> None:
         if logged:
@@ -136,7 +146,7 @@ def open_hub(port: int, *, bare: bool = False, say: Callable[[str], None] = lamb
     stream.set_log_time_enabled(False)
     inner = native.free_port()
     try:
-        gate = Gate(port, inner, say)
+        gate = Gate(port, say)
     except OSError:
         raise UsageError(
             f"--port {port}: already in use; choose another, or 0 for a free one"
@@ -144,4 +154,18 @@ def open_hub(port: int, *, bare: bool = False, say: Callable[[str], None] = lamb
     sink = rr.GrpcServerSink("127.0.0.1", inner, server_memory_limit=HUB_MEMORY)
     stream.set_sinks(sink, default_blueprint=overview_blueprint(bare=bare))
     stream.send_recording_name("All cases")
-    return Hub(stream, sink.uri.replace(f":{inner}/", f":{gate.port}/"), sink.uri, gate)
+    closed = _closed(inner)
+    gate.serve(closed)
+    return Hub(stream, sink.uri.replace(f":{inner}/", f":{gate.port}/"), gate, closed)
+
+
+def _closed(port: int) -> InnerPort:
+    """The hub's own port, as soon as it listens."""
+    until_s = time.monotonic() + READY_TIMEOUT_S
+    while True:
+        try:
+            return InnerPort(port)
+        except OSError:
+            if time.monotonic() > until_s:
+                raise InfrastructureError("the hub does not start; try again") from None
+            time.sleep(POLL_S)

@@ -310,9 +310,7 @@ class Live:
         if focuses is None:
             return
         if campaign not in focuses:
-            focuses[campaign] = Focus(
-                lambda start: open_stream(self.hub.sink_url, start), self._scenes
-            )
+            focuses[campaign] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
         try:
             focuses[campaign].take(sample)
         except (WireError, ValueError) as error:

@@ -26,6 +26,11 @@ def allow_plain() -> None:
     _plain_allowed = True
 
 
+def plain_is_allowed() -> bool:
+    """Whether :func:`allow_plain` was called."""
+    return _plain_allowed
+
+
 def demand_keys() -> None:
     """From now on this process speaks no plain TCP on loopback either, unless it is allowed:
     commands are careful, because every user of a host reaches its loopback."""

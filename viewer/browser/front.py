@@ -23,7 +23,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
+from schemas.regular_file import open_below
 from twin.fabric.errors import TwinError, UsageError
+from twin.fabric.loopback import is_ours, is_own_name
 from viewer.browser.assets import Asset
 from viewer.browser.desk import Desk, refusal
 from viewer.catalogue import read_catalogue, read_row
@@ -36,10 +38,6 @@ POLICY = (
 )
 """Only this front, whatever a script wants."""
 
-HOSTS = ("localhost", "127.0.0.1", "[::1]")
-"""Names by which a browser may know us, also at the far end of a tunnel; others are refused, so
-that no page of another site can ask in its own name."""
-
 READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 """The one call of the hub that is passed on: browsers look, and write nothing."""
 
@@ -48,6 +46,12 @@ STEERS = "/steer"
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
+
+STRANGERS = (
+    b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n\r\n"
+    b"this page belongs to another user; start viewer web yourself\n"
+)
+"""What other users of this host are told."""
 
 LENGTH_DIGITS_MAX = 18
 """Longer numbers are not even read: Python refuses some of them."""
@@ -125,6 +129,14 @@ class Front(ThreadingHTTPServer):
     def url(self) -> str:
         """Where a browser of this host finds it."""
         return f"http://127.0.0.1:{self.server_address[1]}/"
+
+    def verify_request(self, request: Any, *_: Any) -> bool:
+        """Whether it comes from a process of ours: loopback is open to other users as well."""
+        if is_ours(request):
+            return True
+        with contextlib.suppress(OSError):
+            request.sendall(STRANGERS)
+        return False
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that went away in the middle is no error."""
@@ -206,8 +218,8 @@ class Handler(BaseHTTPRequestHandler):
         """Asked under our own name, by our own page or by nobody's."""
         host = self.headers.get("Host", "")
         origin = self.headers.get("Origin")
-        ours = host.rpartition(":")[0] in HOSTS or host in HOSTS
-        if ours and origin in (None, f"http://{host}"):
+        # No page of another site can ask in its own name.
+        if is_own_name(host) and origin in (None, f"http://{host}"):
             return True
         self.close_connection = True
         self.send_error(HTTPStatus.FORBIDDEN, "ask for localhost")
@@ -321,4 +333,6 @@ def _page(name: str, media_type: str) -> Asset:
 def _recording(site: Site, case: str) -> bytes:
     if site.folder is None:
         raise UsageError("live cases have no recording here")
-    return find_recording(site.folder, case).path.read_bytes()
+    path = find_recording(site.folder, case).path
+    with open_below(site.folder, str(path.relative_to(site.folder))) as file:
+        return file.read()

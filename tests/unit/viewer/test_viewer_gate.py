@@ -9,8 +9,9 @@ import pytest
 from waiting import PATIENCE_S
 
 from viewer import hub as hubs
-from viewer.gate import LAG_S, LEAST_BYTES, Gate, Line, laggards
+from viewer.gate import LAG_S, LEAST_BYTES, NATIVE, Gate, Line, laggards
 from viewer.hub import Hub, open_hub
+from viewer.inner_port import InnerPort
 
 
 class Server:
@@ -57,9 +58,12 @@ def said():
 
 @pytest.fixture
 def gate(server, said):
-    found = Gate(0, server.port, said.append)
+    found = Gate(0, said.append)
+    inner = InnerPort(server.port)
+    found.serve(inner)
     yield found
     found.close()
+    inner.end()
 
 
 @pytest.fixture
@@ -67,7 +71,7 @@ def knock(gate):
     """Opens viewers that have been sent enough."""
     viewers = []
 
-    def one(data=b"x" * (2 * LEAST_BYTES)):
+    def one(data=NATIVE + b"x" * (2 * LEAST_BYTES)):
         viewer = socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE_S)
         viewers.append(viewer)
         sender = threading.Thread(target=viewer.sendall, args=(data,), daemon=True)
@@ -123,6 +127,7 @@ def test_either_side_may_go(gate, knock, server):
     assert server.ended.acquire(timeout=PATIENCE_S)
     server.close()
     with socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE_S) as late:
+        late.sendall(NATIVE)
         assert late.recv(1) == b"", "there is no hub any more"
 
 
@@ -160,7 +165,6 @@ def test_the_laptop_is_told_the_gates_port():
     hub = open_hub(0)
     try:
         assert hub.url == f"rerun+http://127.0.0.1:{hub.port}/proxy"
-        assert hub.sink_url != hub.url
     finally:
         hub.close()
 
@@ -174,8 +178,8 @@ def test_so_many_viewers_and_no_more(server, gate, monkeypatch):
             line.settimeout(PATIENCE_S)
             lines.append(line)
             with contextlib.suppress(OSError):  # the last one may be closed already
-                line.sendall(b"hello")
+                line.sendall(NATIVE)
                 if len(lines) < 3:
-                    assert line.recv(5) == b"hello"
+                    assert line.recv(len(NATIVE)) == NATIVE
         with contextlib.suppress(ConnectionResetError):
             assert lines[2].recv(5) == b""

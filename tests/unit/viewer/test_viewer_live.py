@@ -30,7 +30,7 @@ class Hub:
     """A hub whose viewers keep up, or do not."""
 
     def __init__(self):
-        self.url = self.sink_url = "rerun+http://127.0.0.1:1/proxy"
+        self.url = "rerun+http://127.0.0.1:1/proxy"
         self.stuck = False
         self.walls = self.told = 0
 
