@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,6 +30,9 @@ from schemas.words import plain
 from twin.fabric.drive import Outgoing
 from twin.fabric.drive_record import RecordReader, decoded
 from twin.fabric.errors import EXIT_FAILED, InfrastructureError, TwinError, UsageError
+
+COMMAND_CHARS_MAX = 500
+"""So much of a command is shown [characters]."""
 
 _ATTEMPT = re.compile(r"attempt-(\d+)")
 
@@ -53,6 +57,8 @@ class Asked:
     """Where its networks may compute, ``cpu`` or ``cuda:N``; empty: as recorded."""
     timeout_s: float = 60.0
     """Longest time for an answer, start-up included [s]."""
+    run_command: bool = False
+    """Run the command that a record holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +136,12 @@ def replay(
         What came of them, and a line for each file that is damaged.
 
     Raises:
-        UsageError: there is no such stack, or it does not take its parameters.
+        UsageError: there is no such stack, it does not take its parameters, or a record holds a
+            command and nobody asked to run it.
         StackFailedError: the stack does not start.
     """
+    if asked.campaign is None and not asked.run_command:
+        _refuse_commands(paths)
     done, damaged = [], []
     with contextlib.ExitStack() as held:
         rig, of = None, None
@@ -158,6 +167,22 @@ def replay(
             if one.ended:
                 rig = None
     return done, damaged
+
+
+def _refuse_commands(paths: Sequence[Path]) -> None:
+    """A record may come from anybody, and what it was made with is what it would run."""
+    for path in paths:
+        try:
+            foreign = RecordReader(path).head.case.foreign
+        except UsageError:
+            continue  # told when its turn comes
+        if foreign is not None:
+            shown = plain(shlex.join(foreign.command), COMMAND_CHARS_MAX)
+            origin = f" from {foreign.repository.url}" if foreign.repository is not None else ""
+            raise UsageError(
+                f"{path}: its stack is the command `{shown}`{origin}; give --run-command to run it"
+                " as you, or --stack with one of your own"
+            )
 
 
 def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> ReplayRig:

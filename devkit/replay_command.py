@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,6 +49,13 @@ def replay(
     device: Annotated[
         str, typer.Option(help="Where its networks compute, cpu or cuda:N; default: as recorded.")
     ] = "",
+    run_command: Annotated[
+        bool,
+        typer.Option(
+            "--run-command",
+            help="Run the command that a record holds; without it, such a record is refused.",
+        ),
+    ] = False,
     plots: Annotated[
         Path | None, typer.Option(help="Folder for a picture per case, CASE.png.")
     ] = None,
@@ -66,6 +74,7 @@ def replay(
     from devkit.replay_compare import parse_tolerances
 
     asked = _asked(stack, parsed_parameters(parameters), device, deadline_s)
+    asked = replace(asked, run_command=run_command)
     tolerances = parse_tolerances(tolerance or [])
     paths = find_records(run, cases or [], attempt)
 
