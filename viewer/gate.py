@@ -79,6 +79,7 @@ class Gate:
         """The stream stands still: cut off whoever holds the others up."""
         with self._lock:
             found = laggards(self._lines)
+            self._lines.difference_update(found)
         for line in found:
             _hang_up(line.viewer)
             self._say("a viewer that does not read was cut off, because others waited for it")
