@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import rerun as rr
+from waiting import PATIENCE_S
 
 from twin.fabric.loopback import is_ours
 from viewer.browser.front import Front, Site
@@ -276,3 +278,16 @@ def test_pages_are_for_the_user_who_serves_them(front: Front) -> None:
     assert "another user" in answer
     assert "RECORDED" not in answer
     assert get(front, "good").endswith("RECORDED"), "its own user is served as before"
+
+
+def test_recordings_of_ours_reach_the_hub_through_its_door() -> None:
+    real = open_hub(0)
+    stream = rr.RecordingStream("test", recording_id="one")
+    try:
+        stream.set_sinks(rr.GrpcSink(real.url))
+        stream.log("x", rr.TextLog("hello"))
+        stream.flush(timeout_sec=PATIENCE_S)  # raises if it does not arrive
+        assert real.open()
+    finally:
+        stream.disconnect()
+        real.close()
