@@ -21,6 +21,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from schemas.json_text import JsonError, decode_json
+from schemas.regular_file import open_regular
 from schemas.words import plain
 from twin.fabric.errors import UsageError
 from twin.fabric.process import end, spawn
@@ -181,27 +182,21 @@ def _own_bytes(path: Path) -> bytes:
         UnfitError: somebody else can; or it is too large, or no file.
         FileNotFoundError: there is none.
     """
+    if path.is_symlink():
+        raise UnfitError("a symbolic link")
     try:
-        # Neither a link nor a pipe of that name is followed.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        file = open_regular(path, FILE_BYTES_MAX)
     except FileNotFoundError:
         raise
     except OSError as error:
-        link = path.is_symlink()
-        raise UnfitError("a symbolic link" if link else str(error.strerror)) from None
-    try:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            raise UnfitError("not a file")
+        raise UnfitError(str(error.strerror)) from None
+    with file:
+        found = os.fstat(file.fileno())
         if found.st_uid != os.geteuid():
             raise UnfitError(f"belongs to user id {found.st_uid}, you are {os.geteuid()}")
         if found.st_mode & 0o022:
             raise UnfitError(f"others may write to it (mode {stat.S_IMODE(found.st_mode):04o})")
-        if found.st_size > FILE_BYTES_MAX:
-            raise UnfitError(f"{found.st_size} bytes, at most {FILE_BYTES_MAX} are read")
-        return os.read(descriptor, FILE_BYTES_MAX)
-    finally:
-        os.close(descriptor)
+        return file.read(FILE_BYTES_MAX)
 
 
 def _check_folder(folder: Path) -> bool:

@@ -138,8 +138,8 @@ def given_away(path, _folder):
     [
         (shared, "others may write to it"),
         (linked, "a symbolic link"),
-        (piped, "not a file"),
-        (nested, "not a file"),
+        (piped, "a named pipe; a regular file is needed"),
+        (nested, "Is a directory"),
         (endless, "a symbolic link"),
         pytest.param(given_away, "belongs to user id 12345", marks=ROOT),
     ],
