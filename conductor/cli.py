@@ -414,6 +414,7 @@ def validate(
             "cases": [case.id for case in cases],
             "deadline_s": loaded.deadline_s,
             "placement": loaded.autonomy.placement,
+            "commands": bool(loaded.autonomy.command),
         }
         print(json.dumps(found))
         return

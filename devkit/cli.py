@@ -60,9 +60,17 @@ def host(
     join: Annotated[
         Path | None,
         typer.Option(
-            help="Serve every rig announced in this shared folder, which holds their keys, too."
+            help="Serve every rig that you announce in this shared folder, which holds their keys, "
+            "too; nobody else may write there."
         ),
     ] = None,
+    commands: Annotated[
+        bool,
+        typer.Option(
+            "--commands",
+            help="With --join: start the commands, bridges and containers that campaigns name.",
+        ),
+    ] = False,
     load_for: Annotated[str, typer.Option("--load-for", hidden=True)] = "cpu",
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
@@ -73,14 +81,15 @@ def host(
         with context.command.make_context("host", arguments, context.parent) as told:
             context.command.invoke(told)
         return
-    from devkit.host import HostOptions, run_host, run_join
+    from devkit.host import HostOptions, run_host
+    from devkit.joining import run_join
     from twin.fabric.key_file import load_key
     from twin.fabric.roles import Role
 
     if join is not None:
         if key is not None:
             raise UsageError(f"--key {key}: rigs announced in {join} have keys of their own there")
-        raise typer.Exit(run_join(join))
+        raise typer.Exit(run_join(join, commands=commands))
     if not (connect and rig and (stack or foreign)):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
     values = parsed_parameters(parameters)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -46,9 +45,7 @@ from twin.fabric.pauses import settle
 from twin.fabric.process import (
     PARENT_VARIABLE,
     bind_to_parent,
-    end,
     leave_signals_to_the_parent,
-    spawn,
     watch_lifeline,
 )
 from twin.fabric.stack_identity.identity import Named, confirm, shown_name
@@ -57,9 +54,6 @@ from twin.fabric.zenoh_bus import open_bus
 
 CONNECT_TIMEOUT_S = 20.0
 """How long the simulator may take to answer [s]."""
-
-JOIN_PERIOD_S = 0.2
-"""How often a shared folder is looked at for new rigs [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,43 +368,3 @@ def step(stack: Stack, incoming: Incoming) -> list[Any]:
             counts=incoming.counts,
         )
     )
-
-
-def run_join(folder: Path) -> int:
-    """Serve rigs announced in ``folder`` one after the other, each in a process of its own.
-
-    Beside an announcement lies the rig's key, if it has one.
-    """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    child = None
-    try:
-        while True:
-            claimed = _claim(folder)
-            if claimed is None:
-                time.sleep(JOIN_PERIOD_S)
-                continue
-            rig = claimed.name.partition(".")[0]
-            print(f"joining {rig}", file=sys.stderr, flush=True)
-            arguments = json.loads(claimed.read_text(encoding="utf-8"))["arguments"]
-            claimed.unlink(missing_ok=True)
-            key = folder / f"{rig}.key"
-            own = ["--key", str(key)] if key.exists() else []
-            child = spawn(
-                [sys.executable, "-m", "devkit", "host", *arguments, *own], log=sys.stderr.buffer
-            )
-            child.wait()
-            child = None
-    finally:
-        if child is not None:
-            end(child)
-
-
-def _claim(folder: Path) -> Path | None:
-    """Take the oldest announcement; the rename decides between several hosts."""
-    for path in sorted(folder.glob("*.json")):
-        mine = path.with_suffix(f".claimed-{os.uname().nodename}-{os.getpid()}")
-        try:
-            return path.rename(mine)
-        except FileNotFoundError:
-            continue
-    return None

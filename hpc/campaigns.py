@@ -24,6 +24,8 @@ class CampaignFacts:
     """Longest time without progress before an attempt is given up [s]."""
     remote_stacks: bool
     """Simulators and stacks run on different nodes."""
+    commands: bool = False
+    """Its stack is a command, which hosts on other nodes start only if they are told to."""
 
 
 def checked(campaign: str) -> CampaignFacts:
@@ -49,4 +51,5 @@ def checked(campaign: str) -> CampaignFacts:
         cases=tuple(found["cases"]),
         deadline_s=found["deadline_s"],
         remote_stacks=found["placement"] == "node",
+        commands=found["commands"],
     )

@@ -233,7 +233,7 @@ def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts
 
     facts = checked(campaign)
     request = _request(campaign, options, site, remote_stacks=facts.remote_stacks)
-    return facts, dataclasses.replace(request, campaign=facts.name)
+    return facts, dataclasses.replace(request, campaign=facts.name, remote_commands=facts.commands)
 
 
 def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:

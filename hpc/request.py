@@ -101,6 +101,8 @@ class JobRequest:
     remote_stacks: bool = False
     """``autonomy.placement: node``: as many tasks again run the stacks, on other nodes if the
     tasks of the workers fill theirs."""
+    remote_commands: bool = False
+    """These stacks are commands."""
 
     def __post_init__(self) -> None:
         self._check_paths()

@@ -75,10 +75,11 @@ def on_each_node(request: JobRequest, scheduler_address: str, device: str) -> st
     if request.remote_stacks:
         listen = ' \\\n    --drive-listen "tcp/$(here):0" --join-dir "$out/rigs"'
         functions = " here stack"
+        commands = " --commands" if request.remote_commands else ""
         stack = f"""
 stack() {{ # serves simulators of other nodes (autonomy.placement: node)
   setup
-  exec {inside(request)}"$bin/devkit" host --join "$out/rigs"
+  exec {inside(request)}"$bin/devkit" host --join "$out/rigs"{commands}
 }}"""
     array = "" if request.inside is None else " inside"
     array += " DRIVETWIN_HOME" if request.home else ""

@@ -87,7 +87,7 @@ def measure_viewer(options: BenchOptions) -> dict[str, Any]:
     """CPU share and memory of ``viewer live`` over many synthetic cases."""
     with _source(options.cases) as endpoint:
         full = [word for i in range(options.focus) for word in ("--case", f"case-{i:03d}")]
-        with _viewer("--connect", endpoint, *full) as child:
+        with _viewer("--connect", endpoint, "--insecure", *full) as child:
             process = psutil.Process(child.pid)
             time.sleep(WARM_UP_S)
             before, begun_s = process.cpu_times(), time.monotonic()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import secrets
+import shlex
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -143,7 +144,9 @@ def load_or_make(state: Path) -> Key:
     expired = False
     if (folder / FILE_OF_CONDUCTOR).exists():
         try:
-            return load_key(folder, Role.conductor)
+            key = load_key(folder, Role.conductor)
+            _complete(folder)
+            return key
         except ExpiredKeyError:
             expired = True  # nobody can hold a valid one
     try:
@@ -156,14 +159,29 @@ def load_or_make(state: Path) -> Key:
     return load_key(folder, Role.conductor)
 
 
+def _complete(folder: Path) -> None:
+    """Make the keys of roles that came after the folder was made."""
+    missing = [role for role in MEMBERS if not (folder / f"{role}.key").exists()]
+    if not missing or not (folder / FILE_NAME).exists():
+        return
+    authority = load_authority(folder)
+    try:
+        for role in missing:
+            write_atomic(folder / f"{role}.key", authority.issue(role, DAYS), mode=0o600)
+    except OSError as error:
+        raise storage_error(error, str(folder)) from None
+
+
 def refuse_keys_in(state: Path) -> None:
     """Raise UsageError if keys lie in a state folder, as those of earlier versions did."""
     found = state / FOLDER_NAME
     if (found / FILE_OF_CONDUCTOR).exists():
         kept = own_folder() / KEYS_NAME / fabric_name(state)
+        parent, source, target = (shlex.quote(str(each)) for each in (kept.parent, found, kept))
         raise UsageError(
-            f"{found}: keys lie no more in a state folder, which stacks may see; to keep them run "
-            f"`mkdir -p -m 700 {kept.parent} && mv {found} {kept}`, for new ones remove them"
+            f"{found}: keys no longer belong in a state folder, which stacks may see; to keep them "
+            f"run `(umask 077 && mkdir -p {parent} && mv {source} {target})`, to get new ones "
+            "remove them"
         )
 
 

@@ -49,13 +49,14 @@ class Announcement:
         Raises:
             OSError: it cannot be written.
         """
-        self._folder.mkdir(parents=True, exist_ok=True)
+        # What is announced is started: nobody else may write there.
+        self._folder.mkdir(0o700, parents=True, exist_ok=True)
         # In this order: whoever sees one of them needs those before it.
         write_atomic(self._folder / f".{self._rig}{OWNER}", msgspec.json.encode(me()))
         if keys is not None:
             keys.hand_over(self._folder / f"{self._rig}.key")
         told = json.dumps({"arguments": arguments}).encode()
-        write_atomic(self._folder / f"{self._rig}.json", told)
+        write_atomic(self._folder / f"{self._rig}.json", told, mode=0o600)
 
     def remove(self) -> None:
         """The rig has ended."""

@@ -109,12 +109,12 @@ def test_the_gpus_that_pbs_names_are_used(tmp_path):
 
 
 def test_stacks_run_on_the_last_tasks(tmp_path):
-    job = PbsJob(tmp_path, workers=1, remote_stacks=True)
+    job = PbsJob(tmp_path, workers=1, remote_stacks=True, remote_commands=True)
     (tmp_path / "hold").touch()
     with job.start() as child:
         wait_for(lambda: job.said("devkit"), "the stack")
         (tmp_path / "hold").unlink()
         child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 0
-    assert job.said("devkit") == f"host --join {tmp_path}/o ut/rigs\n"
+    assert job.said("devkit") == f"host --join {tmp_path}/o ut/rigs --commands\n"
     assert job.said("worker").splitlines()[-1] == str(tmp_path / "o ut" / "rigs")
