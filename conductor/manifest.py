@@ -119,7 +119,7 @@ def read_manifest_file(path: Path, kind: Literal["run", "derived"] = "run") -> M
         raise InfrastructureError(f"{path} is a symbolic link; put the file there")
     try:
         data = read_at_most(path, MANIFEST_BYTES_MAX)
-        found = decode_json(data, Manifest)
+        found: Manifest = decode_json(data, Manifest)
     except FileNotFoundError:
         return None
     except OSError as error:

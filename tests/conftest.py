@@ -1,8 +1,11 @@
 """Being here puts ``tests/`` on the import path, for the modules that tests share; and which tests
 pytest-xdist runs together in one process."""
 
+import atexit
 import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,10 @@ import pytest
 # they compile once, also where the environment of an image says that nothing is to be kept.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+if "DRIVETWIN_HOME" not in os.environ:  # runs are signed, with a key that no test's owner keeps
+    os.environ["DRIVETWIN_HOME"] = tempfile.mkdtemp(prefix="drivetwin-home-")
+    atexit.register(shutil.rmtree, os.environ["DRIVETWIN_HOME"], ignore_errors=True)
 
 CLUSTER = (
     *("test_containers", "test_faults", "test_offline", "test_pbs_wrapper", "test_slurm"),
