@@ -21,6 +21,7 @@ from conductor.fingerprint_command import fingerprint
 from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
+from conductor.verify_command import verify
 from schemas.view import ViewMode
 from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
@@ -432,6 +433,7 @@ def validate(
 
 
 app.command("fingerprint")(fingerprint)
+app.command("verify")(verify)
 
 
 @app.command()

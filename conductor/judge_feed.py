@@ -22,7 +22,7 @@ from msgspec import Struct
 from conductor.facts import Committed
 from conductor.state import CampaignState
 from schemas.json_text import JsonError, decode_json
-from schemas.judging import Claim, Judgement
+from schemas.judging import CLAIMED, Claim, Judgement
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
 from twin.fabric.process import PARENT_VARIABLE, end, how_it_ended, spawn
@@ -47,6 +47,52 @@ class Judged(Struct, frozen=True, kw_only=True):
     """Case -> in what its verdict does not follow from its files, one line each."""
 
 
+class Judge:
+    """A judge's process, started when it is needed; of one thread."""
+
+    def __init__(self) -> None:
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def ask(self, claim: Claim) -> Judgement:
+        """What it finds about one attempt; that it cannot be judged is a difference, too."""
+        died = ""
+        for _ in range(TRIES):
+            try:
+                if self._child is None:
+                    self._child = _start()
+                return _answer(self._child, claim)
+            except (OSError, EOFError, msgspec.MsgspecError):
+                if self._child is not None:
+                    end(self._child)
+                    died = how_it_ended(self._child.returncode)
+                    self._child = None
+        line = f"not judged: the judge ended ({died or 'it could not be started'})"
+        return Judgement(folder=claim.folder, case=claim.case, found="differs", differences=[line])
+
+    def close(self) -> None:
+        """End the process."""
+        if self._child is not None:
+            end(self._child)
+            self._child = None
+
+
+def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
+    assert child.stdin is not None
+    assert child.stdout is not None
+    data = memoryview(msgspec.json.encode(claim) + b"\n")
+    while data:
+        data = data[child.stdin.write(data) or 0 :]
+    line = child.stdout.readline()
+    if not line:
+        raise EOFError
+    found = msgspec.json.decode(line, type=Judgement)
+    if found.found == "no record":  # the simulator of today writes one
+        return msgspec.structs.replace(
+            found, found="differs", differences=["there is no judge.json beside its KPI rows"]
+        )
+    return found
+
+
 @dataclass(slots=True)
 class _Tally:
     """Of one campaign."""
@@ -61,7 +107,7 @@ class JudgeFeed:
     def __init__(self) -> None:
         self._waiting: queue.SimpleQueue[Claim | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
-        self._child: subprocess.Popen[bytes] | None = None
+        self._judge = Judge()
         self._judged: dict[str, _Tally] = {}
         """By campaign folder."""
         self._over = False
@@ -75,15 +121,8 @@ class JudgeFeed:
             Claim(
                 folder=campaign.out,
                 case=result.case,
-                attempt_dir=result.attempt_dir,
-                outcome=result.outcome,
-                verdict=result.verdict,
-                scalars=result.scalars,
-                names=result.names,
-                reasons=result.reasons,
-                kpi_sha256=result.kpi_sha256,
-                manifest_sha256=result.manifest_sha256,
                 scenario=campaign.cases[result.case].case.scenario,
+                **{name: getattr(result, name) for name in CLAIMED},
             )
         )
         if self._thread is None:
@@ -108,46 +147,14 @@ class JudgeFeed:
 
     def _run(self) -> None:
         while (claim := self._waiting.get()) is not None and not self._over:
-            judged = self._ask(claim)
+            judged = self._judge.ask(claim)
             tally = self._judged.setdefault(claim.folder, _Tally())
             tally.attempts += 1
             if judged.differences:
                 tally.differences[claim.case] = judged.differences
             for line in judged.differences:
                 _log.error("case %s: %s", claim.case, line)
-        if self._child is not None:
-            end(self._child)
-
-    def _ask(self, claim: Claim) -> Judgement:
-        died = ""
-        for _ in range(TRIES):
-            try:
-                if self._child is None:
-                    self._child = _start()
-                return self._answer(self._child, claim)
-            except (OSError, EOFError, msgspec.MsgspecError):
-                if self._child is not None:
-                    end(self._child)
-                    died = how_it_ended(self._child.returncode)
-                    self._child = None
-        line = f"not judged: the judge ended ({died or 'it could not be started'})"
-        return Judgement(folder=claim.folder, case=claim.case, found="differs", differences=[line])
-
-    def _answer(self, child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
-        assert child.stdin is not None
-        assert child.stdout is not None
-        data = memoryview(msgspec.json.encode(claim) + b"\n")
-        while data:
-            data = data[child.stdin.write(data) or 0 :]
-        line = child.stdout.readline()
-        if not line:
-            raise EOFError
-        found = msgspec.json.decode(line, type=Judgement)
-        if found.found == "no record":  # the simulator of today writes one
-            return msgspec.structs.replace(
-                found, found="differs", differences=["there is no judge.json beside its KPI rows"]
-            )
-        return found
+        self._judge.close()
 
     def _write(self, campaign: CampaignState) -> None:
         found = self._judged.get(campaign.out)

@@ -383,8 +383,8 @@ class Conductor:
     def _reopen(self) -> None:
         """What was signed is none any more, and what no judge has seen is judged."""
         assert self._engine is not None
+        was_signed = reopen(self.folder)
         for campaign in self._engine.state.campaigns.values():
-            was_signed = Path(campaign.out) == self.folder and reopen(self.folder)
             if campaign.left or not (was_signed or (Path(campaign.out) / RUN_FILE).exists()):
                 self._judge.put_all(campaign)
 

@@ -89,6 +89,13 @@ class Claim(Struct, frozen=True, kw_only=True):
     """Of the campaign; None: not compared."""
 
 
+CLAIMED = (
+    *("attempt_dir", "outcome", "verdict", "scalars", "names", "reasons"),
+    *("kpi_sha256", "manifest_sha256"),
+)
+"""What results and outcomes say of an attempt under the names that a claim has."""
+
+
 class Judgement(Struct, frozen=True, kw_only=True):
     """What the judge found about one attempt."""
 

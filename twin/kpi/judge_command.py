@@ -14,7 +14,7 @@ import msgspec
 
 from schemas.campaign import expand, parse_campaign
 from schemas.json_text import JsonError, decode_json
-from schemas.judging import Claim, Judgement
+from schemas.judging import CLAIMED, Claim, Judgement
 from schemas.scenario import Scenario
 from schemas.words import counted
 from schemas.yaml_file import YamlError, load_yaml
@@ -106,7 +106,7 @@ def claims_of(folder: Path) -> list[Claim]:
             folder=str(folder),
             case=name,
             scenario=scenarios.get(name),
-            **{key: getattr(end, key) for key in _End.__struct_fields__},
+            **{key: getattr(end, key) for key in CLAIMED},
         )
         for name, end in ends.cases.items()
         if end.kpi_sha256
