@@ -17,7 +17,9 @@ from conductor.fingerprint import fingerprint
 from devkit.client import AsyncClient, Client, running_cases
 from schemas.interventions import JOURNAL_FILE
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError, UsageError
+from twin.fabric.errors import TwinError, UnreachableError, UsageError
+from twin.fabric.steering import find_in_rig
+from twin.fabric.zenoh_bus import open_bus
 from twin.worker.steering_journal import read_journal
 
 EARLY_TICK = 20
@@ -131,14 +133,13 @@ def _steered(marked, case, state, name):
 
 
 def _beside_the_rig(marked, case):
-    """The rig's own session leads to the same place."""
+    """The rig's own session is its stack's, and a stack may not steer."""
     line = marked.one("devkit", "host").cmdline()
     told = {name: line[line.index(f"--{name}") + 1] for name in ("connect", "rig", "namespace")}
-    with Client(case.state.case, **told) as beside:
-        assert beside.state.token == case.state.token
-        assert beside.pause() == case.state.tick
-    with pytest.raises(UsageError, match="slot 7 does not run in this rig"):
-        Client("", slot=7, **told)
+    bus = open_bus("peer", connect=[told["connect"]], namespace=told["namespace"])
+    with pytest.raises(UnreachableError, match="does not answer"):
+        find_in_rig(bus, told["rig"], case.state.case)
+    bus.close()
 
 
 def _by_keyboard(marked, case, where):
