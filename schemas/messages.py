@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
+from schemas.identity import stack_name, stack_seed
 from schemas.lens import Lens
 from schemas.perception import Perception
 from schemas.pose import Pose as Pose
@@ -172,7 +173,9 @@ class Episode(Struct, frozen=True):
     slot: int
     token: int
     case: str
+    """Opaque, the same in every attempt; the case's name if ``autonomy.tell`` says so."""
     seed: int
+    """The stack's own; the campaign's if ``autonomy.tell`` says so."""
     model: str
     perception: Perception
     camera: str
@@ -200,19 +203,18 @@ class Episode(Struct, frozen=True):
         seq: int,
         slot: int,
         token: int,
-        seed: int,
         cameras: list[CameraSite],
         lidars: list[LidarSite],
         device: str = "cpu",
     ) -> Episode:
-        """``case`` begins; ``seed`` is the stack's own."""
+        """``case`` begins; the stack knows it by another name and seed, unless it is told them."""
         return cls(
             v=SCHEMA_VERSION,
             seq=seq,
             slot=slot,
             token=token,
-            case=case.id,
-            seed=seed,
+            case=stack_name(case),
+            seed=stack_seed(case),
             model=case.model,
             perception=case.perception,
             camera=case.camera.name,
