@@ -369,7 +369,8 @@ class Ready(Struct, frozen=True):
     rig: str
     slots: int
     frames: str = ""
-    """Path of the shared frame buffer (offered by the simulator), or empty."""
+    """Path of a Unix socket that hands out the descriptor of the shared frame buffer (offered by
+    the simulator), or empty. Before 1.4: the path of the buffer."""
     frames_bytes: int = 0
     nonce: str = ""
     """Stands in the buffer's first bytes; proves that both sides mapped the same memory."""

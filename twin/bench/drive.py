@@ -43,7 +43,7 @@ from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import Channel, FrameBuffer, lay_out
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
-from twin.fabric.rig_folder import RigFolder
+from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
 
 TARGET_TICKS_PER_S = 300.0
@@ -219,7 +219,8 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
     folder = RigFolder()
     listen = LOOPBACK if tcp else folder.drive
     bus = open_bus("peer", listen=[listen], namespace=f"bench/{rig}")
-    buffer = FrameBuffer(lay_out(CHANNEL_LIST)[1]) if shared else None
+    size = lay_out(CHANNEL_LIST)[1]
+    buffer = FrameBuffer(size, frames_socket(folder.drive)) if shared else None
     arguments = [
         *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", f"bench/{rig}"),
         *("--stack", stack, "--slots", "1"),
@@ -244,9 +245,9 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
         finally:
             end(child)
             bus.close()
-            folder.close()
             if buffer is not None:
                 buffer.close()
+            folder.close()
 
 
 def _episode() -> Episode:

@@ -28,6 +28,7 @@ from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, StackFaultError
 from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.pauses import settle
+from twin.fabric.rig_folder import frames_socket
 from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
 from twin.worker.need_to_know import as_told
@@ -199,7 +200,7 @@ class Simulator:
         near = case.placement == "worker" and case.clock == "lockstep"
         best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
         shared = best in ("device", "memory") and size > 0
-        frames = offer_frames(size) if shared else None
+        frames = offer_frames(size, frames_socket(self._bus.endpoints[0])) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
@@ -224,6 +225,8 @@ class Simulator:
             self._bus, self._rig, slots, frames, probe=probe, device=self._device
         )
         self._end.handshake(self._on_wait)
+        if frames is not None:
+            frames.shut()
         self._log.transport = self._end.transport
 
     def _take_orders(self, *, block: bool) -> None:
