@@ -14,6 +14,7 @@ from conductor.facts import Committed
 from conductor.fold import agrees
 from conductor.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
+from schemas.autonomy import Told
 from schemas.campaign import Clock
 from schemas.json_text import JsonError, decode_json
 from schemas.messages import PerceptionCost
@@ -100,6 +101,8 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     """Every case has an outcome."""
     clock: Clock = "lockstep"
     """``realtime``: its results do not repeat."""
+    tell: list[Told] = []
+    """What stacks were told beyond what they need, ``autonomy.tell``."""
     cases: dict[str, CaseOutcome]
 
     @property
@@ -161,6 +164,7 @@ def _head(campaign: CampaignState) -> Outcomes:
         seed=campaign.campaign.seed,
         simulator=campaign.campaign.simulator,
         clock=campaign.campaign.clock,
+        tell=sorted(campaign.campaign.autonomy.tell),
         software=campaign.software,
         device=campaign.campaign.device,
         device_classes=[],

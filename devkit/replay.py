@@ -24,6 +24,7 @@ from devkit.stack_rig import StackRig, running
 from schemas import SCHEMA_VERSION, topics
 from schemas.campaign import Campaign, Case, expand
 from schemas.drive_record import DRIVE_FILE, RecordHead, RecordSeen
+from schemas.identity import stack_name
 from schemas.messages import Command, Frame, Tick
 from schemas.perception import Perception
 from schemas.words import plain
@@ -309,7 +310,7 @@ def sensor_messages(
         frame = Frame(
             **each,
             type=name,
-            case=[reader.head.case.id],
+            case=[stack_name(reader.head.case)],
             dtype=array.dtype,
             shape=[1, *array.shape],
             encoding=kind,

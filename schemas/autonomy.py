@@ -24,6 +24,11 @@ from schemas.sensors import Sensors
 from schemas.stack_identity import StackIdentity, StackSource
 from schemas.validation import Mistake
 
+Told = Literal["case", "seed", "truth"]
+"""What a stack may be told beyond what it needs. ``case``: the name of the case, in place of an
+opaque one. ``seed``: the campaign's. ``truth``: boxes and the exact environment, also in cases
+whose perception is no ground truth."""
+
 
 class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     """The stack under test and its perception variants."""
@@ -61,6 +66,9 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     """Share of the commands that get lost, drawn from the case's own stream [-]."""
     parameters: dict[str, bool | int | float | str] = {}
     """Keyword arguments of the stack class."""
+    tell: Annotated[list[Told], Meta(max_length=3)] = []
+    """What the stack is told beyond what it needs: ``case``, ``seed``, ``truth``. Reports name
+    it."""
     files: Annotated[list[Word], Meta(max_length=100)] = []
     """Further files and folders that the stack loads: what it imports by other means than import
     statements, data outside its package; their content is part of a case's identity. Relative to
@@ -118,6 +126,9 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
         seeing: names of the cameras that see; none: the campaign does not render.
     """
     mistakes = []
+    if len(set(autonomy.tell)) < len(autonomy.tell):
+        given = ", ".join(autonomy.tell)
+        mistakes.append(Mistake("autonomy.tell", f"given {given}; name each of them once"))
     if autonomy.command and autonomy.stack != Autonomy().stack:
         mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
     if autonomy.command and autonomy.placement == "inline":

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.autonomy import Autonomy, driver, driver_mistakes
+from schemas.autonomy import Autonomy, Told, driver, driver_mistakes
 from schemas.axes import (
     Memo,
     axes_allowed,
@@ -191,6 +191,8 @@ class Case(_Spec, frozen=True, kw_only=True):
     """Its cameras see."""
     clock: Clock = "lockstep"
     """What sim time waits for."""
+    tell: list[Told] = []
+    """What its stack is told beyond what it needs, sorted."""
 
     @property
     def seeing(self) -> list[Camera]:
@@ -491,6 +493,7 @@ def _case(
             objects=objects,
             render=campaign.render,
             clock=campaign.clock,
+            tell=sorted(campaign.autonomy.tell),
         ),
         [],
     )

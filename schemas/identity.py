@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from schemas.campaign import Campaign, Case
-from schemas.perception import file_fields
+from schemas.perception import GroundTruthPerception, file_fields
 from schemas.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
@@ -146,6 +146,31 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
     """
     parts = [struct.pack("<Q", campaign_seed), case_id.encode(), stream.encode()]
     return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
+
+
+def stack_name(case: Case) -> str:
+    """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
+    the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
+    if "case" in case.tell:
+        return case.id
+    names = digest([case.campaign.encode(), case.id.encode()]).encode()
+    key = struct.pack("<Q", case.seed)
+    return (
+        f"case-{hashlib.blake2b(names, digest_size=8, key=key, person=b'drive name').hexdigest()}"
+    )
+
+
+def stack_seed(case: Case) -> int:
+    """The seed that a stack gets for ``case``: a stream of its own, with which it cannot draw the
+    simulator's numbers again. The campaign's, if the campaign says so."""
+    if "seed" in case.tell:
+        return case.seed
+    return stream_key(case.seed, case.id, "stack") >> 1
+
+
+def is_told_truth(case: Case) -> bool:
+    """Whether the stack gets boxes and the exact environment in ``case``."""
+    return isinstance(case.perception, GroundTruthPerception) or "truth" in case.tell
 
 
 def _canonical(value: object) -> bytes:

@@ -23,6 +23,7 @@ from schemas.bounds import (
     Whole,
 )
 from schemas.campaign import Case
+from schemas.identity import stack_name, stack_seed
 from schemas.lens import Lens
 from schemas.perception import Perception
 from schemas.pose import Pose as Pose
@@ -183,7 +184,9 @@ class Episode(Struct, frozen=True):
     slot: int
     token: int
     case: str
+    """Opaque, the same in every attempt; the case's name if ``autonomy.tell`` says so."""
     seed: int
+    """The stack's own; the campaign's if ``autonomy.tell`` says so."""
     model: str
     perception: Perception
     camera: str
@@ -211,19 +214,18 @@ class Episode(Struct, frozen=True):
         seq: int,
         slot: int,
         token: int,
-        seed: int,
         cameras: list[CameraSite],
         lidars: list[LidarSite],
         device: str = "cpu",
     ) -> Episode:
-        """``case`` begins; ``seed`` is the stack's own."""
+        """``case`` begins; the stack knows it by another name and seed, unless it is told them."""
         return cls(
             v=SCHEMA_VERSION,
             seq=seq,
             slot=slot,
             token=token,
-            case=case.id,
-            seed=seed,
+            case=stack_name(case),
+            seed=stack_seed(case),
             model=case.model,
             perception=case.perception,
             camera=case.camera.name,
@@ -378,7 +380,8 @@ class Ready(Struct, frozen=True):
     rig: str
     slots: int
     frames: str = ""
-    """Path of the shared frame buffer (offered by the simulator), or empty."""
+    """Path of a Unix socket that hands out the descriptor of the shared frame buffer (offered by
+    the simulator), or empty. Before 1.4: the path of the buffer."""
     frames_bytes: int = 0
     nonce: str = ""
     """Stands in the buffer's first bytes; proves that both sides mapped the same memory."""

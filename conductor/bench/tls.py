@@ -39,6 +39,7 @@ from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.fabric.frames import Channel, FrameBuffer, open_frames
 from twin.fabric.key_file import load_key
+from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.rig_keys import RigKeys
 from twin.fabric.roles import Role
 from twin.fabric.software import software_digest
@@ -225,7 +226,8 @@ def _round_trips(exchange: Exchange, *, tls: bool) -> tuple[float, float]:
     """Exchanges per second, one after the other, and bytes that one of them sends."""
     keys = RigKeys("bench") if tls else None
     ours, theirs = multiprocessing.Pipe()
-    frames = FrameBuffer(FRAME_BYTES) if exchange.shared else None
+    folder = RigFolder()
+    frames = FrameBuffer(FRAME_BYTES, frames_socket(folder.drive)) if exchange.shared else None
     place = (frames.path, frames.nonce) if frames else ("", "")
     process = multiprocessing.get_context("spawn").Process(
         target=_stack, args=(keys and keys.stack, *place, theirs)
@@ -258,6 +260,7 @@ def _round_trips(exchange: Exchange, *, tls: bool) -> tuple[float, float]:
         process.join()
         if frames:
             frames.close()
+        folder.close()
         if keys:
             keys.close()
 

@@ -93,11 +93,13 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
 
 
 def first_screen(dossier: Dossier) -> list[str]:
-    """What is told of imported logs before anything else: why they are doubtful, how their cases
-    ended, and how many pass by the study's rule alone."""
+    """What is told before anything else. Of a campaign: what its stack knew beyond its needs. Of
+    imported logs: why they are doubtful, how their cases ended, and how many pass by the study's
+    rule alone."""
     imported, rows = dossier.imported, dossier.rows
     if imported is None:
-        return []
+        tell = ", ".join(dossier.outcomes.tell)
+        return [f"The stack was told more than it needs: {tell} (autonomy.tell)."] if tell else []
     limit_m = dossier.campaign.scenario.false_braking_m
     told = {
         "false_braking": f" (stopped further than {limit_m:g} m from the obstacle)",

@@ -54,7 +54,7 @@ FAULTS = {
 HOSTILE = {
     "none": "pass",
     "flood": "for _ in range(10**6): say('command', answer)",
-    "giant": "session.put(f'drive/{RIG}/command', bytes(2 * 10**8), congestion_control=BLOCK)",
+    "giant": "session.put(f'drive/{RIG}/command', bytes(10**9), congestion_control=BLOCK)",
     "forks": "[subprocess.Popen(['sleep', '600']) for _ in range(300)]; threading.Event().wait()",
     "orphans": "subprocess.run(['sh', '-c', 'setsid sleep 600 &']); sys.exit(9)",
     "none again": "pass",
@@ -96,7 +96,8 @@ def campaign(folder: Path, name: str, autonomy: dict, **sections: object) -> Pat
             "standstill_s": 0.5,
         },
         "camera": {"width": 64, "height": 36, "hz": 10},
-        "autonomy": autonomy,
+        # These stacks do by name what they do to a case.
+        "autonomy": {"tell": ["case"], **autonomy},
         "matrix": {"weather": ["clear"]},
         **sections,
     }

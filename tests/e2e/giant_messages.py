@@ -1,6 +1,7 @@
 """A simulator's end of a rig whose stack sends one message of SIZE bytes; prints what came of it.
 
-``python giant_messages.py SIZE BESIDE``; with BESIDE it answers the tick as well.
+``python giant_messages.py SIZE BESIDE SOCKET``; with BESIDE it answers the tick as well, with
+SOCKET it comes through the socket of a rig's folder.
 """
 
 import json
@@ -13,6 +14,7 @@ import psutil
 from schemas.messages import Tick
 from twin.fabric.drive import STACK_BYTES_MAX, SimulatorEnd
 from twin.fabric.errors import InfrastructureError
+from twin.fabric.rig_folder import RigFolder
 from twin.fabric.zenoh_bus import open_bus
 
 STACK = """
@@ -40,11 +42,12 @@ while True:
 """
 
 
-def main(size: int, beside: bool) -> None:
+def main(size: int, beside: bool, socket: bool) -> None:
     """Exchange ticks until there is a reason to end; growth is that of this process's memory."""
+    folder = RigFolder()
     bus = open_bus(
         "peer",
-        listen=["tcp/127.0.0.1:0"],
+        listen=[folder.drive if socket else "tcp/127.0.0.1:0"],
         namespace="giants",
         message_bytes_max=STACK_BYTES_MAX,
     )
@@ -71,6 +74,7 @@ def main(size: int, beside: bool) -> None:
         child.kill()
         child.wait()
         bus.close()
+        folder.close()
     print(json.dumps({"reason": reason, "growth": growth}))
 
 
@@ -80,4 +84,4 @@ def _peak_bytes() -> int:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2] == "beside")
+    main(int(sys.argv[1]), sys.argv[2] == "beside", sys.argv[3] == "socket")

@@ -16,7 +16,9 @@ from test_conductor_restart import serve
 from conductor.fingerprint import fingerprint
 from devkit.client import AsyncClient, Client, running_cases
 from schemas.interventions import JOURNAL_FILE
-from twin.fabric.errors import TwinError, UsageError
+from twin.fabric.errors import TwinError, UnreachableError, UsageError
+from twin.fabric.steering import find_in_rig
+from twin.fabric.zenoh_bus import open_bus
 from twin.worker.steering_journal import read_journal
 
 EARLY_TICK = 20
@@ -130,11 +132,13 @@ def _steered(marked, case, state, name):
 
 
 def _beside_the_rig(marked, case):
-    """Nobody steers through the rig's own session, which is for its stack."""
+    """The rig's own session is its stack's, and a stack may not steer."""
     line = marked.one("devkit", "host").cmdline()
     told = {name: line[line.index(f"--{name}") + 1] for name in ("connect", "rig", "namespace")}
-    with pytest.raises(UsageError):
-        Client(case.state.case, **told)
+    bus = open_bus("peer", connect=[told["connect"]], namespace=told["namespace"])
+    with pytest.raises(UnreachableError, match="does not answer"):
+        find_in_rig(bus, told["rig"], case.state.case)
+    bus.close()
 
 
 def _by_keyboard(marked, case, where):

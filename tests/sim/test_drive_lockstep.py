@@ -23,6 +23,7 @@ from twin.fabric.drive import (
 from twin.fabric.errors import InfrastructureError, RefusedError
 from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
+from twin.fabric.rig_folder import RigFolder, frames_socket
 
 SLOTS = 3
 SHAPE = (SLOTS, 4, 6, 3)
@@ -95,7 +96,9 @@ def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     count = 25
     hub = Hub(seed=seed, faults=Faults(loss=0.1, duplicate=0.2, delay=0.2))
     hub.run()
-    frames = FrameBuffer(int(np.prod(SHAPE))) if shared else None
+    folder = RigFolder()
+    door = frames_socket(folder.drive)
+    frames = FrameBuffer(int(np.prod(SHAPE)), door) if shared else None
     buffer = frames.array(Channel("camera", SHAPE, "|u1"), 0) if frames else None
     stepped = []
     stack = StackEnd(hub.open(), "r", SLOTS)
@@ -121,6 +124,7 @@ def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     assert counters.delayed > 0, f"seed {seed} drove no delay"
     if frames:
         frames.close()
+    folder.close()
 
 
 class OtherMemory:
@@ -149,7 +153,8 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
     monkeypatch.setattr(cuda, "DeviceMemory", OtherMemory)
     hub = Hub(seed=1)
     hub.run()
-    frames = FrameBuffer(int(np.prod(SHAPE)))
+    folder = RigFolder()
+    frames = FrameBuffer(int(np.prod(SHAPE)), frames_socket(folder.drive))
     probe = SimpleNamespace(handle=b"probe", nonce="abcd")
     stack = StackEnd(hub.open(), "r", SLOTS)
     stack.takes_device_frames = takes
@@ -180,6 +185,7 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
     expected = [b"probe", b"picture"] if takes else []
     assert OtherMemory.opened == expected, "once each, and only where it is of use"
     frames.close()
+    folder.close()
 
 
 def held():

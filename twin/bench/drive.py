@@ -43,6 +43,7 @@ from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import Channel, FrameBuffer, lay_out
 from twin.fabric.process import end, how_it_ended, last_lines, spawn
+from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
 
 TARGET_TICKS_PER_S = 300.0
@@ -75,7 +76,9 @@ class Found:
     """What was measured."""
 
     shared_ticks_per_s: float
-    """Pictures and points in shared memory, as beside a simulator."""
+    """Pictures and points in shared memory, the rest over a Unix socket, as beside a simulator."""
+    loopback_ticks_per_s: float
+    """The same with the rest over TCP."""
     payload_ticks_per_s: float
     """All of it over TCP, as from another host or to a stack that maps nothing."""
     bridge_ticks_per_s: float | None
@@ -108,26 +111,32 @@ def measure(ticks: int, rounds: int = ROUNDS) -> Found:
     """
     with contextlib.ExitStack() as stack:
         shared = stack.enter_context(_running("devkit.idle:IdleStack", shared=True))
-        payload = stack.enter_context(_running("devkit.idle:IdleStack", shared=False))
+        loopback = stack.enter_context(_running("devkit.idle:IdleStack", shared=True, tcp=True))
+        payload = stack.enter_context(_running("devkit.idle:IdleStack", shared=False, tcp=True))
         bridge = None
         if all(importlib.util.find_spec(name) for name in NEEDED):
             bridge = stack.enter_context(_running(BRIDGES["autodrive"], shared=True))
-        rates: dict[str, list[float]] = {"shared": [], "payload": [], "bridge": []}
+        peers = ("shared", "loopback", "payload", "bridge")
+        rates: dict[str, list[float]] = {name: [] for name in peers}
         for _ in range(rounds):
             rates["shared"].append(shared.rate(ticks))
+            rates["loopback"].append(loopback.rate(ticks))
             rates["payload"].append(payload.rate(ticks))
             if bridge is not None:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
     median = {name: statistics.median(each) for name, each in rates.items() if each}
-    return Found(median["shared"], median["payload"], median.get("bridge"))
+    return Found(median["shared"], median["loopback"], median["payload"], median.get("bridge"))
 
 
 def lines(found: Found) -> list[str]:
     """For people."""
     size = f"2 x {WIDTH}x{HEIGHT} RGB and {CHANNELS} x {COLUMNS} points per tick, one slot"
+    socket = found.shared_ticks_per_s / found.loopback_ticks_per_s
     shown = [
-        f"{found.shared_ticks_per_s:,.0f} lockstep ticks/s in shared memory "
+        f"{found.shared_ticks_per_s:,.0f} lockstep ticks/s in shared memory, by a Unix socket "
         f"(target {TARGET_TICKS_PER_S:.0f}); {size}",
+        f"{found.loopback_ticks_per_s:,.0f} ticks/s in shared memory, by TCP on this host: "
+        f"the socket has {socket:.2f} times as many",
         f"{found.payload_ticks_per_s:,.0f} ticks/s as payload over TCP",
     ]
     if found.ratio is None:
@@ -204,11 +213,14 @@ def _frame(
 
 
 @contextlib.contextmanager
-def _running(stack: str, *, shared: bool) -> Iterator[_Peer]:
+def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
     """A stack process that is ready, and its end afterwards."""
     rig = secrets.token_hex(4)
-    bus = open_bus("peer", listen=[LOOPBACK], namespace=f"bench/{rig}")
-    buffer = FrameBuffer(lay_out(CHANNEL_LIST)[1]) if shared else None
+    folder = RigFolder()
+    listen = LOOPBACK if tcp else folder.drive
+    bus = open_bus("peer", listen=[listen], namespace=f"bench/{rig}")
+    size = lay_out(CHANNEL_LIST)[1]
+    buffer = FrameBuffer(size, frames_socket(folder.drive)) if shared else None
     arguments = [
         *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", f"bench/{rig}"),
         *("--stack", stack, "--slots", "1"),
@@ -235,6 +247,7 @@ def _running(stack: str, *, shared: bool) -> Iterator[_Peer]:
             bus.close()
             if buffer is not None:
                 buffer.close()
+            folder.close()
 
 
 def _episode() -> Episode:

@@ -24,9 +24,10 @@ from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
 from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.fabric.bus import Bus, Sample
+from twin.fabric.endpoint import is_socket
 from twin.fabric.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
-from twin.fabric.link import LinkWatch
+from twin.fabric.link import LinkWatch, ReadingWatch
 
 if TYPE_CHECKING:
     from twin.fabric.cuda import DeviceFrame, DeviceMemory, SharedProbe
@@ -156,8 +157,12 @@ class SimulatorEnd:
         # Each counted by one thread: what arrived, and what was looked at [bytes].
         self._arrived, self._read = 0, 0
         self._link, self._link_seen_s = LinkWatch(bus.endpoints), time.monotonic()
+        socket = any(map(is_socket, bus.endpoints))
+        self._reading = ReadingWatch() if socket else None
         self._came = 0
         """Bytes of all messages, also those that were left out."""
+        self._messages = 0
+        """How many they were."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._take_ready)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
@@ -165,12 +170,14 @@ class SimulatorEnd:
     def _take_ready(self, sample: Sample) -> None:
         """Keep a ``ready``, unless many wait as they do while the first frame is drawn."""
         self._came += len(sample.payload)
+        self._messages += 1
         if self._inbox.qsize() < READY_WAITING_MAX or len(sample.payload) > MESSAGE_BYTES_MAX:
             self._keep(sample)
 
     def _take(self, sample: Sample) -> None:
         """Keep a command."""
         self._came += len(sample.payload)
+        self._messages += 1
         self._keep(sample)
 
     def _keep(self, sample: Sample) -> None:
@@ -235,6 +242,8 @@ class SimulatorEnd:
         on_wait: Callable[[], None],
     ) -> Commands:
         """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise."""
+        if self._reading is not None:
+            self._reading.begin()
         self.publish(tick, sensors, episodes)
         sent = looked = time.monotonic()
         while True:
@@ -260,6 +269,8 @@ class SimulatorEnd:
     def answered(self, seq: int | None, timeout_s: float) -> Commands | None:
         """The commands for ``seq`` (None: whatever comes is late) if they come within
         ``timeout_s``, without asking again."""
+        if self._reading is not None:
+            self._reading.begin()
         until_s = time.monotonic() + timeout_s
         for _ in range(WAITING_MAX):  # a stack that says a lot holds nobody up
             sample = self._receive(max(0.0, until_s - time.monotonic()))
@@ -278,6 +289,13 @@ class SimulatorEnd:
         if now_s - self._link_seen_s < LOOK_S:
             return
         self._link_seen_s = now_s
+        if self._reading is not None:
+            if self._reading.is_in_vain(self._messages, now_s) and not self._fault:
+                self._fault = (
+                    f"stack: it sends and sends, and no message comes of it; "
+                    f"at most {MESSAGE_BYTES_MAX} bytes in one are accepted"
+                )
+            return
         under_way = self._link.excess(self._came)
         if under_way > UNDER_WAY_BYTES_MAX and not self._fault:
             self._fault = (

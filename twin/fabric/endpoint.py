@@ -12,6 +12,10 @@ PROTOCOLS = ("tcp", "tls")
 LOOPBACK = "tcp/127.0.0.1:0"
 """A free port that only this host reaches."""
 
+SOCKET = "unixsock-stream"
+"""Protocol of a socket in a rig's own folder, followed by ``/`` and its absolute path; nobody gives
+one on a command line but a worker to its stack."""
+
 
 _plain_allowed = False
 _keys_demanded = False
@@ -69,6 +73,11 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
 def is_tls(endpoint: str) -> bool:
     """Whether ``endpoint`` is spoken with TLS."""
     return endpoint.startswith("tls/")
+
+
+def is_socket(endpoint: str) -> bool:
+    """Whether ``endpoint`` is a socket in the file system; who may open it, the folder says."""
+    return endpoint.startswith(f"{SOCKET}/")
 
 
 def is_loopback(endpoint: str) -> bool:

@@ -1,18 +1,25 @@
 """A frame buffer that two processes of one host share without leaving anything behind.
 
 The buffer is a memfd: it has no name in the file system, so it is gone with its last user, however
-that one died. The other process opens it through ``/proc/PID/fd/N`` and proves by a nonce in the
-first bytes that it sees the same memory; if it cannot, frames travel as payload.
+that one died. Its descriptor is handed out over a Unix socket in the rig's folder, and sealed: who
+gets it can map it for reading, and nobody can change its size. The other process proves by a nonce
+in the first bytes that it sees the same memory; if it cannot, frames travel as payload.
 """
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import math
 import mmap
 import os
 import secrets
+import socket
+import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +27,16 @@ from numpy.typing import NDArray
 
 HEADER_BYTES = 64
 """Bytes before the first frame; the nonce stands there. Keeps frames aligned."""
+
+PEERS_MAX = 8
+"""Most that are handed the descriptor: a stack, and what it started before it was ready."""
+
+HAND_OUT_S = 2.0
+"""Longest time to take it [s]."""
+
+_FUTURE_WRITE = 0x0010
+"""``F_SEAL_FUTURE_WRITE`` of Linux: mappings made before stay writable, no others are."""
+_SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL | _FUTURE_WRITE
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +65,57 @@ def lay_out(channels: Sequence[Channel]) -> tuple[dict[str, int], int]:
 
 
 class FrameBuffer:
-    """A shared buffer of ``size`` bytes behind the header."""
+    """A shared buffer of ``size`` bytes behind the header, and the door at which it is had."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, place: Path) -> None:
         """Create the buffer (simulator side).
 
+        Args:
+            size: of the frames [bytes].
+            place: path of the Unix socket to make.
+
         Raises:
-            OSError: the system has no memory, file or descriptor for it.
+            OSError: the system has no memory, file, descriptor or seals for it.
         """
         self.size = size
         self.nonce = secrets.token_hex(16)
-        self._fd = os.memfd_create("twin-frames", os.MFD_CLOEXEC)
+        self.path = str(place)
+        """Where a process of the same user on this host gets it."""
+        self._door: socket.socket | None = None
+        self._fd = os.memfd_create("twin-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
             os.ftruncate(self._fd, HEADER_BYTES + size)
             self._map = mmap.mmap(self._fd, HEADER_BYTES + size)
+            fcntl.fcntl(self._fd, fcntl.F_ADD_SEALS, _SEALS)
+            self._door = _listening(self.path)
         except OSError:
             self.close()
             raise
         self._map[: len(self.nonce)] = self.nonce.encode()
+        threading.Thread(
+            target=self._hand_out, args=[self._door], name="frames", daemon=True
+        ).start()
 
-    @property
-    def path(self) -> str:
-        """Where a process of the same user on this host can open it."""
-        return f"/proc/{os.getpid()}/fd/{self._fd}"
+    def _hand_out(self, door: socket.socket) -> None:
+        """Give the first few of the same user the descriptor, until the door is shut."""
+        for _ in range(PEERS_MAX):
+            try:
+                peer, _ = door.accept()
+            except OSError:  # it was shut
+                return
+            with peer, contextlib.suppress(OSError):
+                peer.settimeout(HAND_OUT_S)
+                if _user_of(peer) == os.geteuid():
+                    socket.send_fds(peer, [b"frames"], [self._fd])
+
+    def shut(self) -> None:
+        """Who was to have it has it, or never will."""
+        if self._door is not None:
+            with contextlib.suppress(OSError):
+                self._door.shutdown(socket.SHUT_RDWR)  # wakes who waits there
+            self._door.close()
+            self._door = None
+            Path(self.path).unlink(missing_ok=True)
 
     def array(self, channel: Channel, offset: int) -> NDArray[Any]:
         """The channel's array; it begins at ``offset`` [bytes]."""
@@ -80,26 +125,47 @@ class FrameBuffer:
 
     def close(self) -> None:
         """Forget the buffer; arrays made of it stay valid until they are freed."""
+        self.shut()
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
 
 
-def offer_frames(size: int) -> FrameBuffer | None:
+def _listening(path: str) -> socket.socket:
+    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
+    try:
+        door.bind(path)
+        door.listen(PEERS_MAX)
+    except OSError:
+        door.close()
+        raise
+    return door
+
+
+def _user_of(peer: socket.socket) -> int:
+    """Who is at the other end, as the kernel says."""
+    size = struct.calcsize("3i")
+    said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+    return int(struct.unpack("3i", said)[1])
+
+
+def offer_frames(size: int, door: Path) -> FrameBuffer | None:
     """A buffer, or None where the system grants none: then frames travel as payload."""
     try:
-        return FrameBuffer(size)
+        return FrameBuffer(size, door)
     except OSError:
         return None
 
 
 def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
     """Map the other side's buffer read-only; None if it is not reachable or not the same memory."""
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except (OSError, ValueError):  # a path with a zero byte is the latter
+    fd = _handed_out(path)
+    if fd is None:
         return None
     try:
+        # One that shrinks under us would be the end of this process.
+        if not fcntl.fcntl(fd, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK:
+            return None
         if os.fstat(fd).st_size != HEADER_BYTES + size:
             return None
         mapped = mmap.mmap(fd, HEADER_BYTES + size, prot=mmap.PROT_READ)
@@ -111,3 +177,15 @@ def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
         mapped.close()
         return None
     return mapped
+
+
+def _handed_out(path: str) -> int | None:
+    """The descriptor that is had at ``path``, if one is."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+            door.settimeout(HAND_OUT_S)
+            door.connect(path)
+            _, descriptors, _, _ = socket.recv_fds(door, 16, 1, socket.MSG_CMSG_CLOEXEC)
+    except (OSError, ValueError):  # a path with a zero byte is the latter
+        return None
+    return descriptors[0] if descriptors else None

@@ -13,6 +13,7 @@ from typing import Any
 
 from schemas import topics
 from schemas.topics import Topic
+from twin.fabric.endpoint import SOCKET
 
 
 class Role(StrEnum):
@@ -191,21 +192,25 @@ def refusal(role: Role, act: Act, key: str) -> str:
     return f"a key of role {role} may not {_NOT_ITS[act]} {key}, allowed: {allowed}; {remedy}"
 
 
-def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any]:
+def access_control(
+    fabric: str, namespace: str, *, plain: bool = False, sockets: bool = False
+) -> dict[str, Any]:
     """Zenoh's access list of a session in ``namespace``.
 
     Zenoh trusts the public web's authorities beside ours when it connects, and host names are not
     checked; but no web certificate has a name of this fabric, and nobody else is let through.
 
     Args:
-        fabric: first words of the members' certificates.
+        fabric: first words of the members' certificates; empty: nobody shows one.
         namespace: prefix of every key.
         plain: the session has links of plain TCP on this host, too; they may do everything.
+        sockets: it has links of Unix sockets: what is in a rig's folder is its stack, which may do
+            what its certificate would let it.
     """
     rules: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for role in Role:
+    for role in Role if fabric else (Role.stack,):
         ids = []
         for act, keys in MAY[role].items():
             for flow, messages in zip(("ingress", "egress"), _MESSAGES[act], strict=True):
@@ -220,8 +225,13 @@ def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any
                         "key_exprs": [k if k == "**" else f"{namespace}/{k}" for k in keys],
                     }
                 )
-        subjects.append({"id": str(role), "cert_common_names": [common_name(fabric, role)]})
-        policies.append({"rules": ids, "subjects": [str(role)]})
+        policies.append({"rules": ids, "subjects": []})
+        if fabric:
+            subjects.append({"id": str(role), "cert_common_names": [common_name(fabric, role)]})
+            policies[-1]["subjects"].append(str(role))
+        if sockets and role is Role.stack:
+            subjects.append({"id": "this rig", "link_protocols": [SOCKET]})
+            policies[-1]["subjects"].append("this rig")
     if plain:
         subjects.append({"id": "this host", "link_protocols": ["tcp"]})
         policies[list(Role).index(Role.conductor)]["subjects"].append("this host")

@@ -15,7 +15,7 @@ import zenoh
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
-from twin.fabric.endpoint import check_protected, is_tls
+from twin.fabric.endpoint import check_protected, is_socket, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
 from twin.fabric.key_file import Key, WrongRoleError
@@ -47,7 +47,8 @@ def open_bus(
     Args:
         mode: ``router`` for the conductor, ``client`` for those who connect to it, ``peer`` for
             the two ends of a rig.
-        listen: endpoints such as ``tcp/127.0.0.1:0`` or ``tls/0.0.0.0:7447`` (0: a free port).
+        listen: endpoints such as ``tcp/127.0.0.1:0`` or ``tls/0.0.0.0:7447`` (0: a free port), or
+            a rig's socket, where nobody may do more than a stack.
         connect: endpoints to connect to.
         namespace: prefix of every key; sessions of other namespaces hear nothing.
         key: what this process shows; needed for ``tls/`` endpoints.
@@ -63,7 +64,8 @@ def open_bus(
         InfrastructureError: nobody answers at ``connect``.
     """
     for endpoint in [*listen, *connect]:
-        check_protected(endpoint, keyed=key is not None)
+        if not is_socket(endpoint):
+            check_protected(endpoint, keyed=key is not None)
     if connect_required:
         for endpoint in filter(is_tls, connect):
             # Nobody there yet: Zenoh keeps trying until its time-out.
@@ -75,6 +77,9 @@ def open_bus(
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
         plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
         allowed = access_control(key.fabric, namespace, plain=plain)
+        config.insert_json5("access_control", json.dumps(allowed))
+    elif any(map(is_socket, listen)):
+        allowed = access_control("", namespace, sockets=True)
         config.insert_json5("access_control", json.dumps(allowed))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
@@ -172,7 +177,7 @@ def _listening() -> list[int]:
 
 def _with_port(endpoint: str, opened: list[int]) -> str:
     address, _, port = endpoint.rpartition(":")
-    if port != "0":
+    if port != "0" or is_socket(endpoint):
         return endpoint
     return f"{address}:{opened.pop(0)}"
 
@@ -191,6 +196,10 @@ def _explain(
         return UsageError(f"{', '.join(listen)}: cannot listen: {_cause(text)}")
     if not connect:
         return InfrastructureError(f"cannot open a session: {_cause(text)}")
+    if is_socket(connect[0]):
+        return UnreachableError(
+            f"{connect[0]}: no simulator answers after {timeout_s:g} s; its rig may have ended"
+        )
     try:
         greet(connect[0], key)
     except UsageError as refused:

@@ -10,6 +10,7 @@ from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
 from twin.fabric.endpoint import allow_plain, is_tls
 from twin.fabric.errors import UsageError
+from twin.fabric.rig_folder import RigFolder
 from twin.worker.rig_child import RigChild
 from twin.worker.sim_process import start_simulator
 from twin.worker.stack_process import load_stack
@@ -21,16 +22,20 @@ class Loading:
 
     simulator: RigChild
     stack: RigChild
+    folder: RigFolder
+    """In which the two will meet."""
 
     def discard(self) -> None:
         """End them; they have not been told anything."""
         self.simulator.discard()
         self.stack.discard()
+        self.folder.close()
 
 
 def begin_loading(device: str) -> Loading:
     """Have the processes of a rig that computes on ``device`` load."""
-    return Loading(start_simulator(device), load_stack(device))
+    folder = RigFolder()
+    return Loading(start_simulator(device), load_stack(device, folder.path), folder)
 
 
 def await_told(loading: Loading | None) -> Told:

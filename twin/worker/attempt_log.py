@@ -11,7 +11,7 @@ from pathlib import Path
 
 from msgspec import structs
 
-from schemas.identity import digest
+from schemas.identity import digest, stack_name
 from schemas.messages import Lease, Result
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
@@ -69,10 +69,12 @@ def write_log(lease: Lease, end: str, output: Kept | None) -> bytes:
 def head(lease: Lease) -> list[str]:
     """The first lines: which case it is."""
     case = lease.case
+    told = f", told {', '.join(case.tell)}" if case.tell else ""
     return [
         f"case {case.id} of campaign {case.campaign}, seed {case.seed}",
         f"perception {case.model} ({type(case.perception).__struct_config__.tag}), "
         f"weather {case.weather}, {case.time_of_day_min // 60:02d}:{case.time_of_day_min % 60:02d}",
+        f"the stack knows it as {stack_name(case)}{told}",
     ]
 
 

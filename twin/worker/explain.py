@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from twin.fabric.frames import FrameBuffer, open_frames
+from twin.fabric.frames import offer_frames, open_frames
+from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.software import device_class
 
 
@@ -19,9 +20,7 @@ def explanation(device: str) -> list[str]:
     from twin.fabric import cuda
 
     kind = device_class(device)
-    buffer = FrameBuffer(4096)
-    mapped = open_frames(buffer.path, buffer.size, buffer.nonce) is not None
-    buffer.close()
+    mapped = _can_map()
     on_gpu = cuda.offer(device) is not None
     if on_gpu:
         first = "works, for stacks that take frames there (`takes_device_frames`)"
@@ -31,7 +30,10 @@ def explanation(device: str) -> list[str]:
         first = f"no GPU: the worker simulates on {device}"
     ways = {
         "device": (on_gpu, first),
-        "memory": (mapped, "works" if mapped else "another process cannot open the file"),
+        "memory": (
+            mapped,
+            "works" if mapped else "memory cannot be handed to another process",
+        ),
         "bytes": (True, "works; the only way for `autonomy.placement: node`"),
     }
     best = next(name for name, (works, _) in ways.items() if works)
@@ -39,3 +41,17 @@ def explanation(device: str) -> list[str]:
         f"{device} is {kind}; frames travel by {best} (`placement: inline`: they do not travel)",
         *(f"{name}: {why}" for name, (_, why) in ways.items()),
     ]
+
+
+def _can_map() -> bool:
+    """Whether memory can be handed to another process here."""
+    folder = RigFolder()
+    buffer = offer_frames(4096, frames_socket(folder.drive))
+    try:
+        return (
+            buffer is not None and open_frames(buffer.path, buffer.size, buffer.nonce) is not None
+        )
+    finally:
+        if buffer is not None:
+            buffer.close()
+        folder.close()

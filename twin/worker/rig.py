@@ -28,7 +28,7 @@ from schemas.foreign import BRIDGE_PORTS
 from schemas.interventions import Intervention
 from schemas.messages import Lease, Release
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
+from twin.fabric.endpoint import is_loopback, is_tls, to_listen
 from twin.fabric.errors import EXIT_UNFINISHED
 from twin.fabric.gpu_start import apart
 from twin.fabric.port_turn import TURN_VARIABLE
@@ -41,6 +41,7 @@ from twin.fabric.process import (
     raised_in,
     spawn,
 )
+from twin.fabric.rig_folder import SEEN_IN_CONTAINERS, RigFolder
 from twin.fabric.rig_keys import RigKeys
 from twin.worker.announcement import Announcement
 from twin.worker.pipe import (
@@ -160,14 +161,20 @@ class RigProcess:
         if self._environment and loaded:
             loaded.discard()
             loaded = None
+        remote = lease.case.placement == "node"
+        self._folder = None if remote else _folder_of(lease.case, loaded)
+        if remote and loaded:
+            loaded.folder.close()
         stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
         self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
-        remote = lease.case.placement == "node"
-        listen = options.drive_listen if remote else LOOPBACK
-        # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
-        listen = to_listen(listen, keyed=options.key is not None or not is_loopback(listen))
+        if self._folder is not None:
+            listen = self._folder.drive
+        else:
+            listen = options.drive_listen
+            # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
+            listen = to_listen(listen, keyed=options.key is not None or not is_loopback(listen))
         self._keys = RigKeys(self._id) if is_tls(listen) else None
         view = options.view or ViewMode(lease.case.view)
         if lease.case.keep == "none":
@@ -273,6 +280,8 @@ class RigProcess:
             self._announced.remove()
         if self._keys is not None:
             self._keys.close()
+        if self._folder is not None:
+            self._folder.close()
         self._log.close()
         self._stack_log.close()
         self._recorder_log.close()
@@ -337,15 +346,16 @@ class RigProcess:
             self._announced = Announcement(Path(self._options.join_dir), self._id)
             self._announced.write(arguments, self._keys)
             return
-        if self._keys is not None:
-            arguments += ["--key", str(self._keys.stack)]
+        assert self._folder is not None
         if self._stack is not None and not tell_stack(self._stack, arguments):
             self._stack.kill()
             end(self._stack)
             self._stack = None
         turn = {} if self._turn is None else {TURN_VARIABLE: str(port_of(self._lease.case))}
         variables = {**self._environment, **turn}
-        self._stack = self._stack or start_stack(arguments, self._stack_log, variables)
+        self._stack = self._stack or start_stack(
+            arguments, self._stack_log, variables, folder=self._folder.path
+        )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
     def start_recorder(self, endpoint: str) -> bool:
@@ -474,6 +484,17 @@ def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> No
             look()
     finally:
         os.close(descriptor)
+
+
+def _folder_of(case: Case, loaded: Loading | None) -> RigFolder:
+    """Where the simulator and the stack of ``case`` meet: the folder that those know that loaded
+    ahead, unless a container would not show it."""
+    in_container = case.foreign is not None and case.foreign.image is not None
+    if loaded is not None and not in_container:
+        return loaded.folder
+    if loaded is not None:
+        loaded.folder.close()
+    return RigFolder(SEEN_IN_CONTAINERS if in_container else None)
 
 
 def _usable(child: RigChild, wanted: bool) -> RigChild | None:

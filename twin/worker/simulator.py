@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION, topics
-from schemas.identity import stream_key
+from schemas.identity import stack_name
 from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
     Command,
@@ -28,8 +28,10 @@ from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.errors import InfrastructureError, StackFaultError
 from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.pauses import settle
+from twin.fabric.rig_folder import frames_socket
 from twin.worker.drive_recorder import DriveRecorder
 from twin.worker.hand import Hand
+from twin.worker.need_to_know import as_told
 from twin.worker.orders import Orders
 from twin.worker.pipe import (
     Abandon,
@@ -79,6 +81,8 @@ VIEW_GRACE_S = 2.0
 class _Slot:
     lease: Lease
     started_s: float
+    name: str
+    """By which the stack knows the case."""
     fresh: bool = True
     """The episode has not been published yet."""
     perception: PerceptionCost | None = None
@@ -196,7 +200,7 @@ class Simulator:
         near = case.placement == "worker" and case.clock == "lockstep"
         best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
         shared = best in ("device", "memory") and size > 0
-        frames = offer_frames(size) if shared else None
+        frames = offer_frames(size, frames_socket(self._bus.endpoints[0])) if shared else None
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
@@ -221,6 +225,8 @@ class Simulator:
             self._bus, self._rig, slots, frames, probe=probe, device=self._device
         )
         self._end.handshake(self._on_wait)
+        if frames is not None:
+            frames.shut()
         self._log.transport = self._end.transport
 
     def _take_orders(self, *, block: bool) -> None:
@@ -261,7 +267,7 @@ class Simulator:
                 order = self._waiting.pop(0)
                 lease = order.lease
                 self._engine.reset(index, lease.case)
-                self._slots[index] = _Slot(lease, time.monotonic())
+                self._slots[index] = _Slot(lease, time.monotonic(), stack_name(lease.case))
                 self._steering.begin(index, lease, order.replay)
                 self._feed.begin(index, lease, self._engine)
                 self._recorder.begin(index, lease)
@@ -273,8 +279,9 @@ class Simulator:
         self._log.begin_tick()
         active = int(self._engine.active.sum())
         sensed = self._engine.sense()
+        told = as_told(sensed, [slot and slot.lease.case for slot in self._slots])
         frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
-        sensors = [] if self._inline else self._outgoing(sensed)
+        sensors = [] if self._inline else self._outgoing(told)
         watch.lap("frames")
         episodes = self._episodes()
         tick = Tick(
@@ -288,11 +295,11 @@ class Simulator:
             episodes=len(episodes),
         )
         watch.lap("messages")
-        self._recorder.seen(tick, sensed, episodes)
+        self._recorder.seen(tick, told, episodes)
         watch.lap("view")
         if self._inline:
             self._engine.wait()
-            answer = self._inline.exchange(tick, sensed, episodes)
+            answer = self._inline.exchange(tick, told, episodes)
         else:
             link = self._realtime or self._end
             answer = link.exchange(self._seq, tick, sensors, episodes, self._on_wait)
@@ -363,7 +370,7 @@ class Simulator:
             type="",
             seq=self._seq,
             active=[slot is not None for slot in self._slots],
-            case=[slot.lease.case.id if slot else "" for slot in self._slots],
+            case=[slot.name if slot else "" for slot in self._slots],
             token=self._tokens(),
             tick=self._engine.tick.tolist(),
             sim_time_ns=self._engine.sim_time_ns.tolist(),
@@ -416,8 +423,6 @@ class Simulator:
                 seq=self._seq,
                 slot=index,
                 token=slot.lease.token,
-                # A stream of its own; the stack cannot draw the simulator's numbers again.
-                seed=stream_key(slot.lease.case.seed, slot.lease.case.id, "stack") >> 1,
                 cameras=self._engine.camera_sites,
                 lidars=self._engine.lidar_sites,
                 device=self._device,

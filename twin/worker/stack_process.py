@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import IO
 
 from msgspec import json
@@ -34,17 +35,30 @@ def threads() -> dict[str, str]:
 
 
 def start_stack(
-    arguments: Sequence[str], log: IO[bytes], environment: Mapping[str, str] | None = None
+    arguments: Sequence[str],
+    log: IO[bytes],
+    environment: Mapping[str, str] | None = None,
+    *,
+    folder: Path,  # noqa: ARG001 - what a sandbox lets it see
 ) -> subprocess.Popen[bytes]:
-    """Start one with the options ``arguments``. Only from the main thread."""
+    """Start one. Only from the main thread.
+
+    Args:
+        arguments: its options.
+        log: what it prints.
+        environment: added to ours.
+        folder: of its rig, the only place where it meets its simulator.
+    """
     command = [sys.executable, "-m", "devkit", "host", *arguments]
     return spawn(command, environment={**threads(), **(environment or {})}, log=log)
 
 
-def load_stack(device: str) -> RigChild:
-    """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`."""
+def load_stack(device: str, folder: Path) -> RigChild:
+    """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`; its rig
+    will have ``folder``."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
-    return RigChild(start_stack(["--connect", LATER, "--load-for", device], log), log)
+    arguments = ["--connect", LATER, "--load-for", device]
+    return RigChild(start_stack(arguments, log, folder=folder), log)
 
 
 def may_run(case: Case) -> bool:

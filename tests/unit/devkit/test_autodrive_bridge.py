@@ -298,7 +298,7 @@ def test_encoder_angles_follow_the_encoders_of_the_case():
         }
     )
     assert not mistakes
-    given = {"seq": 0, "slot": 0, "token": 1, "seed": 1, "cameras": [], "lidars": []}
+    given = {"seq": 0, "slot": 0, "token": 1, "cameras": [], "lidars": []}
     assert Episode.of(expand(campaign)[0], **given).ticks_per_rev == 250.0
 
 

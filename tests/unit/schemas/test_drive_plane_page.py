@@ -2,7 +2,6 @@
 
 import os
 import queue
-import socket
 from pathlib import Path
 
 import msgpack
@@ -14,6 +13,7 @@ from schemas import DRIVE_MINOR, SCHEMA_VERSION
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
 from schemas.perception import GroundTruthPerception
 from schemas.wire import decode, encode
+from twin.fabric.rig_folder import RigFolder
 from twin.fabric.zenoh_bus import open_bus
 
 PAGE = Path(__file__).parents[3] / "docs/drive-plane.md"
@@ -135,14 +135,13 @@ def test_the_page_shows_the_bytes_of_real_messages():
 
 def test_the_configuration_opens_a_session():
     text = PAGE.read_text().partition("```json5\n")[2].partition("```")[0]
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    namespace = "twin/7f3a0c"
-    simulator = open_bus("peer", listen=[f"tcp/127.0.0.1:{port}"], namespace=namespace)
+    namespace, folder = "twin/7f3a0c", RigFolder()
+    simulator = open_bus("peer", listen=[folder.drive], namespace=namespace)
     arrived = queue.SimpleQueue()
     simulator.subscribe("drive/7f3a0c/command", arrived.put)
-    assert "tcp/127.0.0.1:43127" in text
-    config = zenoh.Config.from_json5(text.replace("43127", str(port)))
+    example = "unixsock-stream//run/user/1000/twin-5d0c1f2a/drive"
+    assert example in text
+    config = zenoh.Config.from_json5(text.replace(example, folder.drive))
     with zenoh.open(config) as session:
         publisher = session.declare_publisher(
             "drive/7f3a0c/command", congestion_control=zenoh.CongestionControl.BLOCK
@@ -152,6 +151,7 @@ def test_the_configuration_opens_a_session():
         publisher.put(b"hello")
         assert arrived.get(timeout=PATIENCE_S).payload == b"hello"
     simulator.close()
+    folder.close()
 
 
 def test_the_examples_are_valid_messages():

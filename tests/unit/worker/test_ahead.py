@@ -18,11 +18,10 @@ from schemas.campaign import expand
 from schemas.foreign import Foreign
 from schemas.messages import Lease
 from schemas.view_mode import ViewMode
-from twin.worker.ahead import Loading
+from twin.worker.ahead import begin_loading
 from twin.worker.pipe import Build, Built, Listening, pack
 from twin.worker.rig import RigProcess
 from twin.worker.shell import WorkerOptions
-from twin.worker.sim_process import start_simulator
 from twin.worker.stack_process import load_stack, may_run, tell_stack
 
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
@@ -60,7 +59,7 @@ def test_nobody_to_serve_and_words_that_are_none(tmp_path):
         )
         for _ in range(2)
     ]
-    loading = [child for worker in workers for child in children_of(worker, 2)]
+    loading = [child for worker in workers for child in children_of(worker, 3)]
     unserved, misled = workers
     assert unserved.communicate("") == ("", "")
     assert unserved.returncode == 0
@@ -89,7 +88,7 @@ def test_from_then_on_its_words_are_in_the_log(tmp_path):
 @pytest.mark.parametrize("device", ["cpu", "cuda:99"])
 def test_a_gpu_that_is_not_here_keeps_nobody_from_hearing_what_to_do(device):
     """Whoever needs it says so: the simulator when it builds, the stack when a network loads."""
-    loading = Loading(start_simulator(device), load_stack(device))
+    loading = begin_loading(device)
     try:
         simulator, stack = loading.simulator.process, loading.stack.process
         maps = Path(f"/proc/{simulator.pid}/maps")
@@ -124,7 +123,7 @@ def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
         [sys.executable, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
         stdin=subprocess.PIPE,
     )
-    loading = children_of(worker, 2)
+    loading = children_of(worker, 3)
     stack = wait_for(
         lambda: next((p for p in loading if "devkit" in p.cmdline()), None), "the stack's process"
     )
@@ -134,7 +133,7 @@ def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
     worker.kill()
     worker.communicate()
     gone, alive = psutil.wait_procs(loading, PATIENCE_S)
-    assert (len(gone), alive) == (2, [])
+    assert (len(gone), alive) == (3, [])
 
 
 @pytest.mark.parametrize(
@@ -174,7 +173,7 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
         )
     ]
     assert not any(may_run(other) for other in others)
-    loading = Loading(start_simulator("cpu"), load_stack("cpu"))
+    loading = begin_loading("cpu")
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=others[-1])
     rig = RigProcess(OPTIONS, lease, 1, queue.SimpleQueue(), loading)
     try:
@@ -185,12 +184,12 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
         rig.stop()
 
 
-def test_a_frozen_stack_is_not_told_what_no_pipe_takes():
-    frozen = load_stack("cpu")
+def test_a_frozen_stack_is_not_told_what_no_pipe_takes(tmp_path):
+    frozen = load_stack("cpu", tmp_path)
     frozen.process.send_signal(signal.SIGSTOP)
     assert not tell_stack(frozen.process, ["x" * (1 << 21)])
     frozen.discard()
-    dead = load_stack("cpu")
+    dead = load_stack("cpu", tmp_path)
     dead.process.kill()
     dead.process.wait()
     assert not tell_stack(dead.process, ["--rig"])
@@ -200,7 +199,7 @@ def test_a_frozen_stack_is_not_told_what_no_pipe_takes():
 def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path):
     case = expand(load("chaos-16"))[0]
     inbox = queue.SimpleQueue()
-    loading = Loading(start_simulator("cpu"), load_stack("cpu"))
+    loading = begin_loading("cpu")
     rig = RigProcess(
         OPTIONS, Lease(token=1, attempt=1, out=str(tmp_path), case=case), 1, inbox, loading
     )

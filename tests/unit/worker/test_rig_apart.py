@@ -20,12 +20,10 @@ from schemas.campaign import expand
 from schemas.messages import Lease
 from schemas.view_mode import ViewMode
 from twin.fabric.gpu_start import PIPES_VARIABLE, apart
-from twin.worker.ahead import Loading
+from twin.worker.ahead import begin_loading
 from twin.worker.pipe import Built, Listening
 from twin.worker.rig import RigProcess
 from twin.worker.shell import WorkerOptions
-from twin.worker.sim_process import start_simulator
-from twin.worker.stack_process import load_stack
 
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
 
@@ -82,7 +80,7 @@ def test_processes_of_a_case_that_runs_alone_are_apart(tmp_path, monkeypatch, al
     case = expand(load("chaos-16"))[0]
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=case)
     inbox = queue.SimpleQueue()
-    loading = Loading(start_simulator("cpu"), load_stack("cpu"))
+    loading = begin_loading("cpu")
     rig = RigProcess(OPTIONS, structs.replace(lease, alone=alone), 1, inbox, loading)
     try:
         message = None

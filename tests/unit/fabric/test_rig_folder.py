@@ -1,0 +1,99 @@
+"""A rig's own folder: who may enter it, what a stack may do on its socket, and how it ends."""
+
+import os
+import queue
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from waiting import wait_for
+
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.rig_folder import PATH_BYTES_MAX, RigFolder, frames_socket
+from twin.fabric.zenoh_bus import open_bus
+
+
+@pytest.fixture
+def folder():
+    found = RigFolder()
+    yield found
+    found.close()
+
+
+def test_nobody_else_may_enter_it_and_it_goes_with_its_rig(folder):
+    assert stat.S_IMODE(folder.path.stat().st_mode) == 0o700
+    (folder.path / "left").write_text("by a stack")
+    folder.close()
+    assert not folder.path.exists()
+
+
+def test_a_long_temporary_folder_is_not_taken(tmp_path, monkeypatch):
+    long = tmp_path / ("x" * 90)
+    long.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
+    monkeypatch.setenv("TMPDIR", str(long))
+    folder = RigFolder()
+    folder.close()
+    assert len(os.fsencode(folder.path / "frames")) <= PATH_BYTES_MAX
+
+
+def test_it_is_gone_after_a_kill_of_its_worker(tmp_path):
+    source = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from twin.fabric.rig_folder import RigFolder\n"
+        "folder = RigFolder(Path(sys.argv[1]))\n"
+        "print(folder.path, flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    worker = subprocess.Popen(
+        [sys.executable, "-c", source, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    path = Path(worker.stdout.readline().strip())
+    assert path.is_dir()
+    worker.kill()
+    worker.wait()
+    wait_for(lambda: not path.exists(), "the end of the folder")
+    worker.stdout.close()
+
+
+def test_no_more_is_let_through_its_socket_than_a_stack_may(folder):
+    simulator = open_bus("peer", listen=[folder.drive], namespace="ns/r")
+    stack = open_bus("peer", connect=[folder.drive], namespace="ns/r")
+    heard = queue.SimpleQueue()
+    told = queue.SimpleQueue()
+    asked = []
+    try:
+        for key in ("drive/r/command", "drive/r/tick", "drive/r/sensor/x", "**"):
+            simulator.subscribe(key, lambda sample: heard.put(sample.key))
+        simulator.serve("drive/r/control", lambda payload, respond: asked.append(payload))
+        stack.subscribe("drive/r/tick", lambda sample: told.put(sample.key))
+        stack.subscribe("**", lambda sample: told.put(sample.key))
+        assert stack.request("drive/r/control", b"look", 0.3) is None
+
+        def spoken():
+            for key in ("drive/r/tick", "drive/r/sensor/x", "view/c/case/control"):
+                stack.publish(key, b"forged", block=True)
+            stack.publish("drive/r/command", b"its own", block=True)
+            return not heard.empty()
+
+        wait_for(spoken, "a command")
+        stack.publish("drive/r/command", b"the last", block=True)
+        assert {heard.get() for _ in range(heard.qsize())} == {"drive/r/command"}
+        while not told.empty():
+            told.get()
+        simulator.publish("drive/r/secret", b"", block=True)
+        simulator.publish("drive/r/tick", b"", block=True)
+        assert told.get(timeout=10) == "drive/r/tick"
+        assert asked == []
+    finally:
+        stack.close()
+        simulator.close()
+
+
+def test_where_nobody_listens_it_says_so(folder):
+    with pytest.raises(InfrastructureError, match="no simulator answers"):
+        open_bus("peer", connect=[folder.drive], namespace="ns/r", connect_timeout_s=0.2)
+    assert frames_socket(folder.drive) == folder.path / "frames"

@@ -1,0 +1,59 @@
+"""What a stack gets to see of what the simulator knows: no more than its campaign gives it.
+
+Boxes and the exact environment are truth. In a slot whose case gives none, the rows of its boxes
+are empty, and the environment comes in steps, as a car's light and visibility sensor would tell it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.campaign import Case
+from schemas.identity import is_told_truth
+from twin.sensors.data import SensorData
+
+ILLUMINANCE_STEPS_LX = tuple(m * 10.0**e for e in range(-3, 6) for m in (1.0, 2.0, 5.0))
+"""Between which it is told how bright it is [lx]."""
+
+EXTINCTION_STEPS_PER_M = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+"""Between which it is told how far one sees [1/m]; two of them are those of a car's fog lamps."""
+
+_STEPS = (ILLUMINANCE_STEPS_LX, EXTINCTION_STEPS_PER_M)
+_TRUTH = ("boxes", "environment")
+
+
+def as_told(sensed: dict[str, SensorData], cases: Sequence[Case | None]) -> dict[str, SensorData]:
+    """The readings as the stack gets them.
+
+    Args:
+        sensed: by the engine, for all slots.
+        cases: of the slots; None: nothing runs there.
+    """
+    told = np.array([case is None or is_told_truth(case) for case in cases])
+    if told.all():
+        return sensed
+    return {name: _without(name.partition(".")[0], data, told) for name, data in sensed.items()}
+
+
+def _without(kind: str, data: SensorData, told: NDArray[np.bool_]) -> SensorData:
+    if kind not in _TRUTH:
+        return data
+    shown = data.values.copy()
+    if kind == "environment":
+        for column, steps in enumerate(_STEPS):
+            shown[~told, column] = stepped(shown[~told, column], steps)
+        return SensorData(shown)
+    assert data.count is not None
+    shown[~told] = 0
+    return SensorData(shown, np.where(told, data.count, 0).astype(data.count.dtype))
+
+
+def stepped(values: NDArray[np.float64], steps: Sequence[float]) -> NDArray[np.float64]:
+    """Each value as the middle of the two steps that it lies between; on a step it stays."""
+    edges = np.array([steps[0] / 2, *steps, steps[-1] * 2])
+    above = np.clip(np.searchsorted(edges, values, side="right"), 1, len(edges) - 1)
+    middle = np.sqrt(edges[above - 1] * edges[above])
+    return np.where(np.isin(values, edges) | (values == 0), values, middle)
