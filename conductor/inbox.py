@@ -7,6 +7,7 @@ import queue
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 
 from conductor.engine import Message
 from schemas import SCHEMA_VERSION, topics
@@ -28,14 +29,16 @@ WAITING_BYTES_MAX = 256 << 20
 
 Item = tuple[Message, Respond]
 
-_OTHERS = (topics.RPC_STATUS.key, topics.RPC_ADMIN.key)
+_OTHERS = DOORS.keys() - {topics.RPC_WORKER.key}
 
 
 class Inbox:
     """Messages wait in a lane for each key, and the lanes take turns: who asks too much waits for
     himself. What does not fit is answered at once, unread."""
 
-    def __init__(self) -> None:
+    def __init__(self, heard: Callable[[str, str], None] = lambda *_: None) -> None:
+        """``heard``: of messages that are turned away, with the key on which they came."""
+        self._heard = heard
         self.turned_away = 0
         """Messages that were too large, or came when too many were waiting."""
         # Reentrant, so that a signal handler may call wake() in the middle of a get(). It holds a
@@ -51,7 +54,7 @@ class Inbox:
         if size > (most := bytes_max(door)):
             # Unread, so that it does not wait in memory with others of its kind.
             error = f"message of {size} bytes, at most {most} are accepted"
-            self._turn_away(respond, error, 0.0)
+            self._turn_away(respond, door, error, 0.0)
             return
         lane = self._lanes[door]
         may_wait = OTHERS_WAITING_MAX if door in _OTHERS else WAITING_MAX
@@ -63,7 +66,7 @@ class Inbox:
         if fits:
             self._bells.put(True)
             return
-        self._turn_away(respond, "busy: too many requests are waiting; retry", 1.0)
+        self._turn_away(respond, door, "busy: too many requests are waiting; retry", 1.0)
 
     def hint(self, worker: str) -> None:
         """The session of ``worker`` has vanished; from any thread."""
@@ -99,7 +102,8 @@ class Inbox:
             self._bytes -= sum(len(message.payload) for message, _ in group)
         return group
 
-    def _turn_away(self, respond: Respond, error: str, retry_after_s: float) -> None:
+    def _turn_away(self, respond: Respond, door: str, error: str, retry_after_s: float) -> None:
         with self._lock:
             self.turned_away += 1
+        self._heard(door, error)
         respond(encode(Reply(v=SCHEMA_VERSION, epoch=0, error=error, retry_after_s=retry_after_s)))

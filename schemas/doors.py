@@ -7,7 +7,9 @@ nobody can make the conductor work through a message that is none of the sender'
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Union
+from functools import reduce
+from operator import or_
+from typing import Any
 
 from msgspec import MsgspecError, Struct
 from msgspec.msgpack import Decoder
@@ -46,11 +48,6 @@ class Door:
     requests: tuple[type[Request], ...]
     bytes_max: int
 
-    @property
-    def union(self) -> Any:
-        """What may come, for a decoder."""
-        return Union[self.requests]
-
 
 _ALL = (
     Door(topics.RPC_WORKER, (Hello, Next, Beat, Bye), WORKER_BYTES_MAX),
@@ -62,6 +59,7 @@ _ALL = (
 DOORS: dict[str, Door] = {door.topic.key: door for door in _ALL}
 """Key -> what may come on it."""
 
+_UNIONS: dict[str, Any] = {key: reduce(or_, each.requests) for key, each in DOORS.items()}
 _DOOR_OF: dict[type[Request], Door] = {kind: each for each in _ALL for kind in each.requests}
 _NAMED: dict[str, type[Request]] = {str(kind.__struct_config__.tag): kind for kind in _DOOR_OF}
 
@@ -88,7 +86,7 @@ def read_request(payload: bytes, key: str) -> Request:
     if PEEK_BYTES < len(payload) <= found.bytes_max:
         _check_verb(payload, found)
     try:
-        request: Request = decode(payload, found.union, found.bytes_max)
+        request: Request = decode(payload, _UNIONS[key], found.bytes_max)
         return request
     except WireError:
         if len(payload) <= found.bytes_max:

@@ -7,6 +7,7 @@ no rule of ours gets no further than its certificate allows.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any
@@ -191,7 +192,9 @@ def refusal(role: Role, act: Act, key: str) -> str:
     return f"a key of role {role} may not {_NOT_ITS[act]} {key}, allowed: {allowed}; {remedy}"
 
 
-def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any]:
+def access_control(
+    fabric: str, namespace: str, *, plain: bool, through: Mapping[str, Role] | None = None
+) -> dict[str, Any]:
     """Zenoh's access list of a session in ``namespace``.
 
     Zenoh trusts the public web's authorities beside ours when it connects, and host names are not
@@ -201,6 +204,7 @@ def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any
         fabric: first words of the members' certificates.
         namespace: prefix of every key.
         plain: the session has links of plain TCP on this host, too; they may do everything.
+        through: kind of link -> role of all who come by it, whoever they are.
     """
     rules: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
@@ -225,6 +229,9 @@ def access_control(fabric: str, namespace: str, *, plain: bool) -> dict[str, Any
     if plain:
         subjects.append({"id": "this host", "link_protocols": ["tcp"]})
         policies[list(Role).index(Role.conductor)]["subjects"].append("this host")
+    for kind, role in (through or {}).items():
+        subjects.append({"id": kind, "link_protocols": [kind]})
+        policies[list(Role).index(role)]["subjects"].append(kind)
     return {
         "enabled": True,
         "default_permission": "deny",

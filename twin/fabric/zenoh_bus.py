@@ -19,7 +19,7 @@ from twin.fabric.endpoint import check_protected, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
 from twin.fabric.key_file import Key, WrongRoleError
-from twin.fabric.roles import Act, access_control, may, refusal
+from twin.fabric.roles import Act, Role, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
 
@@ -38,6 +38,7 @@ def open_bus(
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
     message_bytes_max: int = 1 << 30,
+    door: tuple[str, Role] | None = None,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
@@ -56,6 +57,8 @@ def open_bus(
         connect_required: False: open at once and keep trying in the background (peers only).
         message_bytes_max: of a larger message no more is kept in memory; it does not arrive, and
             nobody is told [bytes].
+        door: with a key, also listen on a Unix socket: its path, and the role of all who come
+            through it.
 
     Raises:
         UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
@@ -69,12 +72,14 @@ def open_bus(
             # Nobody there yet: Zenoh keeps trying until its time-out.
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
-    config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    doors = [] if door is None else [f"{_UNIX}/{door[0]}"]
+    config = _config(mode, [*listen, *doors], connect, namespace, shared_memory, connect_timeout_s)
     config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
         plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
-        allowed = access_control(key.fabric, namespace, plain=plain)
+        through = {_UNIX: door[1]} if door is not None else {}
+        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
         config.insert_json5("access_control", json.dumps(allowed))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
@@ -86,6 +91,10 @@ def open_bus(
         raise _explain(error, listen, connect, key, connect_timeout_s) from None
     opened = [port for port in _listening() if port not in before]
     return _ZenohBus(session, [_with_port(e, opened) for e in listen], key)
+
+
+_UNIX = "unixsock-stream"
+"""Zenoh's name of Unix sockets."""
 
 
 def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus:
@@ -161,6 +170,7 @@ def _tls(key: Key) -> dict[str, Any]:
         "connect_private_key_base64": private,
         # Members move between hosts; they are known by the certificate's name, see roles.
         "verify_name_on_connect": False,
+        "close_link_on_expiration": True,
     }
 
 

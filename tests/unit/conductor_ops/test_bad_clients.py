@@ -42,7 +42,7 @@ def _door(payload: bytes) -> str:
     try:
         return door(decode(payload, Request))
     except WireError:
-        return topics.RPC_ADMIN.key
+        return topics.RPC_SUBMIT.key
 
 
 def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> None:
