@@ -195,7 +195,7 @@ def _commits(folder: Path, keys: Path | None, cases: int, k: int, *, front: bool
     try:
         process.start()
         target = await_conductor(state, 30.0, Role.worker)
-        with Client("", state, "twin") as client:
+        with Client("", state, "twin", role=Role.submitter) as client:
             client.submit(noop_campaign(cases), "")
         return _lease_and_commit(target, k)
     finally:
