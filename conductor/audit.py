@@ -21,7 +21,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.messages import Control, Request, Stop, Submit
-from schemas.words import plain
+from schemas.words import counted, plain
 from twin.fabric.front import Event
 from twin.fabric.refusals import Refusals
 from twin.fabric.roles import Act, Role, may
@@ -98,15 +98,7 @@ class Audit:
                     self._members[member] -= 1
                     if self._members[member] <= 0:
                         del self._members[member]
-                case "refused":
-                    if said := self._refusals.count(event.reason, time.monotonic()):
-                        _log.warning("%s", said)
-                case "cut":
-                    _log.warning(
-                        "key %s%s: %s, %d of its sessions were cut",
-                        *(event.key, f" ({event.role})" if event.role else ""),
-                        *(event.reason, event.count),
-                    )
+            log_event(event, self._refusals)
             self._write(
                 Line(
                     self._now(),
@@ -203,6 +195,17 @@ class Audit:
             if not self._broken:
                 _log.error("%s: cannot be written: %s", path, error.strerror)
             self._broken = True
+
+
+def log_event(event: Event, refusals: Refusals) -> None:
+    """What whoever watches the terminal should know of it."""
+    if event.what == "refused":
+        if said := refusals.count(event.reason, time.monotonic()):
+            _log.warning("%s", said)
+    elif event.what == "cut":
+        role = f" ({event.role})" if event.role else ""
+        cut = counted(event.count, "session")
+        _log.warning("key %s%s: %s, %s of it cut", event.key, role, event.reason, cut)
 
 
 def await_cut(folder: Path, serial: int) -> Callable[[], int | None]:

@@ -153,7 +153,7 @@ def revoke(
     key: KeyOption = None,
 ) -> None:
     """Withdraw a key: a conductor that serves with the same keys cuts its sessions at once, and
-    refuses it from now on. Relays do not look at the list."""
+    refuses it from now on. A relay on another host reads the list beside its own key."""
     from conductor.audit import await_cut
     from twin.fabric.revoked import check_of_fabric, read_revoked, revoke, serial_of
 

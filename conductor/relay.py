@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import signal
 import threading
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from twin.fabric.bus import Bus
+from conductor.audit import log_event
 from twin.fabric.discovery import Target, find_target
 from twin.fabric.endpoint import to_listen
 from twin.fabric.errors import TwinError, UsageError
+from twin.fabric.fronted import Fronted
+from twin.fabric.refusals import Refusals
 from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
@@ -43,9 +47,9 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    bus = _open(target, to_listen(listen, keyed=target.key is not None))
+    way = _open(target, to_listen(listen, keyed=target.key is not None))
     try:
-        here = bus.endpoints[0]
+        here = way.endpoint
         key = " --key worker.key" if target.key else ""
         print(
             f"relay to {target.endpoint} at {here}\n  worker:  twin worker --connect {here}{key}",
@@ -55,22 +59,40 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
             moved = _moved(target, state)
             if moved is not None:
                 print(f"the conductor is at {moved.endpoint} now", flush=True)
-                bus.close()
-                bus, target = _open(moved, here, required=False), moved
+                way.close()
+                way, target = _open(moved, here, required=False), moved
     finally:
-        bus.close()
+        way.close()
     return 0
 
 
-def _open(target: Target, listen: str, *, required: bool = True) -> Bus:
-    return open_bus(
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """What is open to those who cannot reach the conductor."""
+
+    endpoint: str
+    close: Callable[[], None]
+
+
+def _open(target: Target, listen: str, *, required: bool = True) -> _Way:
+    if target.key is not None:
+        fronted = Fronted(
+            listen,
+            target.namespace,
+            target.key,
+            partial(log_event, refusals=Refusals()),
+            connect=target.endpoint,
+            connect_required=required,
+        )
+        return _Way(fronted.bus.endpoints[0], fronted.close)
+    bus = open_bus(
         "router",
         listen=[listen],
         connect=[target.endpoint],
         namespace=target.namespace,
-        key=target.key,
         connect_required=required,
     )
+    return _Way(bus.endpoints[0], bus.close)
 
 
 def _moved(target: Target, state: Path | None) -> Target | None:

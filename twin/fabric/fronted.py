@@ -30,7 +30,7 @@ from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.front import Event, Settings
 from twin.fabric.key_file import Key
 from twin.fabric.process import end, how_it_ended, spawn
-from twin.fabric.roles import MEMBERS, Role
+from twin.fabric.roles import MEMBERS
 from twin.fabric.zenoh_bus import open_bus
 
 BACKLOG = 1024
@@ -47,11 +47,29 @@ Heard = Callable[[Event], None]
 class Fronted:
     """A listening port with a front, and the router behind it."""
 
-    def __init__(self, listen: str, namespace: str, key: Key, heard: Heard) -> None:
-        """Listen at ``listen`` (``tls/HOST:PORT``) as the holder of ``key``.
+    def __init__(
+        self,
+        listen: str,
+        namespace: str,
+        key: Key,
+        heard: Heard,
+        *,
+        connect: str = "",
+        connect_required: bool = True,
+    ) -> None:
+        """Listen as the holder of ``key``.
+
+        Args:
+            listen: ``tls/HOST:PORT``.
+            namespace: prefix of every key.
+            key: a conductor's.
+            heard: hears what the front tells.
+            connect: a relay's conductor; empty: the router is here.
+            connect_required: False: keep trying to reach that in the background.
 
         Raises:
             UsageError: nobody can listen there.
+            InfrastructureError: nobody answers at ``connect``.
         """
         self._heard = heard
         self._key = key
@@ -62,7 +80,7 @@ class Fronted:
         self._doors: dict[str, int] = {}
         self._listener = _listener(listen)
         try:
-            self.bus = self._open(namespace)
+            self.bus = self._open(namespace, connect, connect_required=connect_required)
             """The router's session; its endpoint is the front's."""
             host, port = host_and_port(listen)[0], self._listener.getsockname()[1]
             self.bus.endpoints = [f"tls/{_bracketed(host)}:{port}"]
@@ -84,26 +102,28 @@ class Fronted:
         while self._doors:
             os.close(self._doors.popitem()[1])
 
-    def _open(self, namespace: str) -> Bus:
+    def _open(self, namespace: str, connect: str, *, connect_required: bool) -> Bus:
         try:
             folder = tempfile.mkdtemp(prefix="drivetwin-")  # mode 0700
         except OSError as error:
             raise storage_error(error, tempfile.gettempdir()) from None
-        own = inner_key()
+        own = self._key if connect else inner_key()
+        listen = [] if connect else [to_listen(LOOPBACK, keyed=True)]
         try:
-            listen = to_listen(LOOPBACK, keyed=True)
             for role in MEMBERS:
                 door = f"{folder}/{role}"
-                first = role is Role.conductor
                 bus = open_bus(
                     "router",
-                    listen=[listen] if first else [],
-                    connect=[] if first else self._buses[0].endpoints,
+                    listen=listen,
+                    connect=[connect] if connect else [],
                     namespace=namespace,
                     key=own,
+                    connect_required=connect_required,
                     door=(door, role),
                 )
                 self._buses.append(bus)
+                if listen:  # the first one is what the others join
+                    listen, connect = [], bus.endpoints[0]
                 self._doors[role] = os.open(door, os.O_PATH | os.O_CLOEXEC)
         finally:
             shutil.rmtree(folder, ignore_errors=True)

@@ -22,10 +22,11 @@ _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""
 
 
-def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0) -> None:
+def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0, *, linger_s: float = 0.0) -> None:
     """Return if somebody listens at ``endpoint`` and, for TLS, is one to connect to.
 
-    A side that proves to be of our fabric accepts a certificate of it from us as well.
+    A side that proves to be of our fabric accepts a certificate of it from us as well, unless it is
+    withdrawn: a front hangs up on that after the handshake, within ``linger_s``.
 
     Raises:
         UnreachableError: nobody listens, or what listens there does not speak TLS.
@@ -35,13 +36,13 @@ def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0) -> None:
     try:
         with socket.create_connection(host_and_port(endpoint), timeout_s) as connection:
             if is_tls(endpoint) and key is not None:
-                _shake_hands(endpoint, key, connection)
+                _shake_hands(endpoint, key, connection, linger_s)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UnreachableError(f"{endpoint}: no conductor answers ({reason})") from None
 
 
-def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
+def _shake_hands(endpoint: str, key: Key, connection: socket.socket, linger_s: float) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.load_verify_locations(cadata=key.authority.decode())
@@ -50,6 +51,12 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
     try:
         with context.wrap_socket(connection) as session:
             _check_listener(endpoint, session.getpeercert())
+            if linger_s and _hangs_up(session, linger_s):
+                raise UnfitKeyError(
+                    f"{endpoint}: refused: {key.path} was withdrawn, has expired or has too many "
+                    "connections; the conductor's audit.jsonl says which, `conductor invite` makes "
+                    "a new one"
+                )
     except ssl.SSLCertVerificationError as error:
         if error.verify_code in (_NOT_YET_VALID, _EXPIRED):
             line = f"{endpoint}: {error.verify_message}; compare the clocks, or make a new key"
@@ -70,6 +77,17 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
             f"{endpoint}: something listens there, but does not speak TLS; a conductor on "
             "loopback without a key is reached by tcp/"
         ) from None
+
+
+def _hangs_up(session: ssl.SSLSocket, wait_s: float) -> bool:
+    """Whether the other side ends it before anything was said."""
+    session.settimeout(wait_s)
+    try:
+        return not session.recv(1)
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
 
 
 def _check_listener(endpoint: str, certificate: Any) -> None:

@@ -207,7 +207,7 @@ def _explain(
             f"{connect[0]}: no simulator answers after {timeout_s:g} s; its rig may have ended"
         )
     try:
-        greet(connect[0], key)
+        greet(connect[0], key, linger_s=1.0)
     except UsageError as refused:
         return refused
     except UnreachableError as silent:

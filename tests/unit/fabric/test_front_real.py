@@ -21,7 +21,7 @@ from twin.fabric.front import Event
 from twin.fabric.front_rules import SHAKING_PER_ADDRESS_MAX
 from twin.fabric.fronted import Fronted
 from twin.fabric.handshake import in_memory
-from twin.fabric.key_file import Key, load_key, read_certificate
+from twin.fabric.key_file import Key, UnfitKeyError, load_key, read_certificate
 from twin.fabric.revoked import revoke
 from twin.fabric.roles import Role
 from twin.fabric.zenoh_bus import open_bus
@@ -134,6 +134,8 @@ def test_a_withdrawn_key_is_cut_and_refused(door: Door) -> None:
     assert inside.request(STATUS, b"here", 0.2) is None
     assert neighbour.request(STATUS, b"here", PATIENCE_S) == b"here", "others notice nothing"
     assert len(door.told_of("closed", "its key was withdrawn")) == 1
+    with pytest.raises(UnfitKeyError, match=r"worker\.key was withdrawn, has expired or has too"):
+        open_bus("client", connect=[door.endpoint], key=worker, connect_timeout_s=0.5)
     inside.close()
     neighbour.close()
 
@@ -176,3 +178,34 @@ def test_what_a_role_may_do_stays_what_it_is(door: Door) -> None:
     assert heard.is_set()
     for bus in (viewer, rogue, admin):
         bus.close()
+
+
+def test_a_relay_has_a_front_too(door: Door) -> None:
+    """Roles come through both, and so do the ends of sessions that somebody watches."""
+    seen: list[tuple[str, bool]] = []
+    door.fronted.bus.watch(
+        topics.WORKER_ALIVE.key.format(worker="*"), lambda key, alive: seen.append((key, alive))
+    )
+    told: list[Event] = []
+    key = load_key(door.keys, Role.conductor)
+    relay = Fronted("tls/127.0.0.1:0", "twin", key, told.append, connect=door.endpoint)
+    try:
+        (at,) = relay.bus.endpoints
+        worker = open_bus("client", connect=[at], key=load_key(door.keys, Role.worker))
+        wait_for(lambda: worker.request(STATUS, b"far", 1.0) == b"far", "an answer")
+        alive = topics.WORKER_ALIVE.key.format(worker="w1")
+        worker.announce(alive)
+        wait_for(lambda: (alive, True) in seen, "the worker")
+        heard = threading.Event()
+        door.fronted.bus.serve(topics.RPC_ADMIN.key, lambda *_: heard.set())
+        posing = load_key(door.keys, Role.worker)
+        object.__setattr__(posing, "role", Role.admin)
+        rogue = open_bus("client", connect=[at], key=posing)
+        assert rogue.request(topics.RPC_ADMIN.key, b"stop", 0.5) is None
+        assert not heard.is_set()
+        rogue.close()
+        worker.close()
+        wait_for(lambda: (alive, False) in seen, "its end")
+        assert {event.role for event in told if event.what == "opened"} == {"worker"}
+    finally:
+        relay.close()
