@@ -132,6 +132,7 @@ def worker(
         from twin.worker.ahead import await_told, begin_loading
 
         loading = begin_loading(device) if load_simulator else None
+        import cryptography.x509  # noqa: F401 - it will read a key
     # Beside those processes: this takes long, too.
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.fabric.roles import Role

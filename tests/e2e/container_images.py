@@ -68,6 +68,7 @@ def ordinary_user(folder: Path) -> tuple[tuple[str, ...], dict[str, str]]:
         folder: becomes that user's home.
     """
     variables = {**os.environ, "HOME": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    variables["DRIVETWIN_HOME"] = str(folder / "own")  # that of the tests is root's
     if os.getuid():
         return (), variables
     os.chown(folder, NOBODY, NOBODY)

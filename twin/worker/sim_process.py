@@ -24,6 +24,7 @@ from twin.worker.pipe import Broken, Build, Faulted, Listening, Refused, Upstrea
 from twin.worker.rig_child import RigChild
 
 LOADED = (
+    "cryptography.x509",  # reads keys
     "twin.fabric.zenoh_bus",
     "twin.worker.simulator",
     "twin.worker.view_feed",
