@@ -29,9 +29,10 @@ from conductor.facts import (
     WorkerJoined,
     WorkerLeft,
 )
-from conductor.fold import touch_of
+from conductor.fold import TOUCH_CHARS_MAX, touch_of
 from conductor.grant import choose, mismatches
 from conductor.lease import lost, own, seen, token_of
+from conductor.session import UNKNOWN_WORKER, not_its_session, opened, speaker
 from conductor.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects, expire
 from conductor.snapshot import take
 from conductor.speculate import straggler
@@ -54,8 +55,8 @@ from schemas.messages import (
     Stop,
     Submit,
 )
+from twin.fabric.session import SECRET_BYTES, hash_of, proves, signer_of
 
-UNKNOWN_WORKER = "unknown worker, say hello"
 NAME_CHARS_MAX = 200
 """Longest worker id, host, device class, software digest or tag [characters]."""
 TAGS_MAX = 100
@@ -142,6 +143,11 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         )
     if error := _oversized(request):
         return turn.reply(error=error)
+    if len(request.session) != SECRET_BYTES:
+        return turn.reply(
+            error=f"worker {request.worker}: a session's secret of {len(request.session)} bytes, "
+            f"{SECRET_BYTES} are needed; install the same version on both sides"
+        )
     if request.worker in state.departed:
         return turn.reply(error=f"worker {request.worker} has left; a new start needs a new id")
     joined = WorkerJoined(
@@ -156,8 +162,12 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         tags=request.tags,
         share=request.share,
         lacks=request.lacks,
+        session=hash_of(request.session),
+        signer=signer_of(request.session),
     )
     known = state.workers.get(request.worker)
+    if known is not None and not proves(request.session, known.joined.session):
+        return turn.reply(error=not_its_session(request.worker))
     if known is None:
         if len(state.workers) >= WORKERS_MAX:
             _forget_silent(turn, state.config.ttl_ns, "silent, and others want to join")
@@ -203,9 +213,9 @@ def _oversized(request: Hello) -> str:
 
 def _next(turn: Turn, request: Next) -> Reply:
     state = turn.state
-    worker = state.workers.get(request.worker)
+    worker, error = speaker(state, request)
     if worker is None:
-        return turn.reply(error=UNKNOWN_WORKER)
+        return turn.reply(error=error)
     if worker.replied is not None and request.seq == worker.replied.seq:
         turn.emit(seen(state, request.worker, worker.tokens, turn.now_ns))
         return _again(state, worker.replied)
@@ -217,8 +227,13 @@ def _next(turn: Turn, request: Next) -> Reply:
     fenced = []
     for result in request.results:
         acks.append(result.token)
-        if not commit(turn, result, request.worker):
+        if not commit(turn, result, worker):
             fenced.append(result.token)
+    for sealed in request.sealed:
+        acks.append(sealed.token)
+        found = opened(state, sealed)
+        if found is None or not commit(turn, *found):
+            fenced.append(sealed.token)
     _end_attempts(turn, request.worker, request.ended)
     # A lease that the worker does not know of was lost on its way there.
     known = set(request.held)
@@ -345,9 +360,9 @@ def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) ->
 
 
 def _beat(turn: Turn, request: Beat) -> Reply:
-    worker = turn.state.workers.get(request.worker)
+    worker, error = speaker(turn.state, request)
     if worker is None:
-        return turn.reply(error=UNKNOWN_WORKER)
+        return turn.reply(error=error)
     held = {int(token): progress for token, progress in request.held.items()}
     turn.emit(seen(turn.state, request.worker, held, turn.now_ns, held))
     for lease in own(turn.state, request.worker, held):
@@ -359,7 +374,7 @@ def _beat(turn: Turn, request: Beat) -> Reply:
                     case=lease.key[1],
                     token=lease.token,
                     tick=touch.tick,
-                    what=touch.what,
+                    what=touch.what[:TOUCH_CHARS_MAX],
                     changes=touch.changes,
                 )
             )
@@ -367,8 +382,10 @@ def _beat(turn: Turn, request: Beat) -> Reply:
 
 
 def _bye(turn: Turn, request: Bye) -> Reply:
-    worker = turn.state.workers.get(request.worker)
-    if worker is not None:
+    worker, error = speaker(turn.state, request)
+    if worker is None and error != UNKNOWN_WORKER:
+        return turn.reply(error=error)
+    if worker is not None:  # or it has left already
         for lease in own(turn.state, request.worker, list(worker.tokens)):
             end_attempt(turn, lease, "released", "the worker left")
         turn.emit(WorkerLeft(worker=request.worker, reason=request.detail[:DETAIL_CHARS_MAX]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -31,12 +32,13 @@ from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import storage_error
 from twin.fabric.files import write_atomic
 
+_log = logging.getLogger(__name__)
+
 WAITING_BYTES_MAX = 128 << 20
 """Most bytes of files that wait to be written; more are refused and sent again."""
 
-FolderOf = Callable[[str, str, int], Path | None]
-"""(campaign, case or empty, attempt) -> campaign folder; None if there is no such campaign or case,
-or this attempt was never leased."""
+FolderOf = Callable[[Delivery], tuple[str, str]]
+"""Message -> campaign folder and nothing; or nothing and why its sender may not, in a line."""
 
 
 class Deliveries:
@@ -66,7 +68,11 @@ class Deliveries:
     def _run(self) -> None:
         while (item := self._channel.take()) is not None:
             payload, respond = item
-            answer = self.handle(payload)
+            try:
+                answer = self.handle(payload)
+            except Exception:  # a mistake of ours; the next message is another one's
+                _log.exception("files could not be taken")
+                answer = _refused("internal error of the conductor; see its log", retry=True)
             with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
                 respond(encode(answer))
 
@@ -81,21 +87,20 @@ class Deliveries:
         return self._store(message)
 
     def _is_ours(self, seen: SeenFolder) -> bool:
-        folder = self._folder_of(seen.campaign, "", 0)
-        if folder is None:
+        folder, denied = self._folder_of(seen)
+        if denied:
             return False
         try:
-            content = read_regular(folder / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
+            content = read_regular(Path(folder) / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
         except OSError:
             return False
         return hashlib.sha256(content).hexdigest() == seen.sha256
 
     def _store(self, files: AttemptFiles) -> Delivered:
-        folder = self._folder_of(files.campaign, files.case, files.attempt)
-        if folder is None:
-            return _refused(
-                f"{files.campaign}: has no case {files.case[:80]!r} with attempt {files.attempt}"
-            )
+        out, denied = self._folder_of(files)
+        if denied:
+            return _refused(denied, fenced=True)
+        folder = Path(out)
         whole = files_sha256(files.kpi, files.log), extras_sha256(files.extras)
         if whole != (files.sha256, files.extras_sha256):
             return _refused(f"{files.case}: damaged on its way", retry=True)
@@ -120,5 +125,5 @@ class Deliveries:
         return Delivered(v=SCHEMA_VERSION, ok=True)
 
 
-def _refused(error: str, *, retry: bool = False) -> Delivered:
-    return Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=retry)
+def _refused(error: str, *, retry: bool = False, fenced: bool = False) -> Delivered:
+    return Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=retry, fenced=fenced)

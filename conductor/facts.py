@@ -86,6 +86,10 @@ class WorkerJoined(_Fact, frozen=True):
     tags: list[str] = []
     share: Share | None = None
     lacks: dict[str, str] = {}
+    session: bytes = b""
+    """Hash of its session's secret; empty in journals of earlier versions: nobody can prove it."""
+    signer: bytes = b""
+    """Public key of its seals."""
 
 
 class WorkerLeft(_Fact, frozen=True):

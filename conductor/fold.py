@@ -46,6 +46,7 @@ from conductor.state import (
     CampaignState,
     CaseState,
     Config,
+    Issued,
     LiveLease,
     State,
     WorkerState,
@@ -202,7 +203,8 @@ def _leased(state: State, fact: Leased) -> None:
     state.granted += 1
     case.attempts += 1
     case.live += (fact.token,)
-    case.issued = _latest(case.issued, fact.token, case.live)
+    session = state.workers[fact.worker].joined.session
+    case.issued = _latest(case.issued, Issued(fact.token, fact.attempt, session), case.live)
     campaign.attempts += 1
     state.workers[fact.worker].tokens[fact.token] = None
     state.leases[fact.token] = LiveLease(
@@ -215,12 +217,14 @@ def _leased(state: State, fact: Leased) -> None:
     )
 
 
-def _latest(issued: tuple[int, ...], token: int, live: tuple[int, ...]) -> tuple[int, ...]:
-    """With ``token``; beyond the limit the oldest that is not live is forgotten."""
+def _latest(
+    issued: tuple[Issued, ...], latest: Issued, live: tuple[int, ...]
+) -> tuple[Issued, ...]:
+    """With ``latest``; beyond the limit the oldest that is not live is forgotten."""
     if len(issued) >= ISSUED_MAX:
-        oldest = next(each for each in issued if each not in live)
+        oldest = next(each for each in issued if each.token not in live)
         issued = tuple(each for each in issued if each != oldest)
-    return (*issued, token)
+    return (*issued, latest)
 
 
 def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAttempt, ...]:
@@ -363,7 +367,7 @@ def _retried(state: State, fact: Retried) -> None:
 def _late(state: State, fact: LateAttempt) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
     _expect(fact.result.token not in case.live, fact)
-    case.issued = tuple(token for token in case.issued if token != fact.result.token)
+    case.issued = tuple(each for each in case.issued if each.token != fact.result.token)
     case.late = _evidence(case.late, fact)
     if isinstance(case.end, Committed):
         campaign.disagreements += agrees(case.end.result, fact.result) is False

@@ -7,7 +7,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from conductor.facts import ALONE, SHARED, Committed
-from conductor.state import CampaignState, State, end_name, unsealed
+from conductor.state import CampaignState, Issued, State, end_name, unsealed
 
 LIVE_MAX = 2
 """Most live tokens of one case."""
@@ -95,14 +95,19 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
 
 @lru_cache(maxsize=4096)
 def _contradiction(
-    issued: tuple[int, ...], live: tuple[int, ...], charges: int, sealed: bytes, attempts_max: int
+    issued: tuple[Issued, ...],
+    live: tuple[int, ...],
+    charges: int,
+    sealed: bytes,
+    attempts_max: int,
 ) -> str:
     """What is wrong with a case, or nothing."""
     if len(live) > LIVE_MAX:
         return f"{len(live)} live tokens"
-    if not set(live) <= set(issued):
+    tokens = [each.token for each in issued]
+    if not set(live) <= set(tokens):
         return "a token that was never issued"
-    if any(one >= other for one, other in pairwise(issued)):
+    if any(one >= other for one, other in pairwise(tokens)):
         return "tokens do not grow"
     if charges >= attempts_max + LIVE_MAX:
         return "too many charges"

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from conductor.facts import ALONE, AttemptEnded, CaseEnded, Charge, Committed, LateAttempt
 from conductor.lease import POLICIES, expired, first_expiry_ns
-from conductor.state import CaseState, LiveLease, State
+from conductor.session import issued_to, mistake_of
+from conductor.state import CaseState, LiveLease, State, WorkerState
 from conductor.turn import Turn
 from schemas.messages import Release, Result
 from schemas.words import counted
@@ -32,23 +33,31 @@ def expire(turn: Turn) -> None:
         turn.state.expiry_floor_ns = first_expiry_ns(turn.state)
 
 
-def commit(turn: Turn, result: Result, worker: str) -> bool:
-    """Record a result; False if it is fenced."""
+def commit(turn: Turn, result: Result, worker: WorkerState) -> bool:
+    """Record a result of ``worker``, who has proved its session; False if it is fenced."""
     state = turn.state
     case = state.case((result.campaign, result.case))
-    if case is None:
+    issued = issued_to(case, worker, result.token) if case is not None else None
+    if case is None or issued is None:
         return False
+    mistake = mistake_of(result, case, issued)
     if result.token in case.live:
         lease = state.leases[result.token]
+        if mistake:
+            # Not for ever again: whatever makes such results ends in quarantine.
+            end_attempt(turn, lease, "crash", f"its result is refused: {mistake}")
+            return False
         turn.emit(
             Committed(
                 result=result,
                 worker=lease.worker,
-                device_class=state.workers[lease.worker].joined.device_class,
+                device_class=worker.joined.device_class,
                 attempt=lease.attempt,
             )
         )
         return True
+    if mistake:
+        return False
     end = case.end
     if (
         isinstance(end, Committed)
@@ -56,8 +65,7 @@ def commit(turn: Turn, result: Result, worker: str) -> bool:
         and end.result.kpi_sha256 == result.kpi_sha256
     ):
         return True
-    if result.token in case.issued:  # and not one whose late result is known
-        turn.emit(LateAttempt(result=result, worker=worker))
+    turn.emit(LateAttempt(result=result, worker=worker.joined.worker))
     return False
 
 

@@ -38,12 +38,14 @@ from conductor.journal import FILE_NAME as JOURNAL_NAME
 from conductor.journal import FolderLockedError, Journal, TakenOverError
 from conductor.judge_feed import JudgeFeed
 from conductor.manifest import RUN_FILE
+from conductor.session import folder_for
 from conductor.sign_run import reopen
 from conductor.state import Config
 from conductor.status import status
 from conductor.timed_store import TimedStore
 from conductor.timeline import append_events, mark_start
 from schemas import topics
+from schemas.delivery import Delivery
 from schemas.messages import Reply, Request
 from schemas.wire import decode, encode
 from twin.fabric.address import check_free
@@ -377,16 +379,11 @@ class Conductor:
         if not alive:
             self._inbox.hint(key.rpartition("/")[2])
 
-    def _folder_of(self, campaign: str, case: str, attempt: int) -> Path | None:
+    def _folder_of(self, message: Delivery) -> tuple[str, str]:
         """See :data:`conductor.deliveries.FolderOf`."""
         assert self._engine is not None
         with self._lock:
-            found = self._engine.state.campaigns.get(campaign)
-            if found is None:
-                return None
-            if case and (case not in found.cases or attempt > found.cases[case].attempts):
-                return None
-            return Path(found.out)
+            return folder_for(self._engine.state, message)
 
     # --- startup --------------------------------------------------------------------------------
 

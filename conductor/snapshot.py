@@ -26,6 +26,7 @@ from conductor.state import (
     IMAGE_CASES,
     CampaignState,
     CaseState,
+    Issued,
     LiveLease,
     State,
     WorkerState,
@@ -81,7 +82,8 @@ class _CaseRow(Struct, frozen=True, array_like=True):
     order: int
     group: int
     paused: bool
-    issued: tuple[int, ...]
+    issued: tuple[Issued | int, ...]
+    """Earlier versions kept the tokens alone."""
     live: tuple[int, ...]
     charges: tuple[Charge, ...]
     losses: tuple[Charge, ...]
@@ -201,12 +203,16 @@ def _restore_cases(state: State, image: _Cases) -> None:
     for row in image.rows:
         case = ordered[row.order]
         case.group, case.paused = row.group, row.paused
-        case.issued, case.live = row.issued, row.live
+        case.issued, case.live = _issued(row.issued), row.live
         case.charges, case.losses, case.lost = row.charges, row.losses, row.lost
         case.sealed, case.late, case.steered = row.sealed, row.late, row.steered
         # Rows from before these numbers were kept name every one.
         case.attempts = row.attempts or len(row.issued)
         case.lost_times = row.lost_times or len(row.lost)
+
+
+def _issued(rows: tuple[Issued | int, ...]) -> tuple[Issued, ...]:
+    return tuple(Issued(each, 0, b"") if isinstance(each, int) else each for each in rows)
 
 
 def _restore_head(state: State, head: _Head) -> None:

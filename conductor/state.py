@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
+from msgspec import Struct
 
 from conductor.backlog import Backlog
 from conductor.durations import Durations
@@ -88,6 +89,15 @@ class Config:
     """State folder, absolute; a campaign without ``out`` gets a folder below it."""
 
 
+class Issued(Struct, frozen=True, array_like=True, gc=False):
+    """A token, with what a result of it must fit."""
+
+    token: int
+    attempt: int
+    session: bytes
+    """Hash, of the worker that got it; empty: a result of it fits nobody."""
+
+
 @dataclass(slots=True)
 class LiveLease:
     """A lease that is neither committed, given back nor expired."""
@@ -139,10 +149,10 @@ class CaseState:
     paused: bool = False
     attempts: int = 0
     """Tokens ever granted."""
-    issued: tuple[int, ...] = ()
+    issued: tuple[Issued, ...] = ()
     """The latest of them, for each of which one late result is evidence."""
     live: tuple[int, ...] = ()
-    """Live tokens; the second one is speculative."""
+    """Live tokens, which are all issued; the second one is speculative."""
     charges: tuple[Charge, ...] = ()
     """Attempts charged to the case."""
     losses: tuple[Charge, ...] = ()

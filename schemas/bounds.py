@@ -1,4 +1,4 @@
-"""Bounds of the whole numbers in control messages: what is outside is refused while decoding.
+"""Bounds of what control messages hold: what is outside is refused while decoding.
 
 MessagePack carries numbers up to 2^64 - 1; SQLite, NumPy and Parquet take at most 2^63 - 1.
 """
@@ -18,6 +18,9 @@ TICKS_MAX = 10**12
 ENTRIES_MAX = 100_000
 """Most results, ended leases or tokens in one request: the cases of the largest campaign."""
 
+SEALED_MAX = 64
+"""Most sealed results in one request: each seal takes 0.1 ms to check."""
+
 Int64 = Annotated[int, Meta(ge=-INT64_MAX - 1, le=INT64_MAX)]
 Whole = Annotated[int, Meta(ge=0, le=INT64_MAX)]
 Count = Annotated[int, Meta(ge=0, le=COUNT_MAX)]
@@ -28,4 +31,6 @@ TokenText = Annotated[str, Meta(pattern=rf"^[0-9]{{1,{TOKEN_DIGITS_MAX}}}\Z")]
 """The same in decimal, where it is the key of a map."""
 Progress = Annotated[int, Meta(ge=-1, le=TICKS_MAX)]
 """Case ticks; -1: the case has not begun."""
+Session = Annotated[bytes, Meta(max_length=32)]
+"""Secret of a worker's session, see :mod:`twin.fabric.session`; empty: there is none."""
 Priority = Annotated[int, Meta(ge=-COUNT_MAX, le=COUNT_MAX)]

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, get_args
 
 from msgspec import Meta, Struct, field
 
+from schemas.bounds import COUNT_MAX, Session
 from schemas.campaign import Name
 from schemas.identity import digest
 
@@ -33,6 +34,8 @@ class SeenFolder(Struct, frozen=True, tag_field="verb", tag="seen"):
     campaign: Name
     sha256: str
     """Of the ``conductor.json`` there."""
+    worker: str = ""
+    session: Session = b""
 
 
 class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
@@ -41,7 +44,7 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
     v: int
     campaign: Name
     case: Annotated[str, Meta(min_length=1)]
-    attempt: Annotated[int, Meta(ge=1)]
+    attempt: Annotated[int, Meta(ge=1, le=COUNT_MAX)]
     kpi: bytes
     """Content of ``kpi.parquet``; empty: the attempt ended without."""
     log: bytes
@@ -52,6 +55,9 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
     """Content of the others, by name."""
     extras_sha256: str = ""
     """See :func:`extras_sha256`."""
+    worker: str = ""
+    """Who ran the attempt: its lease is, or was, this worker's."""
+    session: Session = b""
 
 
 Delivery = SeenFolder | AttemptFiles
@@ -66,6 +72,9 @@ class Delivered(Struct, frozen=True):
     """Why not, in one line."""
     retry: bool = False
     """The same may succeed later: a full disk, or too many files at once."""
+    fenced: bool = False
+    """The attempt is not, or no longer, the sender's: the conductor takes no result of it either,
+    and says so when it is committed."""
 
 
 def files_sha256(kpi: bytes, log: bytes) -> str:

@@ -13,10 +13,12 @@ from msgspec import Meta, Struct
 from schemas import SCHEMA_VERSION
 from schemas.bounds import (
     ENTRIES_MAX,
+    SEALED_MAX,
     Count,
     Int64,
     Priority,
     Progress,
+    Session,
     Ticks,
     Token,
     TokenText,
@@ -498,6 +500,18 @@ def noop_result(lease: Lease) -> Result:
     )
 
 
+class Sealed(Struct, frozen=True):
+    """A result that has outlived its worker, for whoever delivers it; nobody can change it."""
+
+    token: Token
+    worker: str
+    """Whose result it is."""
+    result: bytes
+    """A :class:`Result`, encoded."""
+    seal: bytes
+    """Over :attr:`result`, with the secret of that worker's session."""
+
+
 class Share(Struct, frozen=True):
     """Which cases of a campaign a worker prefers, among several that work side by side.
 
@@ -540,6 +554,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """None: it prefers none."""
     lacks: dict[str, str] = {}
     """Bridges that cannot run there, with what to do, in a line."""
+    session: Session = b""
+    """Secret of 32 bytes that this process alone knows; every later request shows it again."""
 
 
 class Next(Struct, frozen=True, tag_field="verb", tag="next"):
@@ -557,6 +573,9 @@ class Next(Struct, frozen=True, tag_field="verb", tag="next"):
     """Tokens in hand; a lease of this worker that is not listed was lost on the way."""
     remaining_s: float | None = None
     """Walltime left for cases [s]; None: no end is known."""
+    session: Session = b""
+    sealed: Annotated[list[Sealed], Meta(max_length=SEALED_MAX)] = []
+    """Results of earlier workers, which the conductor has not got."""
 
 
 class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
@@ -568,6 +587,7 @@ class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
     """Token (decimal) -> progress (case ticks)."""
     touched: Annotated[dict[TokenText, Touch], Meta(max_length=ENTRIES_MAX)] = {}
     """Token (decimal) -> what a hand has done to it since the last beat that was answered."""
+    session: Session = b""
 
 
 class Bye(Struct, frozen=True, tag_field="verb", tag="bye"):
@@ -576,6 +596,7 @@ class Bye(Struct, frozen=True, tag_field="verb", tag="bye"):
     v: int
     worker: str
     detail: str = ""
+    session: Session = b""
 
 
 class Submit(Struct, frozen=True, tag_field="verb", tag="submit"):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
+
+import msgspec
 
 from conductor.core import decide, start, tick
 from conductor.facts import Fact, is_durable
@@ -42,6 +45,26 @@ def submit(name: str = "alpha", cases: int = 4, out: str = "", **fields: Any) ->
     return Submit(v=V, campaign=campaign(name, cases, **fields), out=out)
 
 
+def secret(worker: str) -> bytes:
+    """Of the session of the worker called so."""
+    return hashlib.sha256(worker.encode()).digest()
+
+
+def shown(request: Request) -> Request:
+    """The request of a worker with its session's secret, unless it shows one already."""
+    if isinstance(request, Next | Beat | Bye) and not request.session:
+        return msgspec.structs.replace(request, session=secret(request.worker))
+    return request
+
+
+def next_of(worker: str, seq: int, k: int, **fields: Any) -> Next:
+    return Next(v=V, worker=worker, seq=seq, k=k, session=secret(worker), **fields)
+
+
+def beat_of(worker: str, held: dict[str, int], **fields: Any) -> Beat:
+    return Beat(v=V, worker=worker, held=held, session=secret(worker), **fields)
+
+
 def hello(worker: str = "w1", **fields: Any) -> Hello:
     values: dict[str, Any] = {
         "host": "node",
@@ -49,6 +72,7 @@ def hello(worker: str = "w1", **fields: Any) -> Hello:
         "device_class": "cpu:avx2",
         "software": "f00d",
         "slots": 4,
+        "session": secret(worker),
     }
     return Hello(v=V, worker=worker, **(values | fields))
 
@@ -89,8 +113,8 @@ class Bench:
         self._keep(start(self.state))
 
     def ask(self, request: Request) -> Reply:
-        """Decide at the present time; fold and memory must agree."""
-        facts, reply = decide(self.state, request, self.now_ns)
+        """Decide at the present time; fold and memory must agree. Workers show their secret."""
+        facts, reply = decide(self.state, shown(request), self.now_ns)
         self._keep(facts)
         return reply
 

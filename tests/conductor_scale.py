@@ -11,13 +11,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from conductor_bench import campaign, hello, result
+from conductor_bench import campaign, hello, next_of, result
 
 from conductor.engine import Engine, Message
 from conductor.journal import Journal
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Control, Next, Reply, Request, StatusRequest, Submit
+from schemas.messages import Control, Reply, Request, StatusRequest, Submit
 from schemas.wire import decode, encode
 
 SCALARS = {f"kpi_{i}": 1.5 * i for i in range(8)}
@@ -66,7 +66,7 @@ def run(engine: Engine, cases: int) -> None:
             for x in leases
         ]
         done += len(finished)
-        leases = ask(engine, Next(v=V, worker="w1", seq=seq, k=K, results=finished)).leases
+        leases = ask(engine, next_of(worker="w1", seq=seq, k=K, results=finished)).leases
 
 
 def main(cases: int) -> None:

@@ -62,7 +62,10 @@ def control() -> list[Any]:
     """One of every request, and their answers."""
     kpi, log = b"PAR1", b"said\n"
     return [
-        Hello(V, "w1", "node", 12, "cpu:avx2", "0" * 64, 2, 1.8e9, 1 << 30, ["lidar"]),
+        Hello(
+            *(V, "w1", "node", 12, "cpu:avx2", "0" * 64, 2, 1.8e9, 1 << 30, ["lidar"]),
+            session=bytes(range(32)),
+        ),
         Next(V, "w1", 3, 2, "rig", [result()], [], [65537], 100.0),
         Beat(V, "w1", {"65537": 12}),
         Bye(V, "w1", "done"),

@@ -21,6 +21,7 @@ from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_re
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
 from twin.fabric.process import bind_to_parent
+from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import open_bus
 
 TIMEOUT_S = 10.0
@@ -32,6 +33,7 @@ def drive(endpoint: str, worker: str, k: int, *, full: bool) -> dict[str, float]
 
     ``full``: results carry digests and KPI scalars, as those of a simulator do.
     """
+    session = new_secret()
     bus = open_bus("client", connect=[endpoint], namespace="bench")
     try:
         hello = Hello(
@@ -42,23 +44,27 @@ def drive(endpoint: str, worker: str, k: int, *, full: bool) -> dict[str, float]
             device_class="cpu:bench",
             software="bench",
             slots=k,
+            session=session,
         )
         _ask(bus, hello)
         print("ready", flush=True)
         sys.stdin.readline()
         started_s = time.perf_counter()
-        cases, requests = _work(bus, worker, k, full)
+        cases, requests = _work(bus, worker, session, k, full)
         return {"cases": cases, "requests": requests, "wall_s": time.perf_counter() - started_s}
     finally:
         bus.close()
 
 
-def _work(bus: Bus, worker: str, k: int, full: bool) -> tuple[int, int]:
+def _work(bus: Bus, worker: str, session: bytes, k: int, full: bool) -> tuple[int, int]:
     cases = seq = 0
     results: list[Result] = []
     while True:
         seq += 1
-        reply = _ask(bus, Next(v=SCHEMA_VERSION, worker=worker, seq=seq, k=k, results=results))
+        request = Next(
+            v=SCHEMA_VERSION, worker=worker, seq=seq, k=k, results=results, session=session
+        )
+        reply = _ask(bus, request)
         cases += len(results)
         if reply.fenced or not reply.leases:
             return cases, seq

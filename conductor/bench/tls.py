@@ -47,6 +47,7 @@ from twin.fabric.key_file import Key, load_key
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.rig_keys import RigKeys
 from twin.fabric.roles import Role
+from twin.fabric.session import new_secret
 from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
 
@@ -208,14 +209,18 @@ def _commits(folder: Path, keys: Path | None, cases: int, k: int, *, front: bool
 def _lease_and_commit(target: Target, k: int) -> float:
     """No-op cases per second of one worker with ``k`` per request."""
     bus = open_bus("client", connect=[target.endpoint], key=target.key)
-    worker = f"bench-{k}"
+    worker, session = f"bench-{k}", new_secret()
+    hello = Hello(
+        *(SCHEMA_VERSION, worker, "h", 1, "cpu:bench", software_digest(), k), session=session
+    )
     try:
-        _ask(bus, Hello(SCHEMA_VERSION, worker, "h", 1, "cpu:bench", software_digest(), k))
+        _ask(bus, hello)
         started_s, cases, seq = time.perf_counter(), 0, 0
         results: list[Result] = []
         while True:
             seq += 1
-            reply = _ask(bus, Next(SCHEMA_VERSION, worker, seq, k, results=results))
+            request = Next(SCHEMA_VERSION, worker, seq, k, results=results, session=session)
+            reply = _ask(bus, request)
             cases += len(results)
             if not reply.leases:
                 return cases / (time.perf_counter() - started_s)

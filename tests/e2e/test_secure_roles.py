@@ -175,7 +175,12 @@ def ask(bus, request):
 
 
 def hello(worker):
-    return Hello(SCHEMA_VERSION, worker, "h", 1, "cpu:test", software_digest(), 1)
+    own = (SCHEMA_VERSION, worker, "h", 1, "cpu:test", software_digest(), 1)
+    return Hello(*own, session=SECRETS[worker])
+
+
+SECRETS = {"first": bytes(32), "second": bytes(range(32))}
+"""Of the sessions of two workers."""
 
 
 def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
@@ -189,8 +194,9 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     bus = open_bus("client", connect=[tap.endpoint], key=load_key(keys, Role.worker))
     stack.callback(bus.close)
     ask(bus, hello("first"))
-    (lease,) = ask(bus, Next(SCHEMA_VERSION, "first", 1, 1)).leases
-    commit = Next(SCHEMA_VERSION, "first", 2, 0, results=[noop_result(lease)])
+    (lease,) = ask(bus, Next(SCHEMA_VERSION, "first", 1, 1, session=bytes(32))).leases
+    done = [noop_result(lease)]
+    commit = Next(SCHEMA_VERSION, "first", 2, 0, results=done, session=bytes(32))
     recorded = encode(commit)
     assert ask(bus, commit).acks == [lease.token]
 
@@ -248,17 +254,15 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     assert rows() == before
     ask(bus, hello("second"))
     forged = noop_result(lease)
-    stolen = Next(SCHEMA_VERSION, "second", 1, 0, results=[forged])
-    again = ask(bus, stolen)
-    after = rows()
-    assert after["campaign"] == before["campaign"]
-    assert again.acks == [lease.token], "it is settled: the same result of the same token"
-    other = Next(SCHEMA_VERSION, "second", 2, 0, results=[changed(forged)])
-    assert ask(bus, other).fenced == [lease.token]
-    alarm = {**before["campaign"], "disagreements": 1}
-    assert rows()["campaign"] == alarm, (
-        "the verdict stays, and that somebody says otherwise is told"
-    )
+    for seq, stolen in enumerate((forged, changed(forged)), start=1):
+        request = Next(
+            SCHEMA_VERSION, "second", seq, 0, results=[stolen], session=SECRETS["second"]
+        )
+        assert ask(bus, request).fenced == [lease.token], "it is another worker's token"
+    assert rows()["campaign"] == before["campaign"], "nor is it evidence of anything"
+    # In the first one's name, without its secret: nothing at all.
+    named = Next(SCHEMA_VERSION, "first", 3, 1, session=SECRETS["second"])
+    assert "secret is not that of the process that joined" in ask(bus, named).error
 
 
 def changed(result):

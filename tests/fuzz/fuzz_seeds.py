@@ -89,7 +89,7 @@ def _wire() -> None:
     _write("wire-socketio", "event", '42["Bridge",{"V1 Throttle":"0.1"}]')
     _write("view-points", "two", np.arange(8, dtype="<i2").tobytes())
     _write("view-jpeg", "small", cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
-    _write("spool", "result", spooled(result()))
+    _write("spool", "result", spooled(result(), control()[0]))
 
 
 def _conductor_files(folder: Path) -> None:

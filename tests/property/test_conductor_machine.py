@@ -10,7 +10,7 @@ import os
 from dataclasses import dataclass, field
 
 import pytest
-from conductor_bench import Bench, S, ended, hello, result, submit
+from conductor_bench import Bench, S, ended, hello, result, secret, submit
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -28,7 +28,9 @@ from conductor.core import worker_lost
 from conductor.facts import CaseEnded, Committed, Retried
 from conductor.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Lease, Next, Reply
+from schemas.messages import Lease, Next, Reply, Sealed
+from schemas.wire import encode
+from twin.fabric.session import seal
 
 CASES = 5
 ATTEMPTS_MAX = 2
@@ -47,7 +49,8 @@ class Model:
     charges: dict[str, list[str]] = field(default_factory=dict)
     """Case -> workers."""
     unresolved: set[str] = field(default_factory=set)
-    granted: set[int] = field(default_factory=set)
+    granted: dict[int, str] = field(default_factory=dict)
+    """Token -> the worker that got it, the only one that has results of it."""
     halves: list[set[str]] = field(default_factory=list)
     """Suspects that may share a rig with nobody else."""
     paused: set[str] = field(default_factory=set)
@@ -83,6 +86,11 @@ class Model:
         return [token for token, (owner, _) in self.live.items() if owner == worker]
 
 
+def _sealed(lease: Lease, worker: str) -> Sealed:
+    data = encode(result(lease))
+    return Sealed(lease.token, worker, data, seal(secret(worker), data))
+
+
 class ConductorMachine(RuleBasedStateMachine):
     """Workers that remember every lease they ever got and use old ones too."""
 
@@ -113,7 +121,8 @@ class ConductorMachine(RuleBasedStateMachine):
         finished = [self.leases[n] for n in data.draw(some, label="finished")]
         given_up = [self.leases[n] for n in data.draw(more, label="given up")]
         reason = data.draw(st.sampled_from(["crash", "suspect", "walltime"]), label="reason")
-        fenced = [lease.token for lease in finished if not self._commit(lease)]
+        spooled = data.draw(st.booleans(), label="out of a spool")
+        fenced = [x.token for x in finished if not self._commit(x, worker, spooled)]
         tokens = sorted({x.token for x in given_up if x.token in model.held_by(worker)})
         if reason == "suspect" and tokens:
             model.suspect([model.live[token][1] for token in tokens])
@@ -128,7 +137,8 @@ class ConductorMachine(RuleBasedStateMachine):
         reply = self.bench.next(
             worker,
             k,
-            results=[result(lease) for lease in finished],
+            results=[] if spooled else [result(lease) for lease in finished],
+            sealed=[_sealed(x, model.granted[x.token]) for x in finished] if spooled else [],
             ended=[ended(lease, reason) for lease in given_up],
             held=held,
         )
@@ -136,8 +146,10 @@ class ConductorMachine(RuleBasedStateMachine):
         assert reply.acks == [lease.token for lease in finished]
         self._granted(worker, k, held, reply)
 
-    def _commit(self, lease: Lease) -> bool:
+    def _commit(self, lease: Lease, worker: str, spooled: bool) -> bool:
         model = self.model
+        if model.granted[lease.token] != worker and not spooled:
+            return False
         if lease.token in model.live:
             for token in [t for t, (_, c) in model.live.items() if c == lease.case.id]:
                 del model.live[token]
@@ -161,7 +173,7 @@ class ConductorMachine(RuleBasedStateMachine):
                 assert not model.charges.get(case)
                 assert not self._waiting(worker)
             assert not lease.alone or (len(reply.leases) == 1 and not held)
-            model.granted.add(lease.token)
+            model.granted[lease.token] = worker
             model.live[lease.token] = (worker, case)
             self.leases.append(lease)
         for token in model.held_by(worker):

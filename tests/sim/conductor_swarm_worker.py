@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from conductor_bench import S, hello, result
+from conductor_bench import S, beat_of, hello, result, secret, shown
 
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Beat, Bye, Ended, Lease, Next, Reply, Result
+from schemas.messages import Bye, Ended, Lease, Next, Reply, Result, Sealed
 from schemas.wire import decode, encode
+from twin.fabric.session import seal
 
 if TYPE_CHECKING:
     from conductor_swarm import Swarm
@@ -23,17 +24,18 @@ class Worker:
         self.place = place
         self.incarnation = 0
         self.name = place
+        self._spool: list[Sealed] = []
         self._reset()
 
     def boot(self) -> None:
         """A new incarnation."""
         self.incarnation += 1
         self.name = f"{self.place}-{self.incarnation}"
-        spool = [*self._results, *(self._pending.results if self._pending else [])]
         self._reset()
         if self.swarm.random.random() < 0.5:  # otherwise it starts on another disk
-            self._results = spool
-            self.swarm.counts["spooled"] += len(spool)
+            self._sealed = self._spool
+            self.swarm.counts["spooled"] += len(self._spool)
+        self._spool = []
         self._after(0, self._say_hello)
         self._after(S, self._live)
 
@@ -50,9 +52,9 @@ class Worker:
                 assert name in self.swarm.oracle.left, f"{name} was forgotten"
                 self._gone()
             return
-        if reply.drain and self._joined and not self._held and not self._results:
+        if reply.drain and self._joined and not self._held and not (self._results or self._sealed):
             self.swarm.counts["drained"] += 1
-            self.swarm.ask(self, encode(Bye(v=V, worker=self.name)))
+            self.swarm.ask(self, encode(shown(Bye(v=V, worker=self.name))))
             self._gone()
             return
         for token in reply.lost:
@@ -70,6 +72,7 @@ class Worker:
         self._seq = 0
         self._held: dict[int, Lease] = {}
         self._results: list[Result] = []
+        self._sealed: list[Sealed] = []
         self._ended: list[Ended] = []
         self._pending: Next | None = None
         self._frozen_until_ns = 0
@@ -99,13 +102,17 @@ class Worker:
             self._frozen_until_ns = swarm.now_ns + swarm.random.randint(S, 20 * S)
         if swarm.faulty and self._joined and swarm.random.random() < 0.01:
             swarm.counts["byes"] += 1
-            swarm.ask(self, encode(Bye(v=V, worker=self.name)))
+            swarm.ask(self, encode(shown(Bye(v=V, worker=self.name))))
             self._gone()
             return
         self._after(S, self._live)
 
     def _gone(self) -> None:
-        """Nothing that is under way reaches this incarnation any more."""
+        """Nothing that is under way reaches this incarnation any more. Its results are spooled."""
+        pending = self._pending
+        own = [*self._results, *(pending.results if pending else [])]
+        self._spool = [*self._sealed, *(pending.sealed if pending else [])]
+        self._spool += [_sealed(result, self.name) for result in own]
         self.incarnation += 1
         self.name = ""
         self.swarm.after(self.swarm.random.randint(S, 8 * S), self.boot)
@@ -119,9 +126,7 @@ class Worker:
         tokens = [*self._held, *(r.token for r in self._results), *(e.token for e in self._ended)]
         if self._pending is not None:
             tokens += [r.token for r in self._pending.results]
-        self.swarm.ask(
-            self, encode(Beat(v=V, worker=self.name, held={str(token): 1 for token in tokens}))
-        )
+        self.swarm.ask(self, encode(beat_of(self.name, {str(token): 1 for token in tokens})))
         self._after(self.swarm.config.ttl_ns // 4, self._beat)
 
     def _next(self) -> None:
@@ -136,15 +141,17 @@ class Worker:
                 results=self._results,
                 ended=self._ended,
                 held=list(self._held),
+                sealed=self._sealed,
             )
-            self._results, self._ended = [], []
+            self._results, self._ended, self._sealed = [], [], []
         seq = self._seq
-        self.swarm.ask(self, encode(self._pending))
+        self.swarm.ask(self, encode(shown(self._pending)))
         self._after(S, lambda: self._next() if self._pending and self._seq == seq else None)
 
     def _answered(self, reply: Reply, request: Next) -> None:
         self._pending = None
-        assert set(reply.acks) == {r.token for r in request.results}, "a result without an answer"
+        told = (*request.results, *request.sealed)
+        assert set(reply.acks) == {each.token for each in told}, "a result without an answer"
         for lease in reply.leases:
             self._held[lease.token] = lease
             self._after(
@@ -182,3 +189,8 @@ class Worker:
         self._ended.append(
             Ended(campaign="alpha", case=lease.case.id, token=lease.token, reason=reason)  # type: ignore[arg-type]
         )
+
+
+def _sealed(result: Result, worker: str) -> Sealed:
+    data = encode(result)
+    return Sealed(result.token, worker, data, seal(secret(worker), data))

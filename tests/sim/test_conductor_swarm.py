@@ -22,7 +22,8 @@ from conductor.engine import Engine, Turn
 from conductor.facts import SHARED, Committed, Fact, Retried, Snapshot, WorkerLeft
 from conductor.journal import JournalError
 from conductor.lease import Policy
-from conductor.state import CaseState, LiveLease, State
+from conductor.session import issued_to
+from conductor.state import CaseState, LiveLease, State, WorkerState
 from conductor.turn import Turn as CoreTurn
 from schemas.messages import Result
 
@@ -84,10 +85,11 @@ def _caught() -> str:
 def test_planted_a_stale_token_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     commit = conductor.settle.commit
 
-    def forgiving(turn: CoreTurn, result: Result, worker: str) -> bool:
+    def forgiving(turn: CoreTurn, result: Result, worker: WorkerState) -> bool:
         case = turn.state.case((result.campaign, result.case))
-        if case is not None and case.end is None and result.token in case.issued:
-            turn.emit(Committed(result=result, worker=worker, device_class="cpu:avx2", attempt=1))
+        if case is not None and case.end is None and issued_to(case, worker, result.token):
+            name = worker.joined.worker
+            turn.emit(Committed(result=result, worker=name, device_class="cpu:avx2", attempt=1))
             return True
         return commit(turn, result, worker)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
+from schemas.bounds import SEALED_MAX
 from schemas.campaign import Case
 from schemas.identity import rig_key
 from schemas.interventions import JOURNAL_FILE
@@ -24,6 +25,7 @@ from schemas.messages import (
     Reply,
     Request,
     Result,
+    Sealed,
     Touch,
     noop_result,
 )
@@ -205,6 +207,8 @@ class Core:
     """``finishing``: no new cases, running ones go on; ``draining``: only goodbyes are left."""
     held: dict[int, Held] = field(default_factory=dict)
     results: list[Result] = field(default_factory=list)
+    inherited: list[Sealed] = field(default_factory=list)
+    """Results of earlier workers, out of the spool."""
     ended: list[Ended] = field(default_factory=list)
     waits: bool = False
     """For a port of this host that another rig uses; no cases are asked for."""
@@ -352,9 +356,8 @@ class Core:
 
     def on_spool(self, contents: list[bytes]) -> list[Effect]:
         """What earlier incarnations left behind: delivered with the next request."""
-        found = [result for data in contents if (result := unpack(data)) is not None]
-        self.results += found
-        self.spooled |= {result.token for result in found}
+        found = [sealed for data in contents if (sealed := unpack(data)) is not None]
+        self.inherited += found
         damaged = len(contents) - len(found)
         said: list[Effect] = []
         if found:
@@ -525,14 +528,15 @@ class Core:
     def _spool(self, results: list[Result]) -> list[Effect]:
         fresh = [result for result in results if result.token not in self.spooled]
         self.spooled |= {result.token for result in fresh}
-        return [SpoolWrite(result.token, pack(result)) for result in fresh]
+        return [SpoolWrite(result.token, pack(result, self.hello)) for result in fresh]
 
     def _request(self, now_ns: int) -> Request | None:
         if now_ns < self.ask_at_ns:
             return self._beat(now_ns)
         if self.phase == "joining":
             return self.hello
-        if self.pending is None and (self.results or self.ended or self._free() > 0):
+        news = self.results or self.inherited or self.ended
+        if self.pending is None and (news or self._free() > 0):
             self.seq += 1
             self.pending = Next(
                 v=SCHEMA_VERSION,
@@ -544,11 +548,13 @@ class Core:
                 ended=self.ended[:],
                 held=list(self.held),
                 remaining_s=self._remaining_s(now_ns),
+                session=self.hello.session,
+                sealed=self.inherited[:SEALED_MAX],
             )
         if self.pending is not None:
             return self.pending
         if self.phase == "draining":
-            return Bye(v=SCHEMA_VERSION, worker=self.hello.worker)
+            return Bye(v=SCHEMA_VERSION, worker=self.hello.worker, session=self.hello.session)
         return self._beat(now_ns)
 
     def _beat(self, now_ns: int) -> Beat | None:
@@ -559,7 +565,13 @@ class Core:
         self.beat_at_ns = now_ns + self.ttl_ns // 4
         progress = {str(token): held.progress for token, held in self.held.items()}
         touched = {str(t): h.touch for t, h in self.held.items() if h.touch and not h.told}
-        return Beat(v=SCHEMA_VERSION, worker=self.hello.worker, held=progress, touched=touched)
+        return Beat(
+            v=SCHEMA_VERSION,
+            worker=self.hello.worker,
+            held=progress,
+            touched=touched,
+            session=self.hello.session,
+        )
 
     def _remaining_s(self, now_ns: int) -> float | None:
         if self.walltime_end_ns is None:
@@ -617,6 +629,8 @@ class Core:
         self.pending = None
         settled = [r.token for r in request.results if r.token in self.spooled]
         self.spooled.difference_update(settled)
+        settled += [sealed.token for sealed in request.sealed]
+        self.inherited = self.inherited[len(request.sealed) :]
         self.results = self.results[len(request.results) :]
         self.ended = self.ended[len(request.ended) :]
         effects: list[Effect] = [SpoolForget(token) for token in settled]

@@ -44,8 +44,11 @@ TIMEOUT_S = 10.0
 class Delivery:
     """Which campaign folders are shared, and what has to be delivered. Its calls may wait."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, worker: str, session: bytes) -> None:
+        """``worker`` and ``session``: for whom it speaks, and what proves that."""
         self._bus = bus
+        self._worker = worker
+        self._session = session
         self._shared: dict[str, bool] = {}
         """Campaign folder -> whether we and the conductor see the same one."""
         self._scratch: Path | None = None
@@ -54,6 +57,8 @@ class Delivery:
         self._files: dict[int, tuple[Lease, Path]] = {}
         """Token -> lease and attempt folder in our scratch."""
         self._delivered: set[int] = set()
+        self.fenced: set[int] = set()
+        """Tokens that the conductor says are not ours; their files stay here."""
 
     def look(self, leases: Sequence[Lease]) -> list[str]:
         """Find out about the folders of new leases; what there is to say about it."""
@@ -90,7 +95,7 @@ class Delivery:
         self, results: Sequence[Result], ended: Sequence[Ended], on_sent: Callable[[], None]
     ) -> bool:
         """Bring the files of ``results``, and of attempts that ended without one, to the
-        conductor; False: not now, ask again.
+        conductor; False: not now, ask again. What it refuses as not ours is :attr:`fenced` then.
 
         ``on_sent`` runs after each: many results over a slow line take a while.
 
@@ -102,9 +107,10 @@ class Delivery:
         for token in due:
             if token in self._files:
                 lease, folder = self._files[token]
-                if token not in self._delivered and not self._send(lease, folder):
+                if token in self._delivered | self.fenced:
+                    continue
+                if not self._send(lease, folder):
                     return False
-                self._delivered.add(token)
                 on_sent()
         return True
 
@@ -122,6 +128,7 @@ class Delivery:
             if token in self._files:
                 _, folder = self._files.pop(token)
                 self._delivered.discard(token)
+                self.fenced.discard(token)
                 shutil.rmtree(folder, ignore_errors=True)
 
     def close(self) -> None:
@@ -140,6 +147,8 @@ class Delivery:
             v=SCHEMA_VERSION,
             campaign=lease.case.campaign,
             sha256=hashlib.sha256(content).hexdigest(),
+            worker=self._worker,
+            session=self._session,
         )
         # No answer counts as no: a delivery into a folder that is shared does no harm.
         answer = self._ask(encode(seen))
@@ -174,12 +183,15 @@ class Delivery:
             sha256=files_sha256(kpi, log),
             extras=extras,
             extras_sha256=extras_sha256(extras),
+            worker=self._worker,
+            session=self._session,
         )
         answer = self._ask(encode(files))
         if answer is None or (answer.retry and not answer.ok):
             return False
-        if not answer.ok:
+        if not answer.ok and not answer.fenced:
             raise InfrastructureError(f"a result cannot be delivered: {answer.error}")
+        (self._delivered if answer.ok else self.fenced).add(lease.token)
         return True
 
     def _ask(self, payload: bytes) -> Delivered | None:

@@ -30,6 +30,7 @@ from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
 from twin.fabric.errors import TwinError, UsageError, storage_error
 from twin.fabric.key_file import Key
 from twin.fabric.port_turn import await_turn, turn_at
+from twin.fabric.session import new_secret
 from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
 from twin.worker import core as decisions
@@ -144,6 +145,8 @@ class Worker:
         host = socket.gethostname()
         memory_bytes = None if options.memory_gb is None else int(options.memory_gb * 1e9)
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
+        # In the memory of this process alone: no child inherits it, and nothing of it is written.
+        session = new_secret()
         self._resources = ResourceLog(self.id, host, options.device, _log)
         self._core = decisions.Core(
             Hello(
@@ -161,6 +164,7 @@ class Worker:
                 tags=list(options.tags),
                 share=options.share,
                 lacks=lacking_bridges(),
+                session=session,
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
@@ -192,7 +196,7 @@ class Worker:
             namespace=self._options.namespace,
             key=self._options.key,
         )
-        self._delivery = Delivery(self._bus)
+        self._delivery = Delivery(self._bus, self.id, self._core.hello.session)
         if self._options.join_dir and (gone := sweep(Path(self._options.join_dir))):
             _log(f"{self._options.join_dir}: removed what {len(gone)} dead rigs left")
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
@@ -233,13 +237,22 @@ class Worker:
         tokens = [*request.held, *over]
         # Files may take a while; the heartbeats that are due meanwhile are sent from here.
         beat = Beat(
-            v=SCHEMA_VERSION, worker=request.worker, held=dict.fromkeys(map(str, tokens), 0)
+            v=SCHEMA_VERSION,
+            worker=request.worker,
+            held=dict.fromkeys(map(str, tokens), 0),
+            session=request.session,
         )
         if not self._delivery.deliver(
             request.results, request.ended, lambda: self._beat_if_due(beat)
         ):
             self._beat_if_due(beat)
             return None
+        if self._delivery.fenced:
+            # No result may be committed without its files: it must be fenced as well.
+            heard = self._ask(beat)
+            if heard is None or heard.error or not self._delivery.fenced <= {*heard.lost}:
+                self._delivery.fenced.clear()
+                return heard if heard is not None and heard.error else None
         reply = self._ask(request)
         if reply is not None and not reply.error:
             self._delivery.forget(over)

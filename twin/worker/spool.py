@@ -1,6 +1,8 @@
 """Results that wait for the conductor, as bytes for a file each; no file is opened here.
 
-A torn or damaged file must not become a result: the bytes begin with their digest.
+Whoever may write the folder may not make results: they are sealed by the session that ran them, and
+only the conductor decides what they are worth. A torn or damaged file is told from others by the
+digest in front.
 """
 
 from __future__ import annotations
@@ -10,8 +12,9 @@ import hashlib
 import msgspec
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Result
+from schemas.messages import Hello, Result, Sealed
 from schemas.wire import WireError, decode, encode
+from twin.fabric.session import seal
 
 _DIGEST_BYTES = 32
 
@@ -20,17 +23,19 @@ class Spooled(msgspec.Struct, frozen=True):
     """Content of one file."""
 
     v: int
-    result: Result
+    sealed: Sealed
 
 
-def pack(result: Result) -> bytes:
-    """Result -> content of its file."""
-    data = encode(Spooled(v=SCHEMA_VERSION, result=result))
+def pack(result: Result, own: Hello) -> bytes:
+    """Result of the worker that introduced itself so -> content of its file."""
+    plain = encode(result)
+    sealed = Sealed(result.token, own.worker, plain, seal(own.session, plain))
+    data = encode(Spooled(v=SCHEMA_VERSION, sealed=sealed))
     return hashlib.sha256(data).digest() + data
 
 
-def unpack(data: bytes) -> Result | None:
-    """Content of a file -> result; None: it is damaged, or of another version."""
+def unpack(data: bytes) -> Sealed | None:
+    """Content of a file -> sealed result; None: it is damaged, or of another version."""
     digest, content = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         return None
@@ -38,4 +43,4 @@ def unpack(data: bytes) -> Result | None:
         spooled: Spooled = decode(content, Spooled)
     except WireError:
         return None
-    return spooled.result
+    return spooled.sealed

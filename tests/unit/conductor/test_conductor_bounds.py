@@ -10,7 +10,7 @@ from typing import Any
 import msgpack
 import msgspec
 import pytest
-from conductor_bench import CONFIG, S, campaign, hello, result, submit
+from conductor_bench import CONFIG, S, campaign, hello, result, shown, submit
 
 import conductor.admit
 import conductor.engine
@@ -49,7 +49,7 @@ def _touched(**fields: Any) -> dict[str, Any]:
 
 
 def _hello(**fields: Any) -> dict[str, Any]:
-    return {"verb": "hello", **msgspec.to_builtins(hello()), **fields}
+    return {"verb": "hello", **msgspec.structs.asdict(hello()), **fields}
 
 
 BOUNDED: list[tuple[Callable[[int], dict[str, Any]], int, int]] = [
@@ -131,7 +131,7 @@ def engine(journal: Journal, tmp_path: Path) -> Engine:
 
 
 def _ask(engine: Engine, *requests: Request) -> list[Reply]:
-    turn = engine.turn([Message(encode(request), S) for request in requests])
+    turn = engine.turn([Message(encode(shown(request)), S) for request in requests])
     return [decode(reply or b"", Reply) for reply in turn.replies]
 
 

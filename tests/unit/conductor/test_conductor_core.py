@@ -70,16 +70,6 @@ def test_a_late_result_must_agree(
     assert bench.status()["campaigns"]["alpha"]["disagreements"] == disagreements
 
 
-def test_a_result_is_taken_by_its_token_from_any_worker() -> None:
-    """A worker delivers what lay in the spool of an incarnation before it."""
-    bench = started(cases=1, workers=2)
-    (lease,) = bench.lease("w1")
-    assert bench.next("w2", k=0, results=[result(lease)]).fenced == []
-    (fact,) = bench.facts(Committed)
-    assert fact.worker == "w1"
-    assert bench.beat("w1", lease.token).lost == [lease.token]
-
-
 @pytest.mark.parametrize(
     "changes",
     [{"token": 12345}, {"case": "repeat_1"}, {"case": "nothing"}, {"campaign": "nothing"}],

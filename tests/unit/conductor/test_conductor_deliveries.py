@@ -26,15 +26,16 @@ def folder(tmp_path):
 @pytest.fixture
 def deliveries(folder):
     made = Deliveries(
-        lambda name, case, number: folder if (name, case) in KNOWN and number < 9 else None
+        lambda message: (str(folder), "") if known(message) else ("", "has no such attempt")
     )
     yield made
     made.close()
 
 
-KNOWN = {("demo", ""), ("demo", "c1")}
-LEASED = 8
-"""Attempts of the case."""
+def known(message):
+    if isinstance(message, SeenFolder):
+        return message.campaign == "demo"
+    return (message.campaign, message.case) == ("demo", "c1") and message.attempt < 9
 
 
 def attempt(
@@ -85,10 +86,10 @@ def test_half_an_attempt_is_completed(deliveries, folder):
 @pytest.mark.parametrize(
     ("message", "error"),
     [
-        (attempt(case="../../etc"), "has no case"),
+        (attempt(case="../../etc"), "has no such attempt"),
         (attempt(case=""), "not a valid message"),
-        (attempt(case="c2"), "has no case"),
-        (attempt(campaign="other"), "has no case"),
+        (attempt(case="c2"), "has no such attempt"),
+        (attempt(campaign="other"), "has no such attempt"),
         (attempt(campaign="../x"), "not a valid message"),
         (attempt(number=0), "not a valid message"),
         (attempt(sha256="0" * 64), "damaged on its way"),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import msgpack
 import pytest
-from conductor_bench import CONFIG, S, hello, result, submit
+from conductor_bench import CONFIG, S, hello, result, shown, submit
 
 import conductor.engine
 from conductor.engine import Engine, Message
@@ -43,7 +43,7 @@ class Store:
 
 
 def messages(*requests: Request, now_ns: int = S) -> list[Message]:
-    return [Message(encode(request), now_ns) for request in requests]
+    return [Message(encode(shown(request)), now_ns) for request in requests]
 
 
 def ask(engine: Engine, *requests: Request, now_ns: int = S) -> list[Reply]:
@@ -123,7 +123,7 @@ def test_messages_count_from_their_arrival(engine: Engine) -> None:
     """A stalled disk lets heartbeats pile up; they must not find their leases expired."""
     (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
     token = reply.leases[0].token
-    beat = encode(Beat(v=V, worker="w1", held={str(token): 1}))
+    beat = encode(shown(Beat(v=V, worker="w1", held={str(token): 1})))
     turn = engine.turn([Message(beat, second * S) for second in (10, 20, 30)])
     assert [decode(r or b"", Reply).lost for r in turn.replies] == [[], [], []]
     engine.tick((30 + 15) * S - 1)

@@ -155,7 +155,7 @@ def test_links_are_not_followed_when_results_are_delivered(tmp_path: Path, outsi
     campaign = tmp_path / "campaign"
     (campaign / "cases").mkdir(parents=True)
     (campaign / "cases" / "a").symlink_to(outside)
-    deliveries = Deliveries(lambda *_: campaign)
+    deliveries = Deliveries(lambda _: (str(campaign), ""))
     try:
         files = AttemptFiles(V, "c", "a", 2, b"kpi", b"log", files_sha256(b"kpi", b"log"))
         answer = deliveries.handle(encode(files))

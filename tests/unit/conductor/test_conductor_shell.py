@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from conductor_bench import hello, result, submit
+from conductor_bench import hello, next_of, result, submit
 from waiting import PATIENCE_S
 
 import conductor.folders
@@ -24,7 +24,7 @@ from schemas import SCHEMA_VERSION as V
 from schemas import topics
 from schemas.campaign import Campaign
 from schemas.doors import door
-from schemas.messages import Next, Reply, StatusRequest, Stop
+from schemas.messages import Reply, StatusRequest, Stop
 from schemas.wire import decode, encode
 from schemas.yaml_file import load_yaml
 from twin.fabric.bus import Bus, Sample
@@ -58,9 +58,9 @@ def serving(folder: Path, hub: Hub, **options: object) -> Iterator[Conductor]:
 
 def _run_all(conductor: Conductor, worker: str = "w1") -> None:
     conductor.request(hello(worker))
-    leases = conductor.request(Next(v=V, worker=worker, seq=1, k=99)).leases
+    leases = conductor.request(next_of(worker=worker, seq=1, k=99)).leases
     done = [result(lease, kpi="0") for lease in leases]
-    assert not conductor.request(Next(v=V, worker=worker, seq=2, k=0, results=done)).error
+    assert not conductor.request(next_of(worker=worker, seq=2, k=0, results=done)).error
 
 
 def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> None:
@@ -95,10 +95,10 @@ def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
     with serving(tmp_path, hub) as served:
         served.request(submit())
         served.request(hello())
-        leases = served.request(Next(v=V, worker="w1", seq=1, k=3)).leases
+        leases = served.request(next_of(worker="w1", seq=1, k=3)).leases
         done = [result(lease, kpi="0") for lease in leases[:2]]
         # The third lease is in no hand any more: it is given back.
-        served.request(Next(v=V, worker="w1", seq=2, k=0, results=done))
+        served.request(next_of(worker="w1", seq=2, k=0, results=done))
         served.request(StatusRequest(v=V))  # a turn later all of it has been written
         found = read_outcomes(tmp_path / "alpha")
         assert not found.complete
@@ -125,7 +125,7 @@ def test_a_start_is_in_the_timeline_and_a_torn_line_takes_no_event_with_it(
     with serving(tmp_path, hub) as served:
         served.request(submit())
         served.request(hello("w1"))
-        served.request(Next(v=V, worker="w1", seq=1, k=1))
+        served.request(next_of(worker="w1", seq=1, k=1))
         served.request(StatusRequest(v=V))  # a turn later all of it has been written
         assert b"started" not in path.read_bytes(), "the first start has nothing before it"
     path.write_bytes(path.read_bytes() + b'{"at_s": 1e9, "ev')
@@ -175,11 +175,11 @@ def test_a_restart_resumes_and_keeps_leases(tmp_path: Path, hub: Hub) -> None:
     with serving(tmp_path, hub) as conductor:
         conductor.request(submit())
         conductor.request(hello())
-        leases = conductor.request(Next(v=V, worker="w1", seq=1, k=2)).leases
+        leases = conductor.request(next_of(worker="w1", seq=1, k=2)).leases
     assert not read_outcomes(tmp_path / "alpha").complete
     with serving(tmp_path, hub) as conductor:
         assert conductor.request(submit()).status["resumed"]
-        done = Next(v=V, worker="w1", seq=2, k=2, results=[result(x, kpi="0") for x in leases])
+        done = next_of(worker="w1", seq=2, k=2, results=[result(x, kpi="0") for x in leases])
         reply = conductor.request(done)
         assert (reply.fenced, len(reply.leases), reply.epoch) == ([], 2, 2)
 
@@ -201,10 +201,10 @@ def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.Monke
     assert served.started.wait(PATIENCE_S)
     served.request(submit())
     served.request(hello())
-    (lease,) = served.request(Next(v=V, worker="w1", seq=1, k=1)).leases
+    (lease,) = served.request(next_of(worker="w1", seq=1, k=1)).leases
     assert served.request(Stop(v=V)).drain
     assert thread.is_alive()
-    served.request(Next(v=V, worker="w1", seq=2, k=1, results=[result(lease)]))
+    served.request(next_of(worker="w1", seq=2, k=1, results=[result(lease)]))
     thread.join(PATIENCE_S)
     assert not thread.is_alive()
 
@@ -223,7 +223,7 @@ def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: Hub) -> No
         worker.announce(topics.WORKER_ALIVE.key.format(worker="w1"))
         conductor.request(submit())
         conductor.request(hello())
-        conductor.request(Next(v=V, worker="w1", seq=1, k=1))
+        conductor.request(next_of(worker="w1", seq=1, k=1))
         worker.close()
         assert lost.wait(PATIENCE_S)
 

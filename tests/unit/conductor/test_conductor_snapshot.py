@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from conductor_bench import Bench, ended, hello, result, started, submit
+from conductor_bench import Bench, ended, hello, next_of, result, started, submit
 
 from conductor.core import close, decide, start
 from conductor.facts import Fact, Image, Snapshot
@@ -21,8 +21,6 @@ from conductor.journal import Journal
 from conductor.outcomes import Outcomes, encode_campaign, encode_outcomes, outcomes_of
 from conductor.snapshot import take
 from conductor.state import IMAGE_CASES, Config, State
-from schemas import SCHEMA_VERSION as V
-from schemas.messages import Next
 
 DATA = Path(__file__).parent / "data"
 
@@ -140,7 +138,7 @@ def test_the_journal_keeps_the_snapshot_and_what_came_after(tmp_path: Path) -> N
     journal.append(start(state))
     revive(state, bench.now_ns)
     journal.close()
-    again = Next(v=V, worker="w1", seq=bench.seqs["w1"], k=0, held=[9])
+    again = next_of("w1", bench.seqs["w1"], 0, held=[9])
     _, reply = decide(state, again, bench.now_ns)
     assert (reply.error, reply.seq) == ("", again.seq)
 

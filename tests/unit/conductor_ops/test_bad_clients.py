@@ -8,7 +8,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from conductor_bench import hello, result, submit
+from conductor_bench import beat_of, hello, next_of, result, submit
 from ops_bench import running_hub, serving
 from waiting import PATIENCE_S
 
@@ -17,7 +17,7 @@ from conductor.shell import Conductor
 from schemas import SCHEMA_VERSION as V
 from schemas import topics
 from schemas.doors import WORDS_BYTES_MAX, door
-from schemas.messages import Beat, Next, Reply, Request, StatusRequest, Stop
+from schemas.messages import Reply, Request, StatusRequest, Stop
 from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
 
 Ask = Callable[..., Reply]
@@ -49,7 +49,7 @@ def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> 
     """Access lists know keys only: a viewer must not cancel through the door for questions."""
     conductor, ask = served
     before = conductor.snapshot()["campaigns"]
-    requests = [submit(), hello("w2"), Stop(v=V), Next(v=V, worker="w1", seq=1, k=1)]
+    requests = [submit(), hello("w2"), Stop(v=V), next_of(worker="w1", seq=1, k=1)]
     tries = [
         (request, topic.key)
         for request in requests
@@ -121,12 +121,12 @@ def test_waiting_bytes_are_bounded(
 
 def test_forged_tokens_are_fenced(served: tuple[Conductor, Ask]) -> None:
     conductor, ask = served
-    (lease,) = ask(encode(Next(v=V, worker="w1", seq=1, k=1))).leases
+    (lease,) = ask(encode(next_of(worker="w1", seq=1, k=1))).leases
     forged = [result(lease, token=lease.token + n) for n in (1, 2**32, -1)]
-    reply = ask(encode(Next(v=V, worker="w1", seq=2, k=0, results=forged, held=[lease.token])))
+    reply = ask(encode(next_of(worker="w1", seq=2, k=0, results=forged, held=[lease.token])))
     assert reply.fenced == [each.token for each in forged]
     assert counters(conductor)["fenced"] == 3
-    beat = ask(encode(Beat(v=V, worker="w1", held={str(lease.token): 1, "999": 1})))
+    beat = ask(encode(beat_of(worker="w1", held={str(lease.token): 1, "999": 1})))
     assert beat.lost == [999]
     row = conductor.snapshot()["campaigns"]["alpha"]
     assert (row["committed"], row["leased"]) == (0, 1)
@@ -135,7 +135,7 @@ def test_forged_tokens_are_fenced(served: tuple[Conductor, Ask]) -> None:
 def test_another_workers_token_gives_nothing_back(served: tuple[Conductor, Ask]) -> None:
     conductor, ask = served
     ask(encode(hello("w2")))
-    (lease,) = ask(encode(Next(v=V, worker="w1", seq=1, k=1))).leases
-    ask(encode(Next(v=V, worker="w2", seq=1, k=0, held=[lease.token])))
+    (lease,) = ask(encode(next_of(worker="w1", seq=1, k=1))).leases
+    ask(encode(next_of(worker="w2", seq=1, k=0, held=[lease.token])))
     assert conductor.snapshot()["campaigns"]["alpha"]["leased"] == 1
-    assert "unknown worker" in ask(encode(Next(v=V, worker="nobody", seq=1, k=1))).error
+    assert "unknown worker" in ask(encode(next_of(worker="nobody", seq=1, k=1))).error

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conductor_bench import CONFIG, S, V, hello, submit
+from conductor_bench import CONFIG, S, hello, next_of, submit
 from ops_bench import running_hub, serving
 
 import conductor.shell
 from conductor.engine import Engine, Message
 from conductor.journal import Journal
 from conductor.state import Config
-from schemas.messages import Next, Reply
+from schemas.messages import Reply
 from schemas.wire import decode, encode
 
 
@@ -20,7 +20,7 @@ def test_leases_get_a_full_time_to_live_after_waking_up(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     engine = Engine(journal, CONFIG, 0)
     engine.turn([Message(encode(request), S) for request in (submit(), hello())])
-    turn = engine.turn([Message(encode(Next(v=V, worker="w1", seq=1, k=1)), S)])
+    turn = engine.turn([Message(encode(next_of(worker="w1", seq=1, k=1)), S)])
     (lease,) = decode(turn.replies[0] or b"", Reply).leases
     engine.woke(100 * S)
     ttl_ns = CONFIG.ttl_ns

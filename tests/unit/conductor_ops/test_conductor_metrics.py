@@ -7,11 +7,10 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from conductor_bench import V, hello, result, submit
+from conductor_bench import hello, next_of, result, submit
 from ops_bench import running_hub, serving
 
 from conductor.metrics import parse_address, serving_metrics
-from schemas.messages import Next
 from twin.fabric.errors import UsageError
 
 
@@ -29,9 +28,9 @@ def test_a_scrape(tmp_path: Path) -> None:
     ):
         conductor.request(submit())
         conductor.request(hello())
-        leases = conductor.request(Next(v=V, worker="w1", seq=1, k=2)).leases
+        leases = conductor.request(next_of(worker="w1", seq=1, k=2)).leases
         conductor.request(
-            Next(v=V, worker="w1", seq=2, k=0, results=[result(leases[0])], held=[leases[1].token])
+            next_of(worker="w1", seq=2, k=0, results=[result(leases[0])], held=[leases[1].token])
         )
         found = scrape(url)
     prefix = "drivetwin_conductor"

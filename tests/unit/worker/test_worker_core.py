@@ -9,6 +9,8 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import rig_key
 from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
+from schemas.wire import decode
+from twin.fabric.session import is_sealed, signer_of
 from twin.worker.core import (
     GOODBYE_TRIES,
     IDLE_NS,
@@ -45,6 +47,7 @@ def hello(slots=2):
         device_class="cpu",
         software="s",
         slots=slots,
+        session=bytes(range(32)),
     )
 
 
@@ -376,7 +379,9 @@ def test_beats_carry_progress():
     period_ns = 15 * SECOND_NS // 4
     assert core.on_time(period_ns - 1) == []
     (ask,) = core.on_time(period_ns)
-    assert ask.request == Beat(v=SCHEMA_VERSION, worker="w", held={"1": 10, "2": 20})
+    assert ask.request == Beat(
+        v=SCHEMA_VERSION, worker="w", held={"1": 10, "2": 20}, session=hello().session
+    )
     effects = core.on_reply(ask.request, reply(lost=[2]), period_ns)
     assert effects == [AbandonToken(2)]
     assert list(core.held) == [1]
@@ -550,8 +555,8 @@ def test_results_that_wait_are_spooled_and_forgotten_when_settled():
     assert core.on_reply(ask.request, None, 0) == []
     (ask,) = core.on_time(RETRY_NS)
     _, written = core.on_reply(ask.request, None, RETRY_NS)
-    assert written == SpoolWrite(1, pack(result(1)))
-    assert core.on_done(result(2), RETRY_NS) == [SpoolWrite(2, pack(result(2)))]
+    assert written == SpoolWrite(1, pack(result(1), hello()))
+    assert core.on_done(result(2), RETRY_NS) == [SpoolWrite(2, pack(result(2), hello()))]
     (ask,) = core.on_time(2 * RETRY_NS)
     effects = core.on_reply(ask.request, reply(seq=2), 2 * RETRY_NS)
     assert SpoolForget(1) in effects
@@ -573,7 +578,8 @@ def test_a_worker_that_leaves_unheard_leaves_its_results_in_the_spool():
         now = max(now, core.ask_at_ns)
         (ask,) = core.on_time(now)
         effects += core.on_reply(ask.request, None, now)
-    assert [e for e in effects if isinstance(e, SpoolWrite)] == [SpoolWrite(1, pack(result(1)))]
+    (written,) = [e for e in effects if isinstance(e, SpoolWrite)]
+    assert written == SpoolWrite(1, pack(result(1), hello()))
     assert effects[-1] == Leave()
 
 
@@ -586,13 +592,13 @@ def test_a_refused_goodbye_ends_as_well():
         now = max(now, core.ask_at_ns)
         (ask,) = core.on_time(now)
         effects = core.on_reply(ask.request, reply(error="unknown worker, say hello"), now)
-    assert effects[-2:] == [SpoolWrite(1, pack(result(1))), Leave()]
+    assert effects[-2:] == [SpoolWrite(1, pack(result(1), hello())), Leave()]
 
 
 def test_results_of_an_earlier_incarnation_are_delivered():
     core = Core(hello())
-    torn = pack(result(8))[:-1]
-    said = core.on_spool([pack(result(7)), torn, b""])
+    torn = pack(result(8), hello())[:-1]
+    said = core.on_spool([pack(result(7), hello()), torn, b""])
     assert said == [
         Say("1 results of earlier workers are delivered"),
         Say("2 files of the spool are damaged and ignored"),
@@ -600,15 +606,18 @@ def test_results_of_an_earlier_incarnation_are_delivered():
     (ask,) = core.on_time(0)
     core.on_reply(ask.request, reply(), 0)
     (ask,) = core.on_time(0)
-    assert [r.token for r in ask.request.results] == [7]
+    assert (ask.request.results, ask.request.sealed) == ([], [unpack(pack(result(7), hello()))])
     assert SpoolForget(7) in core.on_reply(ask.request, reply(seq=1, fenced=[7]), 1)
 
 
 def test_the_spool_keeps_a_result_as_it_is():
     kept = Result("c", "x", 5, "verdict", "pass", {"a": 1.5, "b": None}, ["r"], wall_s=2.5)
-    assert unpack(pack(kept)) == kept
+    sealed = unpack(pack(kept, hello()))
+    assert (sealed.token, sealed.worker) == (5, "w")
+    assert decode(sealed.result, Result) == kept
+    assert is_sealed(signer_of(hello().session), sealed.result, sealed.seal)
     assert unpack(b"") is None
-    assert unpack(pack(kept)[1:]) is None
+    assert unpack(pack(kept, hello())[1:]) is None
 
 
 GB = 1_000_000_000
@@ -650,7 +659,7 @@ def test_a_worker_that_was_forgotten_leaves_and_keeps_its_results():
     assert effects == [
         KeepLogs((lease(2, CASES[1]),), "released: worker w has left"),
         StopRig(),
-        SpoolWrite(1, pack(result(1))),
+        SpoolWrite(1, pack(result(1), hello())),
         Leave("worker w has left"),
     ]
 
@@ -720,8 +729,8 @@ def test_a_refused_rig_blames_no_case_however_many_it_has():
 
 
 def test_a_spooled_result_counts_only_with_its_own_digest():
-    one, other = pack(result(1)), pack(result(2))
-    assert (unpack(one), unpack(other)) == (result(1), result(2))
+    one, other = pack(result(1), hello()), pack(result(2), hello())
+    assert [decode(unpack(each).result, Result) for each in (one, other)] == [result(1), result(2)]
     assert unpack(one[:32] + other[32:]) is None
     assert unpack(one[:-1]) is None
     assert unpack(b"") is None

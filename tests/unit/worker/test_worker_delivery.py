@@ -44,7 +44,7 @@ def there(bus, tmp_path):
     folder = tmp_path / "there"
     folder.mkdir()
     (folder / "conductor.json").write_bytes(b"{}")
-    deliveries = Deliveries(lambda name, case, number: folder if name == "demo" else None)
+    deliveries = Deliveries(lambda told: (str(folder), "") if told.worker == "w1" else ("", "no"))
     bus.serve(topics.FILES.key, deliveries.receive)
     yield folder
     deliveries.close()
@@ -65,7 +65,7 @@ def simulate(found):
 
 
 def test_a_shared_folder_is_written_directly(bus, there, scratch):
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     assert delivery.look([lease(there)]) == []
     assert delivery.localized(lease(there)) == lease(there)
     assert not delivery.holds(1)
@@ -79,7 +79,7 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
     if stale:
         here.mkdir()
         (here / "conductor.json").write_bytes(b"{'pid': 1}")
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     assert "is not the conductor's folder here" in delivery.look([lease(here)])[0]
     assert delivery.look([lease(here, 2)]) == [], "said once"
     recorded = msgspec.structs.replace(lease(here), case=msgspec.structs.replace(CASE, drive="all"))
@@ -105,7 +105,7 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
 
 
 def test_attempts_without_a_result_are_delivered_with_what_they_left(bus, there, tmp_path):
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     folders = {}
     for token in (1, 2, 3):
         own = msgspec.structs.replace(lease(tmp_path / "here", token), attempt=token)
@@ -150,7 +150,7 @@ def test_no_commit_before_the_files_are_safe(bus, tmp_path):
     full = Delivered(SCHEMA_VERSION, ok=False, error="disk full", retry=True)
     good = Delivered(SCHEMA_VERSION, ok=True)
     answering(bus, encode(full), b"\xc1", encode(good))
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     delivery.look([lease(tmp_path / "here")])
     result = simulate(delivery.localized(lease(tmp_path / "here")))
     assert [delivery.deliver([result], [], lambda: None) for _ in range(3)] == [False, False, True]
@@ -160,7 +160,7 @@ def test_no_commit_before_the_files_are_safe(bus, tmp_path):
 def test_what_will_never_be_taken_ends_the_worker(bus, tmp_path):
     never = Delivered(SCHEMA_VERSION, ok=False, error="has no case 'x'")
     answering(bus, encode(never))
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     delivery.look([lease(tmp_path / "here")])
     result = simulate(delivery.localized(lease(tmp_path / "here")))
     with pytest.raises(InfrastructureError, match="cannot be delivered: has no case 'x'"):
@@ -168,9 +168,28 @@ def test_what_will_never_be_taken_ends_the_worker(bus, tmp_path):
     delivery.close()
 
 
+def test_what_is_not_ours_any_more_ends_nobody(bus, tmp_path):
+    """The conductor fences such a result as well; its files stay where they are until then."""
+    fenced = Delivered(SCHEMA_VERSION, ok=False, error="not yours", fenced=True)
+    answering(bus, encode(fenced), encode(Delivered(SCHEMA_VERSION, ok=True)))
+    delivery = Delivery(bus, "w1", bytes(32))
+    delivery.look([lease(tmp_path / "here")])
+    result = simulate(delivery.localized(lease(tmp_path / "here")))
+    assert delivery.deliver([result], [], lambda: None)
+    assert delivery.fenced == {result.token}
+    assert delivery.deliver([result], [], lambda: None), "nothing is sent again"
+    assert delivery.holds(result.token)
+    delivery.fenced.clear()
+    assert delivery.deliver([result], [], lambda: None), "it was a mistake"
+    assert delivery.fenced == set()
+    delivery.forget([result.token])
+    assert not delivery.holds(result.token)
+    delivery.close()
+
+
 def test_noop_cases_have_no_files(bus, tmp_path):
     noop = msgspec.structs.replace(CASE, simulator="noop")
-    delivery = Delivery(bus)
+    delivery = Delivery(bus, "w1", bytes(32))
     assert delivery.look([msgspec.structs.replace(lease(tmp_path), case=noop)]) == []
     assert not delivery.holds(1)
 
@@ -179,11 +198,11 @@ def test_what_a_killed_worker_left_is_removed_and_a_living_one_kept(bus, scratch
     dead = scratch / f"{PREFIX}dead"
     dead.mkdir()
     (dead / "kpi.parquet").write_bytes(hashlib.sha256(os.urandom(8)).digest())
-    living = Delivery(bus)
+    living = Delivery(bus, "w1", bytes(32))
     living.look([lease(tmp_path / "here")])
     kept = Path(living.localized(lease(tmp_path / "here")).out).parent
     assert not dead.exists()
-    other = Delivery(bus)
+    other = Delivery(bus, "w1", bytes(32))
     other.look([lease(tmp_path / "here")])
     assert kept.exists()
     other.close()
