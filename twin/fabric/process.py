@@ -20,7 +20,7 @@ from typing import IO
 
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_UNFINISHED
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG, _PR_SET_DUMPABLE = 1, 4
 PARENT_VARIABLE = "TWIN_PARENT_PID"
 """Environment variable that tells a child who started it."""
 
@@ -33,6 +33,7 @@ def spawn(
     pipe_output: bool = False,
     folder: Path | None = None,
     given: IO[bytes] | None = None,
+    passed: Sequence[IO[bytes]] = (),
 ) -> subprocess.Popen[bytes]:
     """Start a child in a process group of its own, bound to this process.
 
@@ -46,6 +47,7 @@ def spawn(
         pipe_output: standard output is a pipe to the caller.
         folder: working folder.
         given: standard input, in place of the lifeline: for a child that ends by itself.
+        passed: files that the child has open under the same numbers.
     """
     variables = {**os.environ, **(environment or {}), PARENT_VARIABLE: str(os.getpid())}
     return subprocess.Popen(
@@ -55,6 +57,7 @@ def spawn(
         stderr=log or subprocess.DEVNULL,
         env=variables,
         cwd=folder,
+        pass_fds=[file.fileno() for file in passed],
         # Its own session: Ctrl-C reaches only the parent, which decides what its children do.
         start_new_session=True,
         bufsize=0,
@@ -74,6 +77,12 @@ def die_with_parent(parent: str) -> None:
     # In another pid namespace the parent's number reads 0: the lifeline has to do.
     if os.getppid() not in (int(parent), 0):
         sys.exit(0)
+
+
+def keep_to_itself() -> None:
+    """From now on no other process of this user reads or writes this one's memory, open files or
+    environment; root may. It leaves no core file."""
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
 
 
 def leave_signals_to_the_parent() -> None:
