@@ -135,10 +135,12 @@ def worker(
         import cryptography.x509  # noqa: F401 - it will read a key
     # Beside those processes: this takes long, too.
     from twin.fabric.discovery import await_conductor, choose_target
+    from twin.fabric.process import keep_to_itself
     from twin.fabric.roles import Role
     from twin.worker.fitting import GPU_SLOTS
     from twin.worker.shell import Worker, WorkerOptions
 
+    keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     if connect == LATER:
         told = await_told(loading)
         connect, slots, share = told.connect, told.slots, told.share

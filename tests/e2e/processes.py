@@ -67,7 +67,11 @@ class Marked:
         for pid in psutil.pids():
             try:
                 # Tests ask all the time, so nothing is asked of strangers but this.
-                if mark not in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
+                try:
+                    marks = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+                except PermissionError:  # a worker keeps its own from its user; root sees it
+                    marks = _ancestors_marks(pid)
+                if mark not in marks:
                     continue
                 process = psutil.Process(pid)
                 line = process.cmdline()
@@ -101,6 +105,19 @@ class Marked:
 def keys_of(state: Path) -> Path:
     """The folder of keys that a conductor of this state folder makes."""
     return fabric_folder(fabric_name(state))
+
+
+def _ancestors_marks(pid: int) -> list[bytes]:
+    """Environment of the nearest ancestor of one of our processes that shows it."""
+    process = psutil.Process(pid)
+    if process.uids().real != os.getuid():
+        return []
+    for parent in process.parents():
+        try:
+            return Path(f"/proc/{parent.pid}/environ").read_bytes().split(b"\0")
+        except PermissionError:
+            continue
+    return []
 
 
 def committed(folder: Path) -> int:

@@ -7,7 +7,9 @@ what is not handed its key does not get through a handshake with its simulator.
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
@@ -24,13 +26,14 @@ class RigKeys:
         Raises:
             OSError: no file can be opened.
         """
-        simulator, self._stack = rig_keys(rig)
+        self.simulator_key, self._stack = rig_keys(rig)
+        """What a simulator is told that may not look at our files."""
         self._files: list[IO[bytes]] = []
         try:
-            self.simulator = self._unnamed(simulator)
-            """What the simulator is told, a path that works while this process lives."""
+            self.simulator = self._unnamed(self.simulator_key)
+            """The same, a path that works while this process lives and lets others look."""
             self.stack = self._unnamed(self._stack)
-            """What a stack on this host is told; the same."""
+            """What a stack on this host is told, likewise."""
         except OSError:
             self.close()
             raise
@@ -49,8 +52,23 @@ class RigKeys:
             self._files.pop().close()
 
     def _unnamed(self, data: bytes) -> Path:
-        file = os.fdopen(os.memfd_create("rig key", os.MFD_CLOEXEC), "wb", buffering=0)
-        self._files.append(file)
-        os.fchmod(file.fileno(), 0o600)
-        file.write(data)
-        return Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
+        self._files.append(_unnamed(data))
+        return _path(self._files[-1])
+
+
+@contextlib.contextmanager
+def key_in_memory(data: bytes) -> Iterator[Path]:
+    """A path at which this process finds a key that it was told."""
+    with _unnamed(data) as file:
+        yield _path(file)
+
+
+def _unnamed(data: bytes) -> IO[bytes]:
+    file = os.fdopen(os.memfd_create("rig key", os.MFD_CLOEXEC), "wb", buffering=0)
+    os.fchmod(file.fileno(), 0o600)
+    file.write(data)
+    return file
+
+
+def _path(file: IO[bytes]) -> Path:
+    return Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")

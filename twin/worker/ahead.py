@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 from dataclasses import dataclass
+from typing import IO
 
 from schemas.json_text import JsonError, decode_json
 from twin.fabric.ahead import Told
@@ -24,18 +26,22 @@ class Loading:
     stack: RigChild
     folder: RigFolder
     """In which the two will meet."""
+    stack_log: IO[bytes]
+    """That the one writes and the other reads, also if another stack takes the place of this."""
 
     def discard(self) -> None:
         """End them; they have not been told anything."""
         self.simulator.discard()
         self.stack.discard()
         self.folder.close()
+        self.stack_log.close()
 
 
 def begin_loading(device: str) -> Loading:
     """Have the processes of a rig that computes on ``device`` load."""
-    folder = RigFolder()
-    return Loading(start_simulator(device), load_stack(device, folder.path), folder)
+    folder, log = RigFolder(), tempfile.TemporaryFile()  # noqa: SIM115
+    stack = load_stack(device, folder.path, log)
+    return Loading(start_simulator(device, log), stack, folder, log)
 
 
 def await_told(loading: Loading | None) -> Told:

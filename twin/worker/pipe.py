@@ -34,10 +34,11 @@ class Build(Struct, frozen=True, tag_field="kind", tag="build"):
     """The conductor's router; plain TCP beyond loopback only if somebody typed ``--insecure``."""
     key: str = ""
     """Path of the worker's key file, for viewers; empty: none."""
-    rig_key: str = ""
-    """Path of the simulator's own key file, for the drive session; empty: none."""
-    output: str = ""
-    """Path of the log of the stack's process; empty: it is on another host, or in this process."""
+    rig_key: bytes = b""
+    """The simulator's own key, for the drive session; empty: none."""
+    output: int = -1
+    """Descriptor of the log of the stack's process; -1: it is on another host, or in this
+    process."""
 
 
 class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):

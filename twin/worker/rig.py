@@ -167,7 +167,9 @@ class RigProcess:
             loaded.folder.close()
         stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
-        self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
+        if stack:
+            stack.log.close()
+        self._stack_log = loaded.stack_log if loaded else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         if self._folder is not None:
             listen = self._folder.drive
@@ -182,7 +184,9 @@ class RigProcess:
         inline = lease.case.placement == "inline"
         simulator = loaded and _usable(loaded.simulator, not inline)
         simulator = simulator or start_simulator(
-            options.device, {**(threads() if inline else {}), **self._environment}
+            options.device,
+            self._stack_log,
+            {**(threads() if inline else {}), **self._environment},
         )
         self._simulator, self._log = simulator.process, simulator.log
         log = None if remote else self._log if inline else self._stack_log
@@ -198,8 +202,8 @@ class RigProcess:
             view_namespace=options.namespace,
             view_connect=options.connect,
             key=str(options.key.path) if options.key else "",
-            rig_key=str(self._keys.simulator) if self._keys else "",
-            output="" if remote or inline else _path_of(self._stack_log),
+            rig_key=self._keys.simulator_key if self._keys else b"",
+            output=-1 if remote or inline else self._stack_log.fileno(),
         )
         self._write(pack(build))
         threading.Thread(target=self._read, name="rig", daemon=True).start()
@@ -457,11 +461,6 @@ def _said(log: IO[bytes]) -> str:
 
 def _joined(detail: str, said: str) -> str:
     return f"{detail}: {said}" if said else detail
-
-
-def _path_of(log: IO[bytes]) -> str:
-    """Where our children find an unnamed file."""
-    return f"/proc/{os.getpid()}/fd/{log.fileno()}"
 
 
 def runs_fetch(pid: int) -> bool:

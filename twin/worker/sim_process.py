@@ -15,10 +15,11 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO
 
 from twin.fabric.errors import RefusedError, StackFaultError, TwinError
 from twin.fabric.gpu_start import begun
-from twin.fabric.process import leave_signals_to_the_parent, spawn
+from twin.fabric.process import keep_to_itself, leave_signals_to_the_parent, spawn
 from twin.worker.orders import Orders
 from twin.worker.pipe import Broken, Build, Faulted, Listening, Refused, Upstream
 from twin.worker.rig_child import RigChild
@@ -33,17 +34,34 @@ LOADED = (
 """Modules that a simulator loads while it has not been told what to build."""
 
 
-def start_simulator(device: str, environment: Mapping[str, str] | None = None) -> RigChild:
+def start_simulator(
+    device: str, stack_log: IO[bytes], environment: Mapping[str, str] | None = None
+) -> RigChild:
     """Start one that will compute on ``device``; the first message tells it what to build. Only
-    from the main thread."""
+    from the main thread.
+
+    Args:
+        device: ``cpu`` or ``cuda:N``.
+        stack_log: of the stack beside it, which it reads.
+        environment: added to ours.
+    """
     log = tempfile.TemporaryFile()  # noqa: SIM115
     command = [sys.executable, "-m", "twin", "sim", device]
-    return RigChild(spawn(command, environment=environment, log=log, pipe_output=True), log)
+    process = spawn(
+        command,
+        environment=environment,
+        log=log,
+        pipe_output=True,
+        descriptors=[stack_log.fileno()],
+    )
+    return RigChild(process, log)
 
 
 def main(device: str) -> int:
     """Entry of ``twin sim``, of a process that is bound to its worker; the exit code."""
     leave_signals_to_the_parent()
+    if not device.startswith("cuda"):  # memory of a GPU is shared by the driver's own rules
+        keep_to_itself()
     # Whatever prints by mistake must not end up between the messages.
     out = Upstream(os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)
@@ -99,6 +117,7 @@ def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitSta
     from twin.fabric.endpoint import allow_plain, is_exposed
     from twin.fabric.key_file import load_key
     from twin.fabric.refusals import refusals_logged
+    from twin.fabric.rig_keys import key_in_memory
     from twin.fabric.roles import Role
     from twin.fabric.zenoh_bus import open_bus
     from twin.worker.simulator import Simulator
@@ -107,7 +126,10 @@ def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitSta
     if is_exposed(build.view_connect):
         allow_plain()
     key = load_key(Path(build.key), Role.worker) if build.key else None
-    rig_key = load_key(Path(build.rig_key), Role.worker) if build.rig_key else None
+    rig_key = None
+    if build.rig_key:
+        with key_in_memory(build.rig_key) as path:
+            rig_key = load_key(path, Role.worker)
     if rig_key is not None:
         name = build.rig
         at_end.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {name} {why}"))))

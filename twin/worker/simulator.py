@@ -51,7 +51,7 @@ from twin.worker.pipe import (
 from twin.worker.profile import LoopLog
 from twin.worker.realtime import RealtimeLink
 from twin.worker.results import Ended, ResultWriter
-from twin.worker.stack_output import StackOutput, open_output
+from twin.worker.stack_output import StackOutput, readable
 from twin.worker.steering import Steering
 from twin.worker.view_port import Feed
 
@@ -111,7 +111,7 @@ class Simulator:
         feed.steered_by(self._steering.ask)
         self._recorder = DriveRecorder(slots, device)
         inline = self._case.placement == "inline"  # its words are among ours
-        self._output = StackOutput(STDERR if inline else open_output(build.output))
+        self._output = StackOutput(STDERR if inline else readable(build.output))
         self._waiting: list[Assign] = []
         self._seq = 0
         self._reported_s = 0.0

@@ -138,14 +138,13 @@ class StackOutput:
         return os.pread(self._log, end - start, start)
 
 
-def open_output(path: str) -> int | None:
-    """A descriptor of the log at ``path``; empty or not to be opened: None."""
-    if not path:
-        return None
+def readable(descriptor: int) -> int | None:
+    """A log's descriptor that was passed to this process; -1 or none that is open: None."""
     try:
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        os.fstat(descriptor)
     except OSError:
         return None
+    return descriptor
 
 
 def _lines(data: bytes) -> str:

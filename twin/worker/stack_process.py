@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
@@ -53,12 +52,12 @@ def start_stack(
     return spawn(command, environment={**threads(), **(environment or {})}, log=log)
 
 
-def load_stack(device: str, folder: Path) -> RigChild:
+def load_stack(device: str, folder: Path, log: IO[bytes]) -> RigChild:
     """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`; its rig
-    will have ``folder``."""
-    log = tempfile.TemporaryFile()  # noqa: SIM115
+    will have ``folder``, and keeps ``log`` also if this one is discarded."""
     arguments = ["--connect", LATER, "--load-for", device]
-    return RigChild(start_stack(arguments, log, folder=folder), log)
+    own = os.fdopen(os.dup(log.fileno()), "rb")
+    return RigChild(start_stack(arguments, own, folder=folder), own)
 
 
 def may_run(case: Case) -> bool:

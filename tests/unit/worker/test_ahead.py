@@ -6,6 +6,7 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import psutil
@@ -185,15 +186,18 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
 
 
 def test_a_frozen_stack_is_not_told_what_no_pipe_takes(tmp_path):
-    frozen = load_stack("cpu", tmp_path)
+    log = tempfile.TemporaryFile()  # noqa: SIM115
+    frozen = load_stack("cpu", tmp_path, log)
     frozen.process.send_signal(signal.SIGSTOP)
     assert not tell_stack(frozen.process, ["x" * (1 << 21)])
     frozen.discard()
-    dead = load_stack("cpu", tmp_path)
+    dead = load_stack("cpu", tmp_path, log)
     dead.process.kill()
     dead.process.wait()
     assert not tell_stack(dead.process, ["--rig"])
     dead.discard()
+    assert not log.closed
+    log.close()
 
 
 def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path):

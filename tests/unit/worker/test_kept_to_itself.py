@@ -1,0 +1,104 @@
+"""What workers and simulators have in memory is nothing for a stack of the same user."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import psutil
+import pytest
+from waiting import PATIENCE_S, wait_for
+
+LOOK = """
+import sys
+for name in ("mem", "environ", "fd/0", "maps"):
+    try:
+        open(f"/proc/{sys.argv[1]}/{name}", "rb").read(1)
+        print("read", name)
+    except OSError:
+        pass
+"""
+"""A process of another program of the user, in place of a stack."""
+
+RUN = """
+import sys
+if sys.argv[1] == "kept":
+    from twin.fabric.process import keep_to_itself
+    keep_to_itself()
+print("runs", flush=True)
+sys.stdin.read()
+"""
+
+
+NOBODY = 65534
+PYTHON = "/usr/bin/python3"
+"""One that every user may start."""
+
+pytestmark = pytest.mark.skipif(
+    os.getuid() != 0 or not Path(PYTHON).exists(), reason="takes another user's place"
+)
+
+
+def environment():
+    return {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)}
+
+
+@pytest.mark.parametrize("how", ["kept", "open"])
+def test_another_process_of_the_user_reads_nothing(how):
+    child = subprocess.Popen(
+        [PYTHON, "-c", RUN, how],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        user=NOBODY,
+        group=NOBODY,
+        env=environment(),
+    )
+    try:
+        assert child.stdout.readline() == "runs\n"
+        found = subprocess.run(
+            [PYTHON, "-c", LOOK, str(child.pid)],
+            capture_output=True,
+            text=True,
+            user=NOBODY,
+            group=NOBODY,
+        )
+        assert found.returncode == 0, found.stderr
+        assert bool(found.stdout) == (how == "open"), found.stdout
+        assert psutil.Process(child.pid).memory_info().rss > 0
+    finally:
+        child.communicate(timeout=PATIENCE_S)
+
+
+def test_a_worker_and_its_simulator_keep_theirs_and_a_stack_has_nothing_to_keep():
+    """Files in /proc of a process that keeps to itself are root's, whoever runs it."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder).chmod(0o777)
+        worker = subprocess.Popen(
+            [PYTHON, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            cwd=folder,
+            user=NOBODY,
+            group=NOBODY,
+            env={**environment(), "HOME": folder, "TMPDIR": folder},
+        )
+        try:
+            for word, owner in (("sim", 0), ("devkit", NOBODY)):
+                child = wait_for(lambda word=word: child_of(worker, word), f"a process {word}")
+                wait_for(lambda c=child, o=owner: owner_of(c.pid) == o, f"{word} of user {owner}")
+            assert owner_of(worker.pid) == 0
+        finally:
+            worker.communicate(timeout=PATIENCE_S)
+        wait_for(lambda: not list(Path(folder).glob("twin-*")), "the end of the rig's folder")
+
+
+def child_of(worker, word):
+    assert worker.poll() is None
+    children = psutil.Process(worker.pid).children()
+    return next((child for child in children if word in child.cmdline()), None)
+
+
+def owner_of(pid):
+    return Path(f"/proc/{pid}/environ").stat().st_uid
