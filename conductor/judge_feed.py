@@ -30,6 +30,8 @@ from twin.fabric.process import PARENT_VARIABLE, end, how_it_ended, spawn
 FILE_NAME = "judgement.json"
 TRIES = 2
 """A judge that dies with an attempt is started again for it, so often at most."""
+TOLD_MAX = 20
+"""Cases whose differences are logged; all are in ``judgement.json``."""
 KEPT = ("PATH", "LANG", "LC_ALL", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH")
 """Variables of the environment that a judge gets; secrets of others are none of its business."""
 
@@ -115,7 +117,7 @@ class JudgeFeed:
     def put(self, campaign: CampaignState, fact: Committed) -> None:
         """An attempt was committed; never waits."""
         result = fact.result
-        if not result.kpi_sha256:
+        if not result.kpi_sha256 or campaign.campaign.simulator == "noop":
             return
         self._waiting.put(
             Claim(
@@ -152,8 +154,9 @@ class JudgeFeed:
             tally.attempts += 1
             if judged.differences:
                 tally.differences[claim.case] = judged.differences
-            for line in judged.differences:
-                _log.error("case %s: %s", claim.case, line)
+            if len(tally.differences) <= TOLD_MAX:
+                for line in judged.differences:
+                    _log.error("case %s: %s", claim.case, line)
         self._judge.close()
 
     def _write(self, campaign: CampaignState) -> None:

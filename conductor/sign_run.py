@@ -27,10 +27,11 @@ from conductor.manifest import (
 )
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import Outcomes
-from conductor.signing import TRUSTED_FOLDER, home, own_signer, short, trusted_keys
+from conductor.signing import TRUSTED_FOLDER, own_signer, short, trusted_keys
 from conductor.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.words import counted
 from twin.fabric.errors import InfrastructureError, TwinError, storage_error
+from twin.fabric.own_folder import own_folder
 
 READ_FILES = (OUTCOMES_FILE, CAMPAIGN_FILE, JUDGEMENT_FILE, TIMELINE_FILE)
 """What every report reads. KPI files are held against the digests in the outcomes, one by one."""
@@ -71,7 +72,7 @@ def require_fit(folder: Path) -> Provenance:
     if manifest.key not in trusted_keys():
         raise UnfitRunError(
             f"{folder}: signed by key {manifest.key}, which is not yours; if you know whose it is, "
-            f"write it into {home() / TRUSTED_FOLDER}/NAME.pub"
+            f"write it into {own_folder() / TRUSTED_FOLDER}/NAME.pub"
         )
     if wrong := changed(folder, manifest, READ_FILES):
         raise UnfitRunError(
