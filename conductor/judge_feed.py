@@ -99,7 +99,9 @@ def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
 class _Tally:
     """Of one campaign."""
 
+    asked: int = 0
     attempts: int = 0
+    """That are judged."""
     differences: dict[str, list[str]] = field(default_factory=dict)
 
 
@@ -119,6 +121,7 @@ class JudgeFeed:
         result = fact.result
         if not result.kpi_sha256 or campaign.campaign.simulator == "noop":
             return
+        self._judged.setdefault(campaign.out, _Tally()).asked += 1
         self._waiting.put(
             Claim(
                 folder=campaign.out,
@@ -150,7 +153,7 @@ class JudgeFeed:
     def _run(self) -> None:
         while (claim := self._waiting.get()) is not None and not self._over:
             judged = self._judge.ask(claim)
-            tally = self._judged.setdefault(claim.folder, _Tally())
+            tally = self._judged[claim.folder]
             tally.attempts += 1
             if judged.differences:
                 tally.differences[claim.case] = judged.differences
@@ -158,6 +161,14 @@ class JudgeFeed:
                 for line in judged.differences:
                     _log.error("case %s: %s", claim.case, line)
         self._judge.close()
+
+    def is_done(self, campaign: CampaignState) -> bool:
+        """Whether all that was committed of it so far is judged; then it is written down."""
+        found = self._judged.get(campaign.out)
+        if found is not None and found.attempts < found.asked:
+            return False
+        self._write(campaign)
+        return True
 
     def _write(self, campaign: CampaignState) -> None:
         found = self._judged.get(campaign.out)
