@@ -17,11 +17,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conductor.fingerprint_command import fingerprint
 from conductor.key_commands import add_key_commands, own_key
 from conductor.operate import Connect, Namespace, State, add_commands
 from conductor.report_commands import add_report_commands
-from conductor.verify_command import verify
 from schemas.view import ViewMode
 from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
 from twin.fabric.endpoint import LOOPBACK
@@ -432,8 +430,7 @@ def validate(
         )
 
 
-app.command("fingerprint")(fingerprint)
-app.command("verify")(verify)
+add_report_commands(app)
 
 
 @app.command()
@@ -495,9 +492,6 @@ def report(
         if line:
             print(f"conductor: {line}", file=sys.stderr)
     raise typer.Exit(EXIT_INFRASTRUCTURE if alarms else made.content.dossier.exit_code)
-
-
-add_report_commands(app)
 
 
 JournalsOption = Annotated[

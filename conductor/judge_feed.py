@@ -30,6 +30,8 @@ from twin.fabric.process import PARENT_VARIABLE, end, how_it_ended, spawn
 FILE_NAME = "judgement.json"
 TRIES = 2
 """A judge that dies with an attempt is started again for it, so often at most."""
+TOLD_MAX = 20
+"""Cases whose differences are logged; all are in ``judgement.json``."""
 KEPT = ("PATH", "LANG", "LC_ALL", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH")
 """Variables of the environment that a judge gets; secrets of others are none of its business."""
 
@@ -97,7 +99,9 @@ def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
 class _Tally:
     """Of one campaign."""
 
+    asked: int = 0
     attempts: int = 0
+    """That are judged."""
     differences: dict[str, list[str]] = field(default_factory=dict)
 
 
@@ -115,8 +119,9 @@ class JudgeFeed:
     def put(self, campaign: CampaignState, fact: Committed) -> None:
         """An attempt was committed; never waits."""
         result = fact.result
-        if not result.kpi_sha256:
+        if not result.kpi_sha256 or campaign.campaign.simulator == "noop":
             return
+        self._judged.setdefault(campaign.out, _Tally()).asked += 1
         self._waiting.put(
             Claim(
                 folder=campaign.out,
@@ -148,13 +153,22 @@ class JudgeFeed:
     def _run(self) -> None:
         while (claim := self._waiting.get()) is not None and not self._over:
             judged = self._judge.ask(claim)
-            tally = self._judged.setdefault(claim.folder, _Tally())
+            tally = self._judged[claim.folder]
             tally.attempts += 1
             if judged.differences:
                 tally.differences[claim.case] = judged.differences
-            for line in judged.differences:
-                _log.error("case %s: %s", claim.case, line)
+            if len(tally.differences) <= TOLD_MAX:
+                for line in judged.differences:
+                    _log.error("case %s: %s", claim.case, line)
         self._judge.close()
+
+    def is_done(self, campaign: CampaignState) -> bool:
+        """Whether all that was committed of it so far is judged; then it is written down."""
+        found = self._judged.get(campaign.out)
+        if found is not None and found.attempts < found.asked:
+            return False
+        self._write(campaign)
+        return True
 
     def _write(self, campaign: CampaignState) -> None:
         found = self._judged.get(campaign.out)

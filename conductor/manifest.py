@@ -36,17 +36,18 @@ MANIFEST_BYTES_MAX = 1 << 30
 DERIVED = frozenset(
     {
         *("report.html", "summary.csv", "summary.parquet", "resources.parquet"),
-        *("plots", ".report", PARTS_FOLDER),
+        *("plots", ".report"),
     }
 )
 """Files and folders in a run folder that are made of the others, by their first name."""
 PASSING = frozenset(
     {
         *(RUN_FILE, DERIVED_FILE, BEFORE_FILE, CONDUCTOR_FILE, "conductor.owner"),
-        *("keys", "rigs", "spool"),
+        *("keys", "rigs", "spool", PARTS_FOLDER),
     }
 )
-"""What belongs to a conductor or worker that serves, and to no result."""
+"""What belongs to a conductor or worker that serves, and to no result. What workers measure counts
+when a report has gathered it."""
 
 _SIGNED = b"drivetwin manifest 1\0"
 _CHUNK = 64

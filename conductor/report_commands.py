@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.fingerprint_command import fingerprint
+from conductor.verify_command import verify
 from schemas.words import unended
 from twin.fabric.cli import Output, OutputOption
 from twin.fabric.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
@@ -30,6 +32,8 @@ class Format(StrEnum):
 
 def add_report_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
+    app.command("fingerprint")(fingerprint)
+    app.command("verify")(verify)
     app.command("export")(export_command)
     app.command("compare")(compare_command)
 

@@ -8,21 +8,27 @@ import os
 import shlex
 import signal
 import socket
+import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from conductor.fingerprint import fingerprint
-from conductor.manifest import RUN_FILE
 from conductor.outcomes import exit_code, read_outcomes
 from conductor.shell import Conductor
 from conductor.sign_run import require_agreement, sign_run
 from conductor.state import Config
 from schemas.view_mode import ViewMode
 from twin.fabric.endpoint import is_tls
-from twin.fabric.errors import EXIT_INTERRUPTED, TwinError
+from twin.fabric.errors import EXIT_INTERRUPTED, InfrastructureError, TwinError
 from twin.fabric.key_file import Key, shared
+from twin.fabric.process import end, how_it_ended, raised_in, spawn
+
+SIGN_PERIOD_S = 1.0
+"""How often it is looked whether a campaign has come to its end [s]."""
+
+_log = logging.getLogger(__name__)
 
 
 def serve_folder(
@@ -63,10 +69,15 @@ def serve_folder(
     signal.signal(signal.SIGTERM, on_signal)
     signal.signal(signal.SIGINT, on_signal)
     threading.Thread(target=_announce, args=(conductor, namespace), daemon=True).start()
-    with metrics_of(conductor, metrics):
-        conductor.serve()
-    for path in conductor.complete_folders():
-        sign_served(path)
+    over = threading.Event()
+    signing = threading.Thread(target=_sign_ended, args=(conductor, over), name="signing")
+    signing.start()
+    try:
+        with metrics_of(conductor, metrics):
+            conductor.serve()
+    finally:
+        over.set()
+        signing.join()
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
     rows = conductor.snapshot().get("campaigns", {}).values()
@@ -74,14 +85,47 @@ def serve_folder(
     return exit_code(**{name: sum(row[name] for row in rows) for name in counts})
 
 
-def sign_served(folder: Path) -> None:
-    """Sign a campaign that has come to its end; why it is not is told."""
-    try:
-        require_agreement(folder)
-        if not (folder / RUN_FILE).exists():
-            sign_run(folder, read_outcomes(folder), fingerprint(folder).sha256)
-    except TwinError as error:
-        logging.getLogger(__name__).error("%s is not signed: %s", folder, error)
+def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
+    """Sign campaigns as they come to their end, also those that end with the conductor."""
+    told: set[Path] = set()
+    last = False
+    while not last:
+        last = over.wait(SIGN_PERIOD_S)
+        for path in conductor.to_sign():
+            if path in told and not last:
+                continue
+            try:
+                if path == conductor.folder and not last:
+                    continue  # the journal in it is signed when it is closed
+                require_agreement(path)
+                values = _fingerprint(path)
+                sign_run(path, read_outcomes(path), values, None if last else conductor.chain())
+            except TwinError as error:
+                told.add(path)
+                _log.error("%s is not signed: %s", path, error)
+
+
+_FINGERPRINT = (
+    "import sys; from pathlib import Path; from twin.fabric.process import bind_to_parent; "
+    "bind_to_parent(); from conductor.fingerprint import fingerprint; "
+    "print(fingerprint(Path(sys.argv[1])).sha256)"
+)
+
+
+def _fingerprint(folder: Path) -> str:
+    """Computed by a process of its own: a thousand cases keep a core busy for seconds."""
+    with tempfile.TemporaryFile() as log:
+        words = [sys.executable, "-c", _FINGERPRINT, str(folder)]
+        child = spawn(words, log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            said = child.stdout.read().decode().strip()
+            code = child.wait()
+        finally:
+            end(child)
+        if code or not said:
+            raise InfrastructureError(f"no fingerprint: {raised_in(log) or how_it_ended(code)}")
+    return said
 
 
 @contextlib.contextmanager

@@ -19,15 +19,18 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from conductor.audit import Audit
+from conductor.chain import Chain
 from conductor.deliveries import Deliveries
 from conductor.engine import Engine, Turn
 from conductor.facts import (
     CaseEnded,
     Committed,
     Fact,
+    LateAttempt,
     Pinned,
     Relocated,
     Replied,
+    Retried,
     Snapshot,
     Submitted,
     is_durable,
@@ -289,13 +292,21 @@ class Conductor:
                 return {}
             return status(self._engine.state, time.monotonic_ns()) | self._engine.health()
 
-    def complete_folders(self) -> list[Path]:
-        """Folders of the campaigns that came to their end, once it has shut down."""
-        if self._engine is None or self._replaced:
+    def to_sign(self) -> list[Path]:
+        """Folders of campaigns that came to their end and were judged, and are not signed yet."""
+        if self._engine is None or self._replaced or not self.started.is_set():
             return []
-        campaigns = self._engine.state.campaigns.values()
         ours = software_digest()
-        return [Path(c.out) for c in campaigns if not c.left and c.software in ("", ours)]
+        with self._lock:
+            campaigns = self._engine.state.campaigns.values()
+            ended = [c for c in campaigns if not c.left and c.software in ("", ours)]
+            unsigned = [c for c in ended if not (Path(c.out) / RUN_FILE).exists()]
+            return [Path(c.out) for c in unsigned if self._judge.is_done(c)]
+
+    def chain(self) -> Chain:
+        """Where its journal stands."""
+        assert self._journal is not None
+        return self._journal.chain
 
     # --- the loop, step by step -----------------------------------------------------------------
 
@@ -323,6 +334,10 @@ class Conductor:
                     self._folders.relocated(campaigns[fact.campaign])
                 case Pinned():
                     self._folders.open_campaign(campaigns[fact.campaign])
+                case Retried():
+                    self._unsign(Path(campaigns[fact.campaign].out))
+                case LateAttempt():
+                    self._unsign(Path(campaigns[fact.result.campaign].out))
                 case Committed():
                     self._judge.put(campaigns[fact.result.campaign], fact)
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
@@ -392,6 +407,13 @@ class Conductor:
         if not self._submissions.has(1.0, time.monotonic()):
             return f"more than {SUBMISSIONS_PER_MINUTE} submissions in a minute; submit it later"
         return self._folders.check(self._engine.state, request)
+
+    def _unsign(self, folder: Path) -> None:
+        """Something was added to a campaign that may be signed: it is signed anew."""
+        try:
+            reopen(folder)
+        except TwinError as error:
+            _log.error("%s", error)
 
     def _reopen(self) -> None:
         """What was signed is none any more, and what no judge has seen is judged."""

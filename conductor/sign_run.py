@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from conductor.chain import Chain
 from conductor.folders import CAMPAIGN_FILE
 from conductor.journal import read_journal
 from conductor.judge_feed import FILE_NAME as JUDGEMENT_FILE
@@ -27,10 +29,11 @@ from conductor.manifest import (
 )
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.outcomes import Outcomes
-from conductor.signing import TRUSTED_FOLDER, home, own_signer, short, trusted_keys
+from conductor.signing import TRUSTED_FOLDER, own_signer, short, trusted_keys
 from conductor.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.words import counted
 from twin.fabric.errors import InfrastructureError, TwinError, storage_error
+from twin.fabric.own_folder import own_folder
 
 READ_FILES = (OUTCOMES_FILE, CAMPAIGN_FILE, JUDGEMENT_FILE, TIMELINE_FILE)
 """What every report reads. KPI files are held against the digests in the outcomes, one by one."""
@@ -71,7 +74,7 @@ def require_fit(folder: Path) -> Provenance:
     if manifest.key not in trusted_keys():
         raise UnfitRunError(
             f"{folder}: signed by key {manifest.key}, which is not yours; if you know whose it is, "
-            f"write it into {home() / TRUSTED_FOLDER}/NAME.pub"
+            f"write it into {own_folder() / TRUSTED_FOLDER}/NAME.pub"
         )
     if wrong := changed(folder, manifest, READ_FILES):
         raise UnfitRunError(
@@ -136,13 +139,16 @@ def reopen(folder: Path) -> bool:
     return True
 
 
-def sign_run(folder: Path, outcomes: Outcomes, fingerprint: str) -> Manifest:
-    """Sign a run that has ended; its journal is closed, or belongs to a conductor that serves on.
+def sign_run(
+    folder: Path, outcomes: Outcomes, fingerprint: str, chain: Chain | None = None
+) -> Manifest:
+    """Sign a run that has ended.
 
     Args:
         folder: run folder.
         outcomes: what stands in it.
         fingerprint: of its KPI values.
+        chain: where the journal stands that a conductor still writes; None: it is closed, and read.
 
     Raises:
         TwinError: there is no key to sign with, or files were changed since it was signed before.
@@ -156,7 +162,7 @@ def sign_run(folder: Path, outcomes: Outcomes, fingerprint: str) -> Manifest:
             campaign=outcomes.campaign,
             digest=outcomes.digest,
             fingerprint=fingerprint,
-            journal=_journal_sum(folder),
+            journal=_journal_sum(folder) if chain is None else _sum_of("../conductor.db", chain),
             key="",
             files=files,
         ),
@@ -196,11 +202,11 @@ def _journal_sum(folder: Path) -> JournalSum | None:
     chain, facts = read_journal(path)
     for _ in facts:  # what is signed fits
         pass
-    return JournalSum(
-        file="conductor.db" if path.parent == folder else "../conductor.db",
-        head=chain.head.hex(),
-        count=chain.count,
-    )
+    return _sum_of("conductor.db" if path.parent == folder else "../conductor.db", chain)
+
+
+def _sum_of(file: Literal["conductor.db", "../conductor.db"], chain: Chain) -> JournalSum:
+    return JournalSum(file=file, head=chain.head.hex(), count=chain.count)
 
 
 def _require_unchanged(folder: Path, files: dict[str, str]) -> None:

@@ -1,7 +1,6 @@
 """The user's signing key, and which keys of others he trusts.
 
-Both lie in a folder of the user's own, outside of every run: ``$DRIVETWIN_HOME``, else
-``$XDG_CONFIG_HOME/drivetwin``, else ``~/.config/drivetwin``::
+Both lie in the user's own folder (:mod:`twin.fabric.own_folder`), outside of every run::
 
     signing.key      Ed25519, PEM, mode 0600; made when something is signed for the first time
     trusted/*.pub    public keys of others, 64 hexadecimal digits each
@@ -23,12 +22,11 @@ from schemas.regular_file import read_regular
 from schemas.words import plain
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 from twin.fabric.key_file import read_private
+from twin.fabric.own_folder import VARIABLE, own_folder
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-HOME_VARIABLE = "DRIVETWIN_HOME"
-"""Environment variable: the folder, in place of the one in the user's home."""
 KEY_FILE = "signing.key"
 TRUSTED_FOLDER = "trusted"
 TRUSTED_MAX = 1000
@@ -56,21 +54,13 @@ class Signer:
         return f"Signer({short(self.public)})"
 
 
-def home() -> Path:
-    """The folder of signing key and trusted keys, whether it is there or not."""
-    if given := os.environ.get(HOME_VARIABLE):
-        return Path(given).absolute()
-    config = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(config) if config else Path.home() / ".config") / "drivetwin"
-
-
 def own_signer() -> Signer:
     """The user's key; made if there is none yet.
 
     Raises:
         TwinError: it cannot be read or made, or others may read or replace it.
     """
-    folder = home()
+    folder = own_folder()
     path = folder / KEY_FILE
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -84,10 +74,10 @@ def own_signer() -> Signer:
 
 def own_public() -> str:
     """The user's public key, hexadecimal; empty: he has none, or none that may be trusted."""
-    if not (home() / KEY_FILE).exists():
+    if not (own_folder() / KEY_FILE).exists():
         return ""
-    _check_folder(home())
-    return _load(home() / KEY_FILE).public
+    _check_folder(own_folder())
+    return _load(own_folder() / KEY_FILE).public
 
 
 def trusted_keys() -> frozenset[str]:
@@ -97,9 +87,9 @@ def trusted_keys() -> frozenset[str]:
         TwinError: others may write the list, or a file of it is no key.
     """
     keys = {own_public()} - {""}
-    folder = home() / TRUSTED_FOLDER
+    folder = own_folder() / TRUSTED_FOLDER
     if folder.is_dir():
-        _check_folder(home())
+        _check_folder(own_folder())
         _check_folder(folder)
         keys |= {parse_key(str(path)) for path in sorted(folder.glob("*.pub"))[:TRUSTED_MAX]}
     return frozenset(keys)
@@ -152,7 +142,7 @@ def _check_folder(folder: Path) -> None:
         raise InfrastructureError(
             f"{folder}: belongs to user id {found.st_uid}, mode {stat.S_IMODE(found.st_mode):04o}; "
             f"signing keys must lie where nobody else may write: `chmod 700 {folder}`, or set "
-            f"{HOME_VARIABLE} to a folder of your own"
+            f"{VARIABLE} to a folder of your own"
         )
 
 

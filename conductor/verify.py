@@ -29,7 +29,7 @@ from conductor.manifest import (
     read_manifest,
 )
 from conductor.outcomes import Outcomes, outcomes_of, read_outcomes
-from conductor.signing import TRUSTED_FOLDER, home
+from conductor.signing import TRUSTED_FOLDER
 from conductor.state import Config
 from schemas.campaign import expand, parse_campaign
 from schemas.judging import CLAIMED, Claim, Judgement
@@ -37,6 +37,7 @@ from schemas.scenario import Scenario
 from schemas.words import plain
 from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.errors import InfrastructureError, TwinError, storage_error
+from twin.fabric.own_folder import own_folder
 
 Told = Callable[[str, int, int], None]
 """What is being done, how much of it is done, and how much there is."""
@@ -102,7 +103,7 @@ def _check(
     if manifest.key not in trusted:
         found.differences.append(
             f"signed by key {manifest.key}, which is not trusted here; if you know whose it is, "
-            f"give it as --public-key, or write it into {home() / TRUSTED_FOLDER}/NAME.pub"
+            f"give it as --public-key, or write it into {own_folder() / TRUSTED_FOLDER}/NAME.pub"
         )
         return  # whatever it lists, he may have written it who changed the files
     derived = _derived(folder, manifest, trusted, found)

@@ -37,6 +37,7 @@ from typing import IO
 
 from schemas.foreign import PASSWORD, holds_password
 from schemas.identity import digest
+from twin.fabric.cache import check_cache
 from twin.fabric.errors import InfrastructureError, UsageError, storage_error
 from twin.fabric.files import write_atomic
 
@@ -102,16 +103,14 @@ def fetch_repository(repository: Repository, cache: Path) -> FetchedRepository:
         raise InfrastructureError("no command git on this machine; load its module or install it")
     cache = cache.absolute()
     with _storage(cache):
-        mirrors = cache / "mirrors"
-        mirrors.mkdir(parents=True, exist_ok=True)
+        mirrors = _own(cache, "mirrors")
         name = hashlib.sha256(repository.url.encode()).hexdigest()[:16]
         mirror = mirrors / f"{name}.git"
         with _locked(mirrors / f"{name}.lock") as alone:
             commit = _commit(repository, mirror, alone)
         tree = _git("--git-dir", str(mirror), "rev-parse", f"{commit}^{{tree}}")
         key = digest([tree.encode(), repository.setup.encode()])
-        entry = cache / "repositories" / key
-        entry.parent.mkdir(parents=True, exist_ok=True)
+        entry = _own(cache, "repositories") / key
         with _locked(entry.parent / f"{key}.lock") as alone:
             if not entry.exists():
                 _make(repository, mirror, commit, entry, alone)
@@ -132,8 +131,7 @@ def fetch_image(source: str, cache: Path, *, refresh: bool = False) -> Path:
     """
     cache = cache.absolute()
     with _storage(cache):
-        images = cache / "images"
-        images.mkdir(parents=True, exist_ok=True)
+        images = _own(cache, "images")
         name = hashlib.sha256(source.encode()).hexdigest()[:16]
         with _locked(images / f"{name}.lock") as alone:
             if not _REFERENCE.fullmatch(source):
@@ -148,6 +146,17 @@ def fetch_image(source: str, cache: Path, *, refresh: bool = False) -> Path:
                 kept = _keep(folder / "image.sif", images)
             write_atomic(pointer, json.dumps({"source": source, "file": kept.name}).encode())
             return kept
+
+
+def _own(cache: Path, name: str) -> Path:
+    """A folder of the cache, which nobody else may write; made if it is missing."""
+    check_cache(cache)
+    for folder in (*reversed(cache.parents), cache, cache / name):
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o755)
+            folder.chmod(0o755)  # also where a group may write to what its members make
+    check_cache(cache)  # somebody may have been first
+    return cache / name
 
 
 def _copied(source: str, images: Path, name: str, alone: bool) -> Path:

@@ -68,10 +68,10 @@ def _work(bus: Bus, worker: str, session: bytes, k: int, full: bool) -> tuple[in
         cases += len(results)
         if reply.fenced or not reply.leases:
             return cases, seq
-        results = [_full_result(x) if full else noop_result(x) for x in reply.leases]
+        results = [full_result(x) if full else noop_result(x) for x in reply.leases]
 
 
-def _full_result(lease: Lease) -> Result:
+def full_result(lease: Lease) -> Result:
     """As large as a simulator's, and different for every case."""
     sha = hashlib.sha256(lease.case.id.encode()).digest()
     return msgspec.structs.replace(

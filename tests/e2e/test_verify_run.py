@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from byte_changes import missed
 from changed_campaigns import changed
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from processes import wait_for
 
 from conductor.chain import Chain
 from conductor.facts import Committed, Durable
@@ -194,3 +196,25 @@ def test_who_signs_with_a_key_of_his_own_is_found(marked, copy):
     code, found = verified(marked, copy, "--deep", "--public-key", thief.public)
     assert code == 3
     assert any("the rows come to" in line for line in found["differences"])
+
+
+def test_a_conductor_that_serves_on_signs_what_has_ended(marked, tmp_path):
+    state, campaign = tmp_path / "state", changed(tmp_path, "chaos-16", one_case)
+    folder = state / "chaos-16"
+    server = marked.start("conductor", "serve", "--state", str(state))
+    wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
+    done = marked.run("conductor", "submit", campaign, "--state", str(state))
+    assert done.returncode == 0, done.stderr
+    done = marked.run("twin", "worker", "--state", str(state), "--until-done")
+    assert done.returncode == 0, done.stderr
+    wait_for(lambda: (folder / "manifest.json").exists(), "its manifest")
+    found = verify_run(folder, trusted_keys(), deep=True)
+    assert found.differences == []
+    assert found.attempts == 1
+    assert "in use" in found.notes[0]
+    server.send_signal(signal.SIGTERM)
+    server.communicate()
+    found = verify_run(folder, trusted_keys())
+    assert (found.differences, found.notes) == ([], [])
+    shutil.copytree(folder, tmp_path / "elsewhere")
+    assert "is not here" in verify_run(tmp_path / "elsewhere", trusted_keys()).notes[0]

@@ -8,11 +8,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from conductor.chain import Chain
 from conductor.facts import CaseEnded, Fact, Image, Replied, Snapshot, WorkerLeft
-from conductor.journal import Journal, JournalError, read_journal
+from conductor.journal import Journal, JournalError, TakenOverError, read_journal
+from conductor.owner import FILE_NAME as OWNER_FILE
+from conductor.owner import Owner
 from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
 
@@ -149,6 +152,18 @@ def test_a_failed_write_leaves_the_chain_where_it_was(
     journal.append([_snapshot("1/a"), _some(3)])
     journal.close()
     assert _read(tmp_path) == [_snapshot("1/a"), _some(3)]
+
+
+def test_a_takeover_leaves_the_chain_where_it_was(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.append([_some(1)])
+    before = journal.chain
+    thief = Owner(id="thief", host="there", pid=2)
+    (tmp_path / OWNER_FILE).write_bytes(msgspec.json.encode(thief))
+    with pytest.raises(TakenOverError):
+        journal.append([_some(2)])
+    assert journal.chain == before
+    journal.close()
 
 
 def test_a_journal_of_version_2_is_chained_when_it_is_opened(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import msgspec
 from schemas.assets import file_digest
 from schemas.json_text import JsonError, decode_json
 from schemas.regular_file import read_regular
-from twin.fabric.cache import cache_folder
+from twin.fabric.cache import cache_folder, is_trusted
 from twin.fabric.errors import UsageError
 from twin.fabric.files import write_atomic
 
@@ -204,6 +204,8 @@ def _remembered(
     name = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:32]
     note = cache_folder() / "contents" / f"{name}.json"
     before = stamp()
+    if not is_trusted(cache_folder()) or not is_trusted(note.parent):
+        return compute()
     try:
         kept: _Kept = decode_json(read_regular(note, _NOTE_BYTES_MAX), _Kept)
         if kept.stamp == before:
