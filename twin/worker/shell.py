@@ -49,6 +49,7 @@ from twin.worker.pipe import (
     Steered,
     Touched,
 )
+from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
@@ -160,7 +161,7 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=lacking_bridges(),
+                lacks=lacking_bridges() | lacking_sandbox(),
             ),
             until_done=options.until_done,
             drain_ns=int(options.drain_s * decisions.SECOND_NS),
@@ -327,6 +328,7 @@ class Worker:
                 return core.on_steered(result, changes, now)
             case (rig, Done(result)):
                 rig.over(result.token)
+                result = structs.replace(result, protection=rig.protection)
                 if result.outcome == "failed" and (words := self._stack_words()):
                     reasons = [*result.reasons, words.lstrip("; ")]
                     result = structs.replace(result, reasons=reasons)
