@@ -50,6 +50,10 @@ class Deliveries:
 
     def receive(self, payload: bytes, respond: Respond) -> None:
         """A message came in; from any thread, never waits."""
+        if len(payload) > MESSAGE_BYTES_MAX:
+            error = f"message of {len(payload)} bytes, at most {MESSAGE_BYTES_MAX} are accepted"
+            respond(encode(_refused(error)))
+            return
         if not self._channel.offer((payload, respond), len(payload) + 256):
             error = "busy: too many files are waiting to be written"
             respond(encode(Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=True)))

@@ -19,9 +19,9 @@ from conductor.journal import JournalError
 from conductor.lease import next_expiry_ns
 from conductor.state import Config, State
 from schemas import SCHEMA_VERSION
-from schemas.doors import door
+from schemas.doors import read_request
 from schemas.messages import Reply, Request, StatusRequest, Submit
-from schemas.wire import WireError, decode, encode
+from schemas.wire import WireError, encode
 from schemas.words import plain
 from twin.fabric.errors import TwinError
 
@@ -42,6 +42,16 @@ class FactStore(Protocol):
 
     def fold(self) -> Iterable[Fact]:
         """Everything that was appended."""
+
+
+class Auditor(Protocol):
+    """Who writes the log of refusals and commands; see :class:`conductor.audit.Audit`."""
+
+    def refused(self, door: str, words: str) -> None:
+        """A message that came on ``door`` was none."""
+
+    def asked(self, door: str, request: Request, error: str) -> None:
+        """``request`` came on ``door``, and was refused if there is an ``error``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +101,7 @@ class Engine:
         now_ns: int,
         check_folder: Callable[[Submit], str] = lambda _: "",
         counters_beyond: Callable[[], dict[str, float]] = dict,
+        audit: Auditor | None = None,
     ) -> None:
         """Fold the journal and raise the epoch, on disk.
 
@@ -100,6 +111,7 @@ class Engine:
             now_ns: the time [ns].
             check_folder: what is wrong with a submission's folder, in one line, or nothing.
             counters_beyond: what the shell has counted, for the status.
+            audit: hears of refusals and requests.
 
         Raises:
             JournalError: the journal cannot be read or written.
@@ -110,6 +122,7 @@ class Engine:
         self._journal = journal
         self._check_folder = check_folder
         self._counters_beyond = counters_beyond
+        self._audit = audit
         self._config = config
         self._now_ns = now_ns
         self.state = self._folded()
@@ -178,29 +191,33 @@ class Engine:
             return worker_lost(self.state, message.vanished, now_ns), None
         self.counters.requests += 1
         try:
-            request: Request = decode(message.payload, Request)
+            # The access list knows keys, not requests: what is none of the sender's business must
+            # not come in by a door that is open to it.
+            request = read_request(message.payload, message.door)
         except WireError as error:
             self.counters.refused += 1
+            if self._audit is not None:
+                self._audit.refused(message.door, str(error))
             return [], self._error(str(error))
-        # The access list knows keys, not requests: what is none of the sender's business must not
-        # come in by a door that is open to it.
-        if message.door not in ("", door(request)):
-            self.counters.refused += 1
-            what = type(request).__name__
-            return [], self._error(f"{what} came on {message.door}; send it to {door(request)}")
         before = self.state.applied
         try:
             if isinstance(request, Submit) and (error_line := self._check_folder(request)):
+                self._asked(message, request, error_line)
                 return [], self._error(error_line)
             facts, reply = decide(self.state, request, now_ns)
         except Exception:
             if self.state.applied != before:
                 raise  # half a decision
             return [], self._our_mistake()
+        self._asked(message, request, reply.error)
         self.counters.fenced += len(reply.fenced)
         if isinstance(request, StatusRequest):
             reply = msgspec.structs.replace(reply, status={**reply.status, **self.health()})
         return facts, encode(reply)
+
+    def _asked(self, message: Message, request: Request, error: str) -> None:
+        if self._audit is not None:
+            self._audit.asked(message.door, request, error)
 
     def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> Turn:
         facts = [fact for made, _ in decided for fact in made]

@@ -1,4 +1,4 @@
-"""Commands that make keys: ``conductor keygen`` for a fabric, ``conductor invite`` for a member."""
+"""Commands for keys: ``conductor keygen`` for a fabric, ``invite`` and ``revoke`` for a member."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from schemas.words import counted
 from twin.fabric.cli import KeyOption
 from twin.fabric.errors import UsageError, storage_error
 from twin.fabric.roles import IN_WORDS, INVITED, Role
@@ -23,6 +24,7 @@ def add_key_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command()(keygen)
     app.command()(invite)
+    app.command()(revoke)
 
 
 def own_key(key: Path | None, *, insecure: bool) -> Key | None:
@@ -135,6 +137,41 @@ def invite(
         raise storage_error(error, str(out)) from None
     print(out)
     print(f"conductor: {told}", file=sys.stderr)
+
+
+def revoke(
+    which: Annotated[
+        str,
+        typer.Argument(
+            metavar="KEY",
+            help="Key file, or a serial number as audit.jsonl names it.",
+        ),
+    ],
+    state: Annotated[
+        Path | None, typer.Option(help="State folder of the conductor, which holds keys/.")
+    ] = None,
+    key: KeyOption = None,
+) -> None:
+    """Withdraw a key: a conductor that serves with the same keys cuts its sessions at once, and
+    refuses it from now on. Relays do not look at the list."""
+    from conductor.audit import await_cut
+    from twin.fabric.revoked import check_of_fabric, read_revoked, revoke, serial_of
+
+    folder, found = _where(state, key)
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: not a folder of keys; give --state FOLDER or --key FOLDER")
+    serial = serial_of(which)
+    check_of_fabric(which, folder)
+    if serial in read_revoked(folder):
+        print(f"key {serial:x} was withdrawn already")
+        return
+    watched = await_cut(state, serial) if state is not None and found is not None else None
+    revoke(folder, serial)
+    cut = watched() if watched is not None else None
+    if cut is None:
+        print(f"withdrew key {serial:x}; a conductor that serves now cuts its sessions")
+    else:
+        print(f"withdrew key {serial:x}; {counted(cut, 'session')} of it cut")
 
 
 def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | None]:

@@ -14,10 +14,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from conductor.audit import Audit
 from conductor.deliveries import Deliveries
 from conductor.engine import Engine, Turn
 from conductor.facts import (
@@ -51,13 +52,19 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
+from twin.fabric.front_rules import Bucket
 from twin.fabric.key_file import Key, WrongRoleError, shared
 from twin.fabric.own_folder import fabric_name
 from twin.fabric.roles import Role
 from twin.fabric.software import software_digest
 
+if TYPE_CHECKING:
+    from twin.fabric.fronted import Fronted
+
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
+SUBMISSIONS_PER_MINUTE = 60
+"""Each may be 16 MiB that is expanded into cases; of all keys together."""
 FROZEN_MIN_S = 1.0
 """The loop was frozen when a turn of it took longer than this, and than ttl/4 [s]."""
 LINGER_S = 5.0
@@ -111,7 +118,9 @@ class Conductor:
         self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
-        self._inbox = Inbox()
+        self._audit = Audit(self.folder)
+        self._inbox = Inbox(self._audit.refused)
+        self._submissions = Bucket(SUBMISSIONS_PER_MINUTE / 60.0, burst_s=60.0)
         self._folders = Folders(self.folder)
         self._judge = JudgeFeed()
         self._lock = threading.Lock()
@@ -121,6 +130,7 @@ class Conductor:
         self._drained_ns: int | None = None
         self._journal: Journal | None = None
         self._bus: Bus | None = None
+        self._fronted: Fronted | None = None
         self._engine: Engine | None = None
         self._deliveries: Deliveries | None = None
 
@@ -169,6 +179,7 @@ class Conductor:
             time.monotonic_ns(),
             self._check_folder,
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
+            self._audit,
         )
         self._reopen()
         if self.key is None and is_tls(self._listen):
@@ -233,8 +244,11 @@ class Conductor:
         if self._engine is not None and self.started.is_set() and not self._replaced:
             self._folders.close(self._engine.state)
             self._judge.close(self._engine.state.campaigns.values())
+        if self._fronted is not None:
+            self._fronted.close()
         if self._bus is not None:
             self._bus.close()
+        self._audit.close()
         if self._deliveries is not None:
             self._deliveries.close()
         if self._journal is not None:
@@ -378,6 +392,8 @@ class Conductor:
 
     def _check_folder(self, request: Any) -> str:
         assert self._engine is not None
+        if not self._submissions.has(1.0, time.monotonic()):
+            return f"more than {SUBMISSIONS_PER_MINUTE} submissions in a minute; submit it later"
         return self._folders.check(self._engine.state, request)
 
     def _reopen(self) -> None:
@@ -400,8 +416,17 @@ class Conductor:
             # Workers of the predecessor look for us there.
             with contextlib.suppress(TwinError):
                 old_port = predecessor.endpoint.rpartition(":")[2]
-                return self._bus_factory([f"{address}:{old_port}"], self.namespace, self.key)
-        return self._bus_factory([self._listen], self.namespace, self.key)
+                return self._open_at(f"{address}:{old_port}")
+        return self._open_at(self._listen)
+
+    def _open_at(self, endpoint: str) -> Bus:
+        if self.key is None or not is_tls(endpoint) or self._bus_factory is not open_router:
+            return self._bus_factory([endpoint], self.namespace, self.key)
+        # Late: it imports Zenoh.
+        from twin.fabric.fronted import Fronted
+
+        self._fronted = Fronted(endpoint, self.namespace, self.key, self._audit.heard)
+        return self._fronted.bus
 
 
 def _reachable(endpoint: str) -> str:

@@ -13,21 +13,26 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
 import socket
 import struct
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 import psutil
 
+from conductor.bench.front import FrontRow, measure_front
 from conductor.bench.own import noop_campaign
 from conductor.client import Client
 from conductor.serve import serve_folder
+from conductor.shell import Conductor
+from conductor.state import Config
 from schemas import SCHEMA_VERSION, topics
 from schemas.doors import door
 from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
@@ -38,7 +43,7 @@ from twin.fabric.discovery import Target, await_conductor
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.fabric.frames import Channel, FrameBuffer, open_frames
-from twin.fabric.key_file import load_key
+from twin.fabric.key_file import Key, load_key
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.rig_keys import RigKeys
 from twin.fabric.roles import Role
@@ -97,18 +102,28 @@ def bench_tls(cases: int, rounds: int, folder: Path, *, as_json: bool, check: bo
         raise storage_error(error, str(folder)) from None
     try:
         table = _measure(scratch, cases, rounds)
+        behind = measure_front(scratch / "keys", rounds)
+        for k in (1, 8):
+            behind[f"lease and commit, {k} per request"] = _behind_front(scratch, cases, rounds, k)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     missed = _missed(table)
     if as_json:
         rows = {name: {**asdict(row), "ratio": row.ratio} for name, row in table.items()}
-        print(json.dumps({"rows": rows, "misses": missed}))
+        front = {name: {**asdict(row), "ratio": row.ratio} for name, row in behind.items()}
+        print(json.dumps({"rows": rows, "front": front, "misses": missed}))
     else:
         for name, row in table.items():
             wire = "" if row.wire_bytes is None else f"  {row.wire_bytes:8.0f} bytes sent"
             print(
                 f"{name:36} plain {row.plain_per_s:7.0f}/s  TLS {row.tls_per_s:7.0f}/s  "
                 f"ratio {row.ratio:.2f}{wire}"
+            )
+        for name, behind_row in behind.items():
+            print(
+                f"{name:36} TLS {behind_row.direct:9.0f} {behind_row.unit:5}  "
+                f"behind the front {behind_row.front:7.0f} {behind_row.unit:5}  "
+                f"ratio {behind_row.ratio:.2f}"
             )
     for line in missed:
         print(f"missed: {line}", file=sys.stderr)
@@ -149,17 +164,35 @@ def _measure(folder: Path, cases: int, rounds: int) -> dict[str, Row]:
     }
 
 
-def _serve(folder: Path, keys: Path | None) -> None:
+def _behind_front(folder: Path, cases: int, rounds: int, k: int) -> FrontRow:
+    found: dict[bool, list[float]] = {False: [], True: []}
+    for _ in range(rounds):
+        for front in (False, True):  # in turns
+            found[front].append(_commits(folder, folder / "keys", cases, k, front=front))
+    return FrontRow(max(found[False]), max(found[True]), "/s")
+
+
+def _serve(folder: Path, keys: Path | None, front: bool) -> None:
     """A conductor, in a process of its own."""
     with contextlib.redirect_stdout(sys.stderr):
         key = load_key(keys, Role.conductor) if keys else None
-        serve_folder(folder, LOOPBACK, "twin", key=key)
+        if front or key is None:
+            serve_folder(folder, LOOPBACK, "twin", key=key)
+            return
+        conductor = Conductor(folder, key=key, config=Config(spread=True), bus_factory=_direct)
+        signal.signal(signal.SIGTERM, lambda *_: conductor.stop())
+        conductor.serve()
 
 
-def _commits(folder: Path, keys: Path | None, cases: int, k: int) -> float:
+def _direct(listen: Sequence[str], namespace: str, key: Key | None) -> Bus:
+    """A router whose listener everybody reaches."""
+    return open_bus("router", listen=listen, namespace=namespace, key=key)
+
+
+def _commits(folder: Path, keys: Path | None, cases: int, k: int, *, front: bool = False) -> float:
     """No-op cases per second through a conductor on a fresh folder."""
     state = Path(tempfile.mkdtemp(prefix="state-", dir=folder))
-    process = multiprocessing.get_context("spawn").Process(target=_serve, args=(state, keys))
+    process = multiprocessing.get_context("spawn").Process(target=_serve, args=(state, keys, front))
     try:
         process.start()
         target = await_conductor(state, 30.0, Role.worker)

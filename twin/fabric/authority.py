@@ -25,6 +25,7 @@ from twin.fabric.key_file import (
     ExpiredKeyError,
     Key,
     UnfitKeyError,
+    as_key,
     check_validity,
     load_key,
     read_private,
@@ -49,6 +50,9 @@ FILE_OF_CONDUCTOR = f"{Role.conductor}.key"
 
 RIG_DAYS = 30
 """How long the two keys of a rig are valid; they open nothing once it has ended [days]."""
+
+INNER_DAYS = 3650
+"""How long a key within one process is valid, longer than any process lives [days]."""
 
 MARGIN_DAYS = 2
 """A key is valid from so long before it is made: clocks of nodes differ [days]."""
@@ -128,6 +132,13 @@ def rig_keys(rig: str) -> tuple[bytes, bytes]:
     """
     authority = _new_authority(fabric_of_rig(rig), RIG_DAYS)
     return authority.issue(Role.worker, RIG_DAYS), authority.issue(Role.stack, RIG_DAYS)
+
+
+def inner_key() -> Key:
+    """A conductor's key of a fabric of its own, which no file holds: for sessions of one process
+    among themselves."""
+    authority = _new_authority(f"drivetwin {secrets.token_hex(8)}", INNER_DAYS)
+    return as_key(Path("/inner.key"), authority.issue(Role.conductor, INNER_DAYS))
 
 
 def load_or_make(state: Path) -> Key:

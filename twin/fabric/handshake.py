@@ -45,7 +45,7 @@ def _shake_hands(endpoint: str, key: Key, connection: socket.socket) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.load_verify_locations(cadata=key.authority.decode())
-    with _in_memory(key.certificate + key.private) as path:
+    with in_memory(key.certificate + key.private) as path:
         context.load_cert_chain(path)
     try:
         with context.wrap_socket(connection) as session:
@@ -86,7 +86,7 @@ def _check_listener(endpoint: str, certificate: Any) -> None:
 
 
 @contextlib.contextmanager
-def _in_memory(data: bytes) -> Iterator[str]:
+def in_memory(data: bytes) -> Iterator[str]:
     """A path to ``data`` that is on no disk: the library takes certificates as files only."""
     descriptor = os.memfd_create("key", os.MFD_CLOEXEC)
     try:

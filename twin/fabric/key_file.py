@@ -14,9 +14,13 @@ import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin.fabric.errors import UsageError
 from twin.fabric.roles import Role, split_name
+
+if TYPE_CHECKING:
+    from cryptography import x509
 
 FOLDER_NAME = "keys"
 """Folder of keys that conductors of earlier versions made, beside their ``conductor.json``."""
@@ -84,7 +88,15 @@ def load_key(path: Path, role: Role) -> Key:
         UsageError: there is none.
     """
     path = key_path(path.absolute(), role)
-    data = _unfolded(path, read_private(path))
+    return as_key(path, _unfolded(path, read_private(path)))
+
+
+def as_key(path: Path, data: bytes) -> Key:
+    """The key whose file is, or would be, ``path`` with the content ``data``.
+
+    Raises:
+        UnfitKeyError: it is damaged or not valid today.
+    """
     # Late: most commands run without a key.
     from cryptography import x509
     from cryptography.hazmat.primitives import serialization
@@ -118,6 +130,24 @@ def load_key(path: Path, role: Role) -> Key:
         endpoint=_said(said, ENDPOINT_MARK),
         namespace=_said(said, NAMESPACE_MARK),
     )
+
+
+def read_certificate(path: Path) -> x509.Certificate:
+    """The certificate of a key file, also of one that is not fit any more.
+
+    Raises:
+        UsageError: it cannot be read, or holds none.
+    """
+    from cryptography import x509
+
+    try:
+        with path.open("rb") as file:
+            data = _unfolded(path, file.read(FILE_BYTES_MAX))
+        return x509.load_pem_x509_certificates(data)[0]
+    except OSError as error:
+        raise UsageError(f"{path}: key file: {error.strerror}") from None
+    except ValueError:
+        raise UnfitKeyError(f"{path}: no key file: it holds no certificate") from None
 
 
 def shared(key: Key) -> Path:

@@ -33,6 +33,7 @@ def spawn(
     pipe_output: bool = False,
     folder: Path | None = None,
     given: IO[bytes] | None = None,
+    descriptors: Sequence[int] = (),
 ) -> subprocess.Popen[bytes]:
     """Start a child in a process group of its own, bound to this process.
 
@@ -46,6 +47,7 @@ def spawn(
         pipe_output: standard output is a pipe to the caller.
         folder: working folder.
         given: standard input, in place of the lifeline: for a child that ends by itself.
+        descriptors: open files that it gets under the same numbers.
     """
     variables = {**os.environ, **(environment or {}), PARENT_VARIABLE: str(os.getpid())}
     return subprocess.Popen(
@@ -57,6 +59,7 @@ def spawn(
         cwd=folder,
         # Its own session: Ctrl-C reaches only the parent, which decides what its children do.
         start_new_session=True,
+        pass_fds=descriptors,
         bufsize=0,
     )
 

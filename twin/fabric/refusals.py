@@ -60,10 +60,12 @@ class Refusals:
         self._more: dict[str, int] = {}
 
     def take(self, line: str, now_s: float) -> str:
-        """What to log after ``line``, or nothing."""
+        """What to log after Zenoh's ``line``, or nothing."""
         reason = reason_of(line)
-        if not reason:
-            return ""
+        return self.count(reason, now_s) if reason else ""
+
+    def count(self, reason: str, now_s: float) -> str:
+        """What to log after a refusal for ``reason``, or nothing."""
         if now_s - self._said_s.get(reason, float("-inf")) < PERIOD_S:
             self._more[reason] = self._more.get(reason, 0) + 1
             return ""

@@ -7,13 +7,13 @@ no rule of ours gets no further than its certificate allows.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
 from schemas import topics
 from schemas.topics import Topic
-from twin.fabric.endpoint import SOCKET
 
 
 class Role(StrEnum):
@@ -193,7 +193,11 @@ def refusal(role: Role, act: Act, key: str) -> str:
 
 
 def access_control(
-    fabric: str, namespace: str, *, plain: bool = False, sockets: bool = False
+    fabric: str,
+    namespace: str,
+    *,
+    plain: bool = False,
+    through: Mapping[str, Role] | None = None,
 ) -> dict[str, Any]:
     """Zenoh's access list of a session in ``namespace``.
 
@@ -204,13 +208,13 @@ def access_control(
         fabric: first words of the members' certificates; empty: nobody shows one.
         namespace: prefix of every key.
         plain: the session has links of plain TCP on this host, too; they may do everything.
-        sockets: it has links of Unix sockets: what is in a rig's folder is its stack, which may do
-            what its certificate would let it.
+        through: kind of link -> role of all who come by it, whoever they are. In a rig's folder
+            that is its stack; behind a front, whom the front let through.
     """
     rules: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
-    policies: list[dict[str, Any]] = []
-    for role in Role if fabric else (Role.stack,):
+    policies: dict[Role, dict[str, list[str]]] = {}
+    for role in Role if fabric else dict.fromkeys((through or {}).values()):
         ids = []
         for act, keys in MAY[role].items():
             for flow, messages in zip(("ingress", "egress"), _MESSAGES[act], strict=True):
@@ -225,22 +229,22 @@ def access_control(
                         "key_exprs": [k if k == "**" else f"{namespace}/{k}" for k in keys],
                     }
                 )
-        policies.append({"rules": ids, "subjects": []})
+        policies[role] = {"rules": ids, "subjects": []}
         if fabric:
             subjects.append({"id": str(role), "cert_common_names": [common_name(fabric, role)]})
-            policies[-1]["subjects"].append(str(role))
-        if sockets and role is Role.stack:
-            subjects.append({"id": "this rig", "link_protocols": [SOCKET]})
-            policies[-1]["subjects"].append("this rig")
+            policies[role]["subjects"].append(str(role))
     if plain:
         subjects.append({"id": "this host", "link_protocols": ["tcp"]})
-        policies[list(Role).index(Role.conductor)]["subjects"].append("this host")
+        policies[Role.conductor]["subjects"].append("this host")
+    for kind, role in (through or {}).items():
+        subjects.append({"id": kind, "link_protocols": [kind]})
+        policies[role]["subjects"].append(kind)
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
         "subjects": subjects,
-        "policies": policies,
+        "policies": list(policies.values()),
     }
 
 

@@ -15,11 +15,11 @@ import zenoh
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
-from twin.fabric.endpoint import check_protected, is_socket, is_tls
+from twin.fabric.endpoint import SOCKET, check_protected, is_socket, is_tls
 from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
 from twin.fabric.key_file import Key, WrongRoleError
-from twin.fabric.roles import Act, access_control, may, refusal
+from twin.fabric.roles import Act, Role, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
 
@@ -38,6 +38,7 @@ def open_bus(
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
     message_bytes_max: int = 1 << 30,
+    door: tuple[str, Role] | None = None,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
@@ -57,6 +58,8 @@ def open_bus(
         connect_required: False: open at once and keep trying in the background (peers only).
         message_bytes_max: of a larger message no more is kept in memory; it does not arrive, and
             nobody is told [bytes].
+        door: with a key, also listen on a Unix socket: its path, and the role of all who come
+            through it.
 
     Raises:
         UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
@@ -71,15 +74,17 @@ def open_bus(
             # Nobody there yet: Zenoh keeps trying until its time-out.
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
-    config = _config(mode, listen, connect, namespace, shared_memory, connect_timeout_s)
+    doors = [] if door is None else [f"{SOCKET}/{door[0]}"]
+    config = _config(mode, [*listen, *doors], connect, namespace, shared_memory, connect_timeout_s)
     config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
         plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
-        allowed = access_control(key.fabric, namespace, plain=plain)
+        through = {SOCKET: door[1]} if door is not None else {}
+        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
         config.insert_json5("access_control", json.dumps(allowed))
     elif any(map(is_socket, listen)):
-        allowed = access_control("", namespace, sockets=True)
+        allowed = access_control("", namespace, through={SOCKET: Role.stack})
         config.insert_json5("access_control", json.dumps(allowed))
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
@@ -166,6 +171,7 @@ def _tls(key: Key) -> dict[str, Any]:
         "connect_private_key_base64": private,
         # Members move between hosts; they are known by the certificate's name, see roles.
         "verify_name_on_connect": False,
+        "close_link_on_expiration": True,
     }
 
 

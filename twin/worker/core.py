@@ -35,6 +35,9 @@ RETRY_NS = SECOND_NS // 4
 """Wait before an unanswered request is sent again [ns]."""
 IDLE_NS = SECOND_NS // 2
 """Wait before asking again when there was nothing to lease [ns]."""
+RESULTS_MAX = 512
+"""Most results in one request: after a long silence they go in portions, see
+:data:`schemas.doors.WORKER_BYTES_MAX`."""
 BROKEN_PAUSE_MAX_NS = 10 * SECOND_NS
 """Longest pause after rigs that died one after the other [ns]."""
 GOODBYE_TRIES = 8
@@ -537,7 +540,7 @@ class Core:
                 seq=self.seq,
                 k=self._free(),
                 rig=self.rig.key if self.rig else "",
-                results=self.results[:],
+                results=self.results[:RESULTS_MAX],
                 ended=self.ended[:],
                 held=list(self.held),
                 remaining_s=self._remaining_s(now_ns),

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import http.client
 import json
+import os
 import select
 import socket
 import sys
@@ -20,7 +21,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from schemas.regular_file import open_below
@@ -52,6 +53,9 @@ STRANGERS = (
     b"this page belongs to another user; start viewer web yourself\n"
 )
 """What other users of this host are told."""
+
+DOWNLOADS_MAX = 16
+"""Most recordings on their way at once; a browser asks for one per page."""
 
 LENGTH_DIGITS_MAX = 18
 """Longer numbers are not even read: Python refuses some of them."""
@@ -117,6 +121,7 @@ class Front(ThreadingHTTPServer):
             UsageError: the port is in use.
         """
         self.site = site
+        self.downloads = threading.BoundedSemaphore(DOWNLOADS_MAX)
         self.files = {name: _page(name, kind) for name, kind in _PAGES.items()} | site.assets
         try:
             super().__init__(("127.0.0.1", port), Handler)
@@ -174,7 +179,7 @@ class Handler(BaseHTTPRequestHandler):
             self._made(lambda: (desk.cases(), "application/json"))
         elif path.startswith("/recording/") and path.endswith(".rrd"):
             name = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
-            self._made(lambda: (_recording(site, name), "application/octet-stream"))
+            self._download(name)
         elif (file := self.server.files.get(path.removeprefix("/"))) is not None:
             self._file(file)
         else:
@@ -271,16 +276,45 @@ class Handler(BaseHTTPRequestHandler):
         try:
             data, media_type = make()
         except (TwinError, OSError) as error:
-            data = str(error).encode()
-            self.send_response(HTTPStatus.NOT_FOUND)
-            media_type = "text/plain; charset=utf-8"
+            self._missing(error)
         else:
-            self.send_response(HTTPStatus.OK)
+            self._answer(HTTPStatus.OK, data, media_type)
+
+    def _missing(self, error: Exception) -> None:
+        self._answer(HTTPStatus.NOT_FOUND, str(error).encode(), "text/plain; charset=utf-8")
+
+    def _answer(self, status: HTTPStatus, data: bytes, media_type: str) -> None:
+        self.send_response(status)
         self.send_header("Content-Type", media_type)
         self.send_header("Cache-Control", "no-store")
         self.send_header("Content-Length", str(len(data)))
         self.end_headers()
         self.wfile.write(data)
+
+    def _download(self, case: str) -> None:
+        """A recording, from the disk to the line: however large, nothing of it lies in memory."""
+        try:
+            file = _recording(self.server.site, case)
+        except (TwinError, OSError) as error:
+            self._missing(error)
+            return
+        with file:
+            if not self.server.downloads.acquire(blocking=False):
+                self.close_connection = True
+                self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "too many downloads; ask again")
+                return
+            try:
+                size = os.fstat(file.fileno()).st_size
+                self.send_response(HTTPStatus.OK)
+                self.send_header("Content-Type", "application/octet-stream")
+                self.send_header("Cache-Control", "no-store")
+                self.send_header("Content-Length", str(size))
+                self.end_headers()
+                # A file that grows meanwhile must not put more on the line than was announced.
+                if self.connection.sendfile(file, 0, size) < size:
+                    self.close_connection = True
+            finally:
+                self.server.downloads.release()
 
     def _pass_on(self, hub: tuple[str, int], body: bytes) -> None:
         self.close_connection = True
@@ -330,9 +364,8 @@ def _page(name: str, media_type: str) -> Asset:
     return Asset(data, media_type, hashlib.sha256(data).hexdigest()[:16])
 
 
-def _recording(site: Site, case: str) -> bytes:
+def _recording(site: Site, case: str) -> IO[bytes]:
     if site.folder is None:
         raise UsageError("live cases have no recording here")
     path = find_recording(site.folder, case).path
-    with open_below(site.folder, str(path.relative_to(site.folder))) as file:
-        return file.read()
+    return open_below(site.folder, str(path.relative_to(site.folder)))

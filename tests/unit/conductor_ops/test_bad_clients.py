@@ -16,7 +16,7 @@ import conductor.inbox
 from conductor.shell import Conductor
 from schemas import SCHEMA_VERSION as V
 from schemas import topics
-from schemas.doors import door
+from schemas.doors import WORDS_BYTES_MAX, door
 from schemas.messages import Beat, Next, Reply, Request, StatusRequest, Stop
 from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
 
@@ -38,11 +38,11 @@ def served(tmp_path: Path) -> Iterator[tuple[Conductor, Ask]]:
 
 
 def _door(payload: bytes) -> str:
-    """Where a good client sends it; what is no request may come anywhere."""
+    """Where a good client sends it; what is no request comes where large ones may."""
     try:
         return door(decode(payload, Request))
     except WireError:
-        return topics.RPC_STATUS.key
+        return topics.RPC_SUBMIT.key
 
 
 def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> None:
@@ -86,7 +86,8 @@ def counters(conductor: Conductor) -> dict[str, Any]:
 )
 def test_refused_with_a_reason(served: tuple[Conductor, Ask], payload: bytes, reason: str) -> None:
     conductor, ask = served
-    reply = ask(payload)
+    fits_a_question = b"beat" not in payload and len(payload) <= WORDS_BYTES_MAX
+    reply = ask(payload, (topics.RPC_STATUS if fits_a_question else topics.RPC_WORKER).key)
     assert reason in reply.error
     assert len(reply.error.splitlines()) == 1
     assert counters(conductor)["refused"] == 1

@@ -1,0 +1,178 @@
+"""A front before a real router: garbage keeps no member out, and keys end when they should."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from waiting import PATIENCE_S, wait_for
+
+from schemas import topics
+from twin.fabric.authority import load_authority, make_keys
+from twin.fabric.bus import Bus
+from twin.fabric.endpoint import host_and_port
+from twin.fabric.errors import TwinError
+from twin.fabric.front import Event
+from twin.fabric.front_rules import SHAKING_PER_ADDRESS_MAX
+from twin.fabric.fronted import Fronted
+from twin.fabric.handshake import in_memory
+from twin.fabric.key_file import Key, load_key, read_certificate
+from twin.fabric.revoked import revoke
+from twin.fabric.roles import Role
+from twin.fabric.zenoh_bus import open_bus
+
+STATUS = topics.RPC_STATUS.key
+
+
+class Door:
+    """A front, and what it has told."""
+
+    def __init__(self, keys: Path) -> None:
+        self.keys = keys
+        self.told: list[Event] = []
+        key = load_key(keys, Role.conductor)
+        self.fronted = Fronted("tls/127.0.0.1:0", "twin", key, self.told.append)
+        self.fronted.bus.serve(STATUS, lambda payload, respond: respond(payload))
+        (self.endpoint,) = self.fronted.bus.endpoints
+
+    def told_of(self, what: str, reason: str) -> list[Event]:
+        return [event for event in self.told if (event.what, event.reason) == (what, reason)]
+
+    def joined(self, key: Key) -> Bus:
+        bus = open_bus("client", connect=[self.endpoint], key=key, connect_timeout_s=PATIENCE_S)
+        wait_for(lambda: bus.request(STATUS, b"here", 1.0) == b"here", "an answer to a member")
+        return bus
+
+
+@pytest.fixture
+def door(tmp_path: Path) -> Iterator[Door]:
+    found = Door(make_keys(tmp_path / "keys"))
+    yield found
+    found.fronted.close()
+
+
+def stranger(endpoint: str, first: bytes = b"") -> socket.socket:
+    connection = socket.create_connection(host_and_port(endpoint))
+    connection.sendall(first)
+    return connection
+
+
+def shake_hands(endpoint: str, authority: bytes, key: Key | None) -> None:
+    """A handshake to its end, with the certificate of ``key`` or without; whatever comes of it."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.load_verify_locations(cadata=authority.decode())
+    if key is not None:
+        with in_memory(key.certificate + key.private) as path:
+            context.load_cert_chain(path)
+    with stranger(endpoint) as connection:
+        try:
+            with context.wrap_socket(connection) as session:
+                session.recv(1)
+        except OSError:
+            return
+
+
+def test_members_join_among_garbage(door: Door, tmp_path: Path) -> None:
+    """More silent connections than there are slots, and each kind of handshake that fails."""
+    worker = load_key(door.keys, Role.worker)
+    foreign = load_key(make_keys(tmp_path / "foreign"), Role.worker)
+    silent = [stranger(door.endpoint) for _ in range(SHAKING_PER_ADDRESS_MAX + 20)]
+    for _ in range(10):
+        stranger(door.endpoint, b"GET / HTTP/1.1\r\n\r\n").close()
+        shake_hands(door.endpoint, worker.authority, None)
+        shake_hands(door.endpoint, worker.authority, foreign)
+    bus = door.joined(worker)
+    bus.close()
+    wait_for(lambda: door.told_of("closed", ""), "the front to tell it")
+    assert all(each.fileno() >= 0 for each in silent), "they are still there"
+    for each in silent:
+        each.close()
+    reasons = Counter(event.reason for event in door.told if event.what == "refused")
+    assert reasons["it showed no key"] == 10
+    assert reasons["its key is of another fabric or rig"] == 10
+    assert reasons["it does not speak TLS"] == 10
+    assert reasons["too many handshakes were under way; the oldest"] >= 20
+    opened = [event for event in door.told if event.what == "opened"]
+    serial = f"{read_certificate(door.keys / 'worker.key').serial_number:x}"
+    assert [(each.role, each.key, each.peer) for each in opened] == [
+        ("worker", serial, "127.0.0.1")
+    ], "garbage never reached Zenoh"
+
+
+def test_nobody_reaches_the_router_past_the_front(door: Door) -> None:
+    """Its own port takes a key that this process alone has; a member's is of no use there."""
+    worker = load_key(door.keys, Role.worker)
+    listening = {port for port in ports_of_this_process() if not door.endpoint.endswith(f":{port}")}
+    assert listening
+    for port in listening:
+        with pytest.raises(TwinError, match="another fabric"):
+            open_bus("client", connect=[f"tls/127.0.0.1:{port}"], key=worker, connect_timeout_s=1.0)
+
+
+def ports_of_this_process() -> set[int]:
+    import psutil
+
+    found = psutil.Process().net_connections("tcp")
+    return {each.laddr.port for each in found if each.status == psutil.CONN_LISTEN}
+
+
+def test_a_withdrawn_key_is_cut_and_refused(door: Door) -> None:
+    worker, viewer = (load_key(door.keys, role) for role in (Role.worker, Role.viewer))
+    serial = read_certificate(worker.path).serial_number
+    inside, neighbour = door.joined(worker), door.joined(viewer)
+    revoke(door.keys, serial)
+    wait_for(lambda: door.told_of("cut", "withdrawn"), "the front to tell it")
+    (event,) = door.told_of("cut", "withdrawn")
+    assert (event.key, event.role, event.count) == (f"{serial:x}", "worker", 1)
+    wait_for(lambda: door.told_of("refused", "its key was withdrawn"), "another try")
+    assert inside.request(STATUS, b"here", 0.2) is None
+    assert neighbour.request(STATUS, b"here", PATIENCE_S) == b"here", "others notice nothing"
+    assert len(door.told_of("closed", "its key was withdrawn")) == 1
+    inside.close()
+    neighbour.close()
+
+
+def test_a_session_ends_with_its_key(door: Door, tmp_path: Path) -> None:
+    path = tmp_path / "short.key"
+    path.write_bytes(load_authority(door.keys).issue(Role.viewer, 4 / 86400))
+    path.chmod(0o600)
+    bus = door.joined(load_key(path, Role.viewer))
+    wait_for(lambda: door.told_of("closed", "its key has expired"), "the front to tell it")
+    wait_for(lambda: door.told_of("refused", "its key has expired"), "another try")
+    assert bus.request(STATUS, b"here", 0.2) is None
+    bus.close()
+
+
+def test_a_front_that_dies_is_replaced(door: Door) -> None:
+    import psutil
+
+    bus = door.joined(load_key(door.keys, Role.viewer))
+    (front,) = [
+        child for child in psutil.Process().children() if "twin.fabric.front" in child.cmdline()
+    ]
+    front.kill()
+    wait_for(lambda: bus.request(STATUS, b"here", 1.0) == b"here", "an answer at the same address")
+    bus.close()
+
+
+def test_what_a_role_may_do_stays_what_it_is(door: Door) -> None:
+    """The front takes the certificate off, so the role has to come through by the door."""
+    heard = threading.Event()
+    door.fronted.bus.serve(topics.RPC_ADMIN.key, lambda *_: heard.set())
+    viewer = door.joined(load_key(door.keys, Role.viewer))
+    posing = load_key(door.keys, Role.viewer)
+    object.__setattr__(posing, "role", Role.admin)  # a program that minds no rule of ours
+    rogue = door.joined(posing)
+    assert rogue.request(topics.RPC_ADMIN.key, b"stop", 0.5) is None
+    assert not heard.is_set()
+    admin = door.joined(load_key(door.keys, Role.admin))
+    admin.request(topics.RPC_ADMIN.key, b"stop", 0.5)
+    assert heard.is_set()
+    for bus in (viewer, rogue, admin):
+        bus.close()

@@ -1,0 +1,170 @@
+"""A Zenoh router behind a front: it listens where nobody but the front gets.
+
+Zenoh knows a member's role by its certificate, and the front has taken that off. So there is a
+session for each role, which lets in what comes through its Unix socket as that role and is joined
+to the router by TLS with a key that nobody else has. The sockets have no names once they listen:
+the front gets their descriptors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+
+import msgspec
+
+from twin.fabric.address import IN_USE
+from twin.fabric.authority import inner_key
+from twin.fabric.bus import Bus
+from twin.fabric.endpoint import LOOPBACK, host_and_port, to_listen
+from twin.fabric.errors import UsageError, storage_error
+from twin.fabric.front import Event, Settings
+from twin.fabric.key_file import Key
+from twin.fabric.process import end, how_it_ended, spawn
+from twin.fabric.roles import MEMBERS, Role
+from twin.fabric.zenoh_bus import open_bus
+
+BACKLOG = 1024
+"""Connections that wait for the front to accept them."""
+RESTART_S = 0.5
+"""How long to wait before a front that died is started again [s]."""
+
+_log = logging.getLogger(__name__)
+
+Heard = Callable[[Event], None]
+"""What a front tells, on a thread of its own."""
+
+
+class Fronted:
+    """A listening port with a front, and the router behind it."""
+
+    def __init__(self, listen: str, namespace: str, key: Key, heard: Heard) -> None:
+        """Listen at ``listen`` (``tls/HOST:PORT``) as the holder of ``key``.
+
+        Raises:
+            UsageError: nobody can listen there.
+        """
+        self._heard = heard
+        self._key = key
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="front", daemon=True)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._buses: list[Bus] = []
+        self._doors: dict[str, int] = {}
+        self._listener = _listener(listen)
+        try:
+            self.bus = self._open(namespace)
+            """The router's session; its endpoint is the front's."""
+            host, port = host_and_port(listen)[0], self._listener.getsockname()[1]
+            self.bus.endpoints = [f"tls/{_bracketed(host)}:{port}"]
+            self._thread.start()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stop listening, and end every session; safe at any stage."""
+        self._closing.set()
+        if self._thread.ident is not None:
+            if self._process is not None and self._process.stdin is not None:
+                self._process.stdin.close()  # its lifeline
+            self._thread.join()
+        for bus in reversed(self._buses):
+            bus.close()
+        self._listener.close()
+        while self._doors:
+            os.close(self._doors.popitem()[1])
+
+    def _open(self, namespace: str) -> Bus:
+        try:
+            folder = tempfile.mkdtemp(prefix="drivetwin-")  # mode 0700
+        except OSError as error:
+            raise storage_error(error, tempfile.gettempdir()) from None
+        own = inner_key()
+        try:
+            listen = to_listen(LOOPBACK, keyed=True)
+            for role in MEMBERS:
+                door = f"{folder}/{role}"
+                first = role is Role.conductor
+                bus = open_bus(
+                    "router",
+                    listen=[listen] if first else [],
+                    connect=[] if first else self._buses[0].endpoints,
+                    namespace=namespace,
+                    key=own,
+                    door=(door, role),
+                )
+                self._buses.append(bus)
+                self._doors[role] = os.open(door, os.O_PATH | os.O_CLOEXEC)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        return self._buses[0]
+
+    def _run(self) -> None:
+        """Start the front, hear what it tells, and start it again if it dies. All on one thread:
+        the kernel ends a child with the thread that started it."""
+        while not self._closing.is_set():
+            process = self._start()
+            assert process.stdout is not None
+            for line in process.stdout:
+                with contextlib.suppress(msgspec.MsgspecError):
+                    self._heard(msgspec.json.decode(line, type=Event))
+            end(process)
+            if not self._closing.wait(RESTART_S):
+                _log.error("the front %s; started again", how_it_ended(process.returncode))
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        process = spawn(
+            [sys.executable, "-m", "twin.fabric.front"],
+            descriptors=[self._listener.fileno(), *self._doors.values()],
+            pipe_output=True,
+            log=open(2, "wb", closefd=False),  # noqa: SIM115
+        )
+        self._process = process
+        settings = Settings(
+            listener=self._listener.fileno(),
+            doors=self._doors,
+            fabric=self._key.fabric,
+            authority=self._key.authority.decode(),
+            certificate=self._key.certificate.decode(),
+            private=self._key.private.decode(),
+            keys=str(self._key.path.parent),
+        )
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError, ValueError):  # it died, or is to end
+            process.stdin.write(msgspec.json.encode(settings) + b"\n")
+        return process
+
+
+def _listener(endpoint: str) -> socket.socket:
+    host, port = host_and_port(endpoint)
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise UsageError(f"{endpoint}: cannot listen: {error.strerror}") from None
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(BACKLOG)
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise UsageError(f"{endpoint}: {IN_USE}") from None
+        raise UsageError(f"{endpoint}: cannot listen: {error.strerror}") from None
+    return listener
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
