@@ -18,6 +18,8 @@ from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 START_S = 30.0
 """Longest wait for a process of ours to be ready [s]."""
+JUDGING_S = 600.0
+"""Longest wait for a conductor that still judges [s]."""
 
 
 class Child:
@@ -50,6 +52,21 @@ class Child:
         assert self.process.stdin is not None
         self.process.stdin.write(line.encode() + b"\n")
 
+    def finish(self, patience_s: float) -> None:
+        """Ask it to end in good order, and wait.
+
+        Raises:
+            InfrastructureError: it did not.
+        """
+        self.process.terminate()
+        try:
+            code = self.process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            raise InfrastructureError(f"{self._name}: no end in {patience_s:g} s") from None
+        if code:
+            said = last_lines(self._log, 5)
+            raise InfrastructureError(f"{self._name}: {how_it_ended(code)}: {said}")
+
     def stop(self) -> None:
         """End it and its log."""
         end(self.process, grace_s=10.0)
@@ -67,10 +84,15 @@ def child(*arguments: str) -> Iterator[Child]:
 
 
 @contextlib.contextmanager
-def serving(folder: Path) -> Iterator[tuple[str, int]]:
-    """A conductor on ``folder``; yields its endpoint and process id."""
+def serving(folder: Path, *, judged: bool = False) -> Iterator[tuple[str, int]]:
+    """A conductor on ``folder``; yields its endpoint and process id.
+
+    ``judged``: it ends when its judge has read all attempts.
+    """
     with child("conductor.bench.server", str(folder)) as server:
         yield _await(folder, server), server.process.pid
+        if judged:
+            server.finish(JUDGING_S)
 
 
 def _await(folder: Path, server: Child) -> str:

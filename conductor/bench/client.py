@@ -1,7 +1,8 @@
 """A worker that simulates nothing: the protocol alone, one NEXT after the other.
 
 It says hello, prints ``ready``, waits for a line on standard input, and then commits what it was
-leased and leases as many new cases in each round trip until none is left.
+leased and leases as many new cases in each round trip until none is left. ``files``: it writes the
+files of every attempt first, as a simulator does.
 """
 
 from __future__ import annotations
@@ -11,27 +12,37 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from schemas import SCHEMA_VERSION
 from schemas.doors import door
+from schemas.judging import RECORD_FILE, attempt_digest
 from schemas.kpi import SCALARS
 from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_result
 from schemas.wire import decode, encode
 from twin.fabric.bus import Bus
+from twin.fabric.files import write_atomic
+from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
 from twin.fabric.process import bind_to_parent
 from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import open_bus
 
 TIMEOUT_S = 10.0
 TRIES = 6
+LOG = b"a made-up attempt\n"
+
+Made = Callable[[Lease], Result]
+"""What is committed of a lease."""
 
 
-def drive(endpoint: str, worker: str, k: int, *, full: bool) -> dict[str, float]:
+def drive(endpoint: str, worker: str, k: int, made: Made) -> dict[str, float]:
     """Serve the bench's campaign at ``endpoint`` as ``worker``, ``k`` cases per request.
 
-    ``full``: results carry digests and KPI scalars, as those of a simulator do.
+    ``made``: its results.
     """
     session = new_secret()
     bus = open_bus("client", connect=[endpoint], namespace="bench")
@@ -50,13 +61,13 @@ def drive(endpoint: str, worker: str, k: int, *, full: bool) -> dict[str, float]
         print("ready", flush=True)
         sys.stdin.readline()
         started_s = time.perf_counter()
-        cases, requests = _work(bus, worker, session, k, full)
+        cases, requests = _work(bus, worker, session, k, made)
         return {"cases": cases, "requests": requests, "wall_s": time.perf_counter() - started_s}
     finally:
         bus.close()
 
 
-def _work(bus: Bus, worker: str, session: bytes, k: int, full: bool) -> tuple[int, int]:
+def _work(bus: Bus, worker: str, session: bytes, k: int, made: Made) -> tuple[int, int]:
     cases = seq = 0
     results: list[Result] = []
     while True:
@@ -68,7 +79,7 @@ def _work(bus: Bus, worker: str, session: bytes, k: int, full: bool) -> tuple[in
         cases += len(results)
         if reply.fenced or not reply.leases:
             return cases, seq
-        results = [full_result(x) if full else noop_result(x) for x in reply.leases]
+        results = [made(lease) for lease in reply.leases]
 
 
 def full_result(lease: Lease) -> Result:
@@ -85,6 +96,35 @@ def full_result(lease: Lease) -> Result:
     )
 
 
+def with_files(template: dict[str, Any]) -> Made:
+    """Results with KPI file, judge's record and log in their attempt folders.
+
+    ``template``: what ``twin.bench.attempt`` prints.
+    """
+
+    def made(lease: Lease) -> Result:
+        relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+        folder = Path(lease.out) / relative
+        table = kpi_table(template["columns"])
+        scenario = msgspec.to_builtins(lease.case.scenario)
+        record = {**template["record"], "case": lease.case.id, "scenario": scenario}
+        encoded = msgspec.json.encode(record) + b"\n"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_kpi(table, folder / "kpi.parquet")
+        write_atomic(folder / RECORD_FILE, encoded)
+        write_atomic(folder / "log.txt", LOG)
+        sha = kpi_sha256(table)
+        return msgspec.structs.replace(
+            noop_result(lease),
+            **template["result"],
+            attempt_dir=relative,
+            kpi_sha256=sha,
+            manifest_sha256=attempt_digest(sha, LOG, encoded),
+        )
+
+    return made
+
+
 def _ask(bus: Bus, request: Request) -> Reply:
     data = encode(request)
     for _ in range(TRIES):
@@ -99,5 +139,8 @@ def _ask(bus: Bus, request: Request) -> Reply:
 
 if __name__ == "__main__":
     bind_to_parent()
-    endpoint, worker, k, *full = sys.argv[1:]
-    print(json.dumps(drive(endpoint, worker, int(k), full=bool(full))), flush=True)
+    endpoint, worker, k, kind, *file = sys.argv[1:]
+    results: dict[str, Made] = {"noop": noop_result, "full": _full_result}
+    if kind == "files":
+        results["files"] = with_files(msgspec.json.decode(Path(file[0]).read_bytes()))
+    print(json.dumps(drive(endpoint, worker, int(k), results[kind])), flush=True)

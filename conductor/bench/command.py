@@ -58,6 +58,7 @@ def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, c
 _LABELS = {
     "k8": "conductor, 8 per request (durable)",
     "k1": "conductor, 1 per request (durable)",
+    "files": "conductor, 8 per request, with KPI files (durable)",
     "dask": "dask.distributed (in memory)",
     "hyperqueue": "HyperQueue (in memory)",
 }
@@ -74,6 +75,10 @@ def _comparison_table(found: Comparison) -> Table:
         aim = f"{AIMS[name]:.0f}" if name in AIMS else ""
         table.add_row(label, f"{middle:.0f}", f"{min(rates):.0f}", f"{max(rates):.0f}", aim)
     table.add_section()
+    files, judged = found.ratio("files", "k8"), found.judged_rate()
+    if files is not None and judged is not None:
+        table.add_row("ratio files k8", f"{files:.3f}x", "", "", "")
+        table.add_row("with KPI files, until all are judged", f"{judged:.0f}", "", "", "")
     for name, ratio in found.ratios().items():
         shown = "-" if ratio is None else f"{ratio:.1f}x"
         table.add_row(name.replace("_", " "), shown, "", "", f">= {TARGETS[name]:g}x")

@@ -18,13 +18,17 @@ from conductor.bench.peers import PACKAGES, measure_peer, missing
 TARGETS = {"ratio_dask_k8": 10.0, "ratio_hyperqueue_k8": 5.0, "ratio_dask_k1": 3.0}
 """Least ratio of our rate to a peer's."""
 
+FILES_SHARE = 10
+"""One in so many cases has files: each is brought to the disk, and judged."""
+
 AIMS = {"k8": 10_000.0, "k1": 2_000.0}
 """Rates to aim for on two idle cores [cases/s]; reported, not checked: machines differ."""
 
 
 @dataclass(slots=True)
 class Comparison:
-    """Runs of each scheduler, one per round: ``k8``, ``k1``, and the peers."""
+    """Runs of each scheduler, one per round: ``k8``, ``k1``, ``files`` (eight per request, with the
+    files of an attempt), and the peers."""
 
     runs: dict[str, list[Measured]] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
@@ -37,7 +41,7 @@ class Comparison:
 
     def ratio(self, ours: str, peer: str) -> float | None:
         """Median over the rounds of our rate to the peer's."""
-        if not self.runs.get(peer):
+        if not (self.runs.get(ours) and self.runs.get(peer)):
             return None
         pairs = zip(self.runs[ours], self.runs[peer], strict=True)
         return median(own.rate / other.rate for own, other in pairs)
@@ -49,6 +53,11 @@ class Comparison:
             "ratio_hyperqueue_k8": self.ratio("k8", "hyperqueue"),
             "ratio_dask_k1": self.ratio("k1", "dask"),
         }
+
+    def judged_rate(self) -> float | None:
+        """Median rate with files until all is judged; None if it did not run [cases/s]."""
+        runs = self.runs.get("files")
+        return median(run.cases / run.judged_s for run in runs) if runs else None
 
     def misses(self) -> list[str]:
         """Targets that were missed, one line each; a missing peer misses its targets."""
@@ -63,18 +72,19 @@ class Comparison:
         return {
             **{name: _rounded(found) for name, found in self.ratios().items()},
             **{f"{name}_cases_per_s": _rounded(self.rate(name)) for name in SCHEDULERS},
+            "ratio_files_k8": _rounded(self.ratio("files", "k8")),
+            "files_judged_per_s": _rounded(self.judged_rate()),
             "rates": {
                 name: [_rounded(run.rate) for run in runs] for name, runs in self.runs.items()
             },
             "cases": {name: runs[0].cases for name, runs in self.runs.items() if runs},
-            "submit_s": {
-                name: [_rounded(run.submit_s) for run in self.runs[name]] for name in ("k8", "k1")
-            },
+            "submit_s": {name: [_rounded(run.submit_s) for run in self.runs[name]] for name in OWN},
             "missing": self.missing,
         }
 
 
-SCHEDULERS = ("k8", "k1", *PACKAGES)
+OWN = ("k8", "k1", "files")
+SCHEDULERS = (*OWN, *PACKAGES)
 """Names of the rows."""
 
 
@@ -88,6 +98,7 @@ def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -
         say: told about every run, one line each.
     """
     found = Comparison({name: [] for name in SCHEDULERS})
+    few = max(1, cases // FILES_SHARE)
     peers = []
     for peer in PACKAGES:
         reason = missing(peer)
@@ -99,6 +110,7 @@ def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -
         steps: list[tuple[str, Callable[[], Measured]]] = [
             ("k8", lambda: measure(cases, K_MANY, folder)),
             ("k1", lambda: measure(cases, 1, folder)),
+            ("files", lambda: measure(few, K_MANY, folder, files=True)),
             *((peer, lambda p=peer: measure_peer(p, cases, folder)) for peer in peers),
         ]
         for name, step in steps:

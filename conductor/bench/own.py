@@ -2,7 +2,8 @@
 
 One conductor process (SQLite, ``synchronous=FULL``, on a real disk) and two client processes that
 speak the worker's protocol over Zenoh on loopback. Counted is the time from the start of both
-clients until every case is committed on disk; the submission is timed by itself.
+clients until every case is committed on disk; the submission is timed by itself. With files, cases
+come with those of an attempt, as from a simulator, and the conductor's judge reads them.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
 from conductor.bench.children import child, serving
 from conductor.client import Client
+from conductor.judge_feed import read_judged
 from schemas.campaign import Campaign
 from twin.fabric.errors import InfrastructureError, UsageError
 
@@ -36,6 +39,8 @@ class Measured:
     cases: int
     wall_s: float
     submit_s: float = 0.0
+    judged_s: float = 0.0
+    """From the start until all is judged and the conductor has ended; 0: no files."""
 
     @property
     def rate(self) -> float:
@@ -53,31 +58,66 @@ def noop_campaign(cases: int, name: str = "bench") -> Campaign:
     return msgspec.convert(data, Campaign)
 
 
-def measure(cases: int, k: int, folder: Path) -> Measured:
-    """Commit ``cases`` cases with ``k`` per request, in a new state folder below ``folder``."""
+def measure(cases: int, k: int, folder: Path, *, files: bool = False) -> Measured:
+    """Commit ``cases`` cases with ``k`` per request, in a new state folder below ``folder``.
+
+    ``files``: each has an attempt's files.
+    """
     state = Path(tempfile.mkdtemp(prefix="bench-", dir=folder))
     try:
+        template = _template(state) if files else None
         with ExitStack() as stack:
-            endpoint, _ = stack.enter_context(serving(state))
+            endpoint, _ = stack.enter_context(serving(state, judged=files))
             client = stack.enter_context(Client(endpoint, None, "bench"))
             before_s = time.perf_counter()
             client.submit(noop_campaign(cases), "")
             submit_s = time.perf_counter() - before_s
-            wall_s = work(endpoint, cases, k)
+            started_s = time.perf_counter()
+            wall_s = work(endpoint, cases, k, "files" if files else "noop", template)
             left = client.status()["left"]
         if left:
             raise InfrastructureError(f"{left} of {cases} cases are left")
-        return Measured(cases, wall_s, submit_s)
+        if not files:
+            return Measured(cases, wall_s, submit_s)
+        judged_s = time.perf_counter() - started_s
+        _check_judged(state / "bench", cases)
+        return Measured(cases, wall_s, submit_s, judged_s)
     finally:
         shutil.rmtree(state)
 
 
-def work(endpoint: str, cases: int, k: int, *, full: bool = False) -> float:
+def _template(folder: Path) -> Path:
+    """A file with a made-up attempt."""
+    path = folder / "attempt.json"
+    with child("twin.bench.attempt") as made:
+        path.write_text(made.line())
+    return path
+
+
+def _check_judged(run: Path, cases: int) -> None:
+    judged = read_judged(run)
+    if judged is None or judged.agree != cases:
+        found = "nothing was judged" if judged is None else f"{judged.agree} agree"
+        raise InfrastructureError(f"of {cases} attempts {found}: {run}")
+
+
+def work(
+    endpoint: str,
+    cases: int,
+    k: int,
+    kind: Literal["noop", "full", "files"] = "noop",
+    template: Path | None = None,
+) -> float:
     """Two clients commit the ``cases`` cases of the conductor at ``endpoint``; how long it took.
 
-    ``full``: results are as large as a simulator's.
+    Args:
+        endpoint: where the conductor listens.
+        cases: all of its cases.
+        k: cases per request.
+        kind: ``full``: results are as large as a simulator's; ``files``: and come with its files.
+        template: a made-up attempt, for files.
     """
-    options = ("full",) if full else ()
+    options = (kind, str(template)) if template else (kind,)
     with ExitStack() as stack:
         clients = [
             stack.enter_context(

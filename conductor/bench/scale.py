@@ -80,7 +80,7 @@ def measure_scale(cases: int, folder: Path) -> Scale:
             client.submit(campaign, "")
             submit_s = time.perf_counter() - started_s
             submitted_mb = _rss_mb(pid)
-            wall_s = work(endpoint, cases, K_MANY, full=True)
+            wall_s = work(endpoint, cases, K_MANY, "full")
             ended_mb = _rss_mb(pid)
         started_s = time.perf_counter()
         with serving(state) as (endpoint, pid), Client(endpoint, None, "bench") as client:

@@ -12,8 +12,9 @@ from conductor.bench.compare import SCHEDULERS, TARGETS, Comparison
 from conductor.bench.own import Measured, check_disk, measure, noop_campaign
 from conductor.bench.peers import PACKAGES, missing
 from conductor.bench.scale import POINTS, Scale, large_campaign
+from conductor.judge_feed import Judged
 from schemas.campaign import expand
-from twin.fabric.errors import UsageError
+from twin.fabric.errors import InfrastructureError, UsageError
 
 
 def comparison(**rates: list[float]) -> Comparison:
@@ -83,6 +84,39 @@ def test_a_small_run_of_ours(tmp_path: Path) -> None:
     assert found.cases == 100
     assert found.rate > 10
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_small_run_with_files_of_attempts_is_judged(tmp_path: Path) -> None:
+    """Digests, verdicts and scalars agree, or there is no figure."""
+    found = measure(10, 8, tmp_path, files=True)
+    assert found.cases == 10
+    assert found.judged_s > found.wall_s
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("judged", [None, Judged(attempts=3, agree=2, differences={"a": ["no"]})])
+def test_attempts_that_are_not_judged_give_no_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, judged: Judged | None
+) -> None:
+    monkeypatch.setattr("conductor.bench.own.read_judged", lambda _: judged)
+    with pytest.raises(InfrastructureError, match="of 3 attempts"):
+        measure(3, 8, tmp_path, files=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_row_with_files_has_its_ratio(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = comparison(k8=[1000, 1000], k1=[10, 10], dask=[1, 1], hyperqueue=[1, 1])
+    found.runs["files"] = [Measured(100, 1.0, 0.0, 2.0), Measured(100, 0.5, 0.0, 2.0)]
+    plain = found.to_json()
+    assert (plain["ratio_files_k8"], plain["files_judged_per_s"]) == (0.15, 50)
+    assert plain["files_cases_per_s"] == 150
+    monkeypatch.setattr("conductor.bench.command.compare", lambda *_: found)
+    bench(10, 1, 0, tmp_path, as_json=False, check=False)
+    shown = capsys.readouterr().out
+    assert "0.150x" in shown
+    assert "with KPI files" in shown
 
 
 def test_check_fails_when_a_target_is_missed(
