@@ -140,7 +140,7 @@ def _ask(bus: Bus, request: Request) -> Reply:
 if __name__ == "__main__":
     bind_to_parent()
     endpoint, worker, k, kind, *file = sys.argv[1:]
-    results: dict[str, Made] = {"noop": noop_result, "full": _full_result}
+    results: dict[str, Made] = {"noop": noop_result, "full": full_result}
     if kind == "files":
         results["files"] = with_files(msgspec.json.decode(Path(file[0]).read_bytes()))
     print(json.dumps(drive(endpoint, worker, int(k), results[kind])), flush=True)
