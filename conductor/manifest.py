@@ -27,6 +27,7 @@ from schemas.words import plain
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from twin.fabric.errors import InfrastructureError, storage_error
 from twin.fabric.files import write_atomic
+from twin.fabric.revoked import FILE_NAME as REVOKED_FILE
 
 RUN_FILE, DERIVED_FILE = "manifest.json", "manifest.derived.json"
 BEFORE_FILE = "manifest.before.json"
@@ -43,7 +44,7 @@ DERIVED = frozenset(
 PASSING = frozenset(
     {
         *(RUN_FILE, DERIVED_FILE, BEFORE_FILE, CONDUCTOR_FILE, "conductor.owner"),
-        *("keys", "rigs", "spool", PARTS_FOLDER),
+        *("keys", REVOKED_FILE, "rigs", "spool", PARTS_FOLDER),
     }
 )
 """What belongs to a conductor or worker that serves, and to no result. What workers measure counts
