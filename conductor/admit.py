@@ -7,7 +7,8 @@ import msgspec
 from conductor.case_table import pack
 from conductor.facts import Relocated, Submitted
 from conductor.relocate import moved
-from conductor.state import CampaignState, State
+from conductor.state import PROTECTED_ONLY, CampaignState, State
+from schemas.autonomy import open_by_nature
 from schemas.campaign import CASES_MAX, Campaign, cases_given, parse_cases
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.messages import Submit
@@ -121,6 +122,8 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
     if campaign is None:
         return None, [mistake.line(given) for mistake in mistakes]
     name = campaign.campaign
+    if state.config.protected and (why := open_by_nature(campaign.autonomy)):
+        return None, [f"{name}: {why}; {PROTECTED_ONLY}"]
     digest = campaign_digest(campaign, cases)
     known = state.campaigns.get(name)
     if known is not None and known.digest == digest:

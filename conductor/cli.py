@@ -214,6 +214,13 @@ def serve(
     metrics: Annotated[
         str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
     ] = "",
+    allow_unprotected: Annotated[
+        bool,
+        typer.Option(
+            "--allow-unprotected",
+            help="Beyond loopback: also accept campaigns and workers whose stacks have no sandbox.",
+        ),
+    ] = False,
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was.
 
@@ -258,6 +265,7 @@ def serve(
             ttl_s=ttl_s,
             view=view,
             metrics=metrics,
+            allow_unprotected=allow_unprotected,
         )
     raise typer.Exit(code)
 

@@ -40,6 +40,7 @@ from conductor.state import CampaignState, CaseState, LiveLease, State, WorkerSt
 from conductor.status import running, status
 from conductor.turn import Turn
 from schemas import SCHEMA_VERSION
+from schemas.autonomy import SANDBOX
 from schemas.messages import (
     Beat,
     Bye,
@@ -150,6 +151,9 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         )
     if request.worker in state.departed:
         return turn.reply(error=f"worker {request.worker} has left; a new start needs a new id")
+    lacks = dict(request.lacks)
+    if not state.config.protected:  # then nobody needs one
+        lacks.pop(SANDBOX, None)
     joined = WorkerJoined(
         worker=request.worker,
         host=request.host,
@@ -161,7 +165,7 @@ def _hello(turn: Turn, request: Hello) -> Reply:
         memory_bytes=request.memory_bytes,
         tags=request.tags,
         share=request.share,
-        lacks=request.lacks,
+        lacks=lacks,
         session=hash_of(request.session),
         signer=signer_of(request.session),
     )

@@ -14,7 +14,16 @@ from dataclasses import dataclass
 from itertools import islice
 
 from conductor.facts import SHARED, WorkerJoined
-from conductor.state import CampaignState, CaseState, Config, LiveLease, State, WorkerState
+from conductor.state import (
+    PROTECTED_ONLY,
+    CampaignState,
+    CaseState,
+    Config,
+    LiveLease,
+    State,
+    WorkerState,
+)
+from schemas.autonomy import SANDBOX
 from schemas.campaign import Requirements
 from schemas.messages import Next, Share
 
@@ -45,6 +54,7 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
             "submit with 'device: any' to mix device classes"
         )
     lacks = _lacks(campaign.campaign.requires, worker) or _bridgeless(campaign, worker)
+    lacks = lacks or _unprotected(campaign, worker)
     if lacks:
         return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
@@ -71,6 +81,14 @@ def _bridgeless(campaign: CampaignState, worker: WorkerJoined) -> str:
         return ""
     lack = worker.lacks.get(autonomy.bridge, "")
     return f"cannot run the bridge '{autonomy.bridge}', {lack}" if lack else ""
+
+
+def _unprotected(campaign: CampaignState, worker: WorkerJoined) -> str:
+    """Why a worker has no sandbox for the campaign's stack, if that matters; or nothing."""
+    lack = worker.lacks.get(SANDBOX, "")
+    if not lack or campaign.campaign.autonomy.placement != "worker":
+        return ""
+    return f"has no sandbox for stacks, {lack}; {PROTECTED_ONLY}"
 
 
 def mismatches(state: State, worker: WorkerState) -> list[str]:

@@ -6,6 +6,7 @@ runs, when it is complete and when the conductor shuts down, and can be read by 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -99,6 +100,9 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     """Device classes of the committed results, sorted."""
     complete: bool
     """Every case has an outcome."""
+    protection: list[str] = []
+    """What kept the stack from the machine in the committed attempts, sorted: ``default``,
+    ``strict`` and what they shared, or ``unprotected`` and why."""
     clock: Clock = "lockstep"
     """``realtime``: its results do not repeat."""
     tell: list[Told] = []
@@ -130,9 +134,12 @@ def exit_code(*, cases: int, passed: int, unresolved: int, left: int) -> int:
 def encode_campaign(campaign: CampaignState) -> bytearray:
     """The outcomes as they stand as JSON, a line per case; never all cases in memory at once."""
     ends = (case.end for case in campaign.ordered)
-    classes = {end.device_class for end in ends if isinstance(end, Committed)}
+    committed = [end for end in ends if isinstance(end, Committed)]
     head = msgspec.structs.replace(
-        _head(campaign), device_classes=sorted(classes - {""}), complete=not campaign.left
+        _head(campaign),
+        device_classes=sorted({end.device_class for end in committed} - {""}),
+        protection=_protection(committed),
+        complete=not campaign.left,
     )
     text = bytearray(msgspec.json.format(msgspec.json.encode(head), indent=1))
     start = text.rindex(b"{") + 1  # of the cases, which come last
@@ -148,12 +155,18 @@ def encode_campaign(campaign: CampaignState) -> bytearray:
 def outcomes_of(campaign: CampaignState) -> Outcomes:
     """The outcomes as they stand."""
     cases = {name: _case(case) for name, case in campaign.cases.items()}
+    ends = (case.end for case in campaign.ordered)
     return msgspec.structs.replace(
         _head(campaign),
         device_classes=sorted({c.device_class for c in cases.values() if c.device_class}),
+        protection=_protection([end for end in ends if isinstance(end, Committed)]),
         complete=not campaign.left,
         cases=cases,
     )
+
+
+def _protection(committed: Sequence[Committed]) -> list[str]:
+    return sorted({end.result.protection for end in committed} - {""})
 
 
 def _head(campaign: CampaignState) -> Outcomes:

@@ -56,6 +56,7 @@ def case_at(case: Case, paths: Mapping[str, str]) -> Case:
         scenario=_scenario_at(case.scenario, paths),
         files=_files_at(case.files, paths),
         source=msgspec.structs.replace(case.source, files=files),
+        models=sorted(paths.get(path, path) for path in case.models),
     )
 
 

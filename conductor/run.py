@@ -40,6 +40,7 @@ from conductor.shell import Conductor
 from conductor.sign_run import UnfitRunError, require_agreement, sign_derived, sign_run
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
+from schemas.autonomy import UNPROTECTED, open_by_nature
 from schemas.campaign import Campaign, expand
 from schemas.messages import Stop, Submit
 from schemas.verdict import no_collision
@@ -58,6 +59,7 @@ from twin.fabric.errors import (
 )
 from twin.fabric.key_file import Key, shared
 from twin.fabric.memory_count import MemoryCount
+from twin.fabric.sandbox.possible import why_not
 from twin.fabric.software import device_class, software_digest
 
 POLL_S = 0.1
@@ -275,6 +277,8 @@ def _work(
         (conductor.folder / "logs").mkdir(exist_ok=True)
     except OSError as error:
         raise UsageError(f"{conductor.folder}: {error.strerror}") from None
+    if line := unprotected(campaign, local=bool(places)):
+        console.print(line, markup=False, soft_wrap=True)
     key = str(shared(conductor.key)) if conductor.key else ""
     insecure = [] if is_tls(conductor.endpoint) else ["--insecure"]
     if ViewMode(campaign.view).shows:
@@ -294,6 +298,17 @@ def _work(
         workers.stop()
         if not places:
             _dismiss(conductor)
+
+
+def unprotected(campaign: Campaign, *, local: bool) -> str:
+    """The line about a stack that runs without a sandbox; empty: it has one, as far as known here.
+
+    ``local``: it runs on this machine.
+    """
+    if campaign.simulator == "noop":
+        return ""
+    reason = open_by_nature(campaign.autonomy) or (why_not() if local else "")
+    return f"{UNPROTECTED}: {reason}; the stack may do whatever you may" if reason else ""
 
 
 def _all_ended(folder: Path, cases: int) -> str:

@@ -20,7 +20,7 @@ from conductor.shell import Conductor
 from conductor.sign_run import require_agreement, sign_run
 from conductor.state import Config
 from schemas.view_mode import ViewMode
-from twin.fabric.endpoint import is_tls
+from twin.fabric.endpoint import is_loopback, is_tls
 from twin.fabric.errors import EXIT_INTERRUPTED, TwinError
 from twin.fabric.key_file import Key, shared
 
@@ -35,6 +35,7 @@ def serve_folder(
     ttl_s: float | None = None,
     view: ViewMode | None = None,
     metrics: str = "",
+    allow_unprotected: bool = False,
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
 
@@ -47,10 +48,13 @@ def serve_folder(
         ttl_s: how long a lease outlives its worker's last word [s]; None: as usual.
         view: what is shown of cases submitted from now on; None: what their campaign says.
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
+        allow_unprotected: stacks may run without a sandbox also if others can reach this conductor.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
     # Workers that join from anywhere have a device each, as a rule.
     config = Config(by_batch=by_batch, view=view, spread=True)
+    if not (is_loopback(listen) or allow_unprotected):
+        config = replace(config, protected=True)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
     conductor = Conductor(folder, listen=listen, namespace=namespace, key=key, config=config)

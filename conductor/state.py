@@ -46,6 +46,10 @@ def _volatile(default: Any) -> Any:
     return field(default=default, compare=False)
 
 
+PROTECTED_ONLY = "this conductor runs stacks in sandboxes alone, see --allow-unprotected"
+"""Why campaigns and workers without one are refused."""
+
+
 @dataclass(frozen=True, slots=True)
 class Config:
     """Limits and options of one conductor process."""
@@ -65,6 +69,8 @@ class Config:
     spread: bool = False
     """A worker that holds none and has no share gets cases from all over what waits instead of
     neighbours; not with ``by_batch``."""
+    protected: bool = False
+    """Stacks run in sandboxes only; workers and campaigns without are refused."""
     view: ViewMode | None = None
     """Takes the place of what submitted campaigns say."""
     walltime_margin_s: float = 10.0

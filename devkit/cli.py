@@ -21,6 +21,7 @@ from schemas.stack_identity import StackSource
 from twin.fabric.ahead import LATER
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
+from twin.fabric.sandbox.inside import limit_self
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
 app.command("import-darknet")(import_darknet)
@@ -74,6 +75,7 @@ def host(
     load_for: Annotated[str, typer.Option("--load-for", hidden=True)] = "cpu",
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
+    limit_self()
     if connect == LATER:
         from devkit.ahead import await_arguments
 

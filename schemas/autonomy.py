@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import msgspec
 from msgspec import Meta, Struct
@@ -29,6 +29,9 @@ Told = Literal["case", "seed", "truth"]
 opaque one. ``seed``: the campaign's. ``truth``: boxes and the exact environment, also in cases
 whose perception is no ground truth."""
 
+Sandbox = Literal["default", "strict", "off"]
+"""How a stack is kept from what is none of its business."""
+
 
 class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     """The stack under test and its perception variants."""
@@ -51,6 +54,10 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     placement: Literal["worker", "inline", "node"] = "worker"
     """``worker``: a process beside the simulator, frames in shared memory; ``inline``: in the
     simulator's process; ``node``: on another node, frames over TCP. Results are the same."""
+    sandbox: Sandbox = "default"
+    """``default``: the stack sees its own files and its rig, nothing else of the machine; on a GPU
+    it shares with the machine what CUDA needs. ``strict``: it shares nothing, and frames may take
+    a slower way. ``off``: it may do whatever its user may."""
     cosim: bool = False
     """The stack may command the car's poses: its own model moves the car, the simulator shows it,
     senses, and finds out what it hits. Poses count at the end of their tick, whatever the delays
@@ -77,6 +84,31 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
         default_factory=lambda: {"default": GroundTruthPerception()}
     )
     """Perception variants by name; the matrix axis ``model`` chooses one."""
+
+
+SANDBOX = "sandbox"
+"""What a worker lacks that cannot give its stacks one."""
+
+UNPROTECTED = "unprotected"
+"""How what the record says of a stack without a sandbox begins."""
+
+
+class _Driven(Protocol):
+    """A campaign's section ``autonomy``, or a case."""
+
+    @property
+    def placement(self) -> str: ...
+    @property
+    def sandbox(self) -> str: ...
+
+
+def open_by_nature(autonomy: _Driven) -> str:
+    """Why a stack runs without a sandbox wherever it runs; or nothing."""
+    if autonomy.placement == "inline":
+        return "autonomy.placement inline runs it in the simulator's process"
+    if autonomy.placement == "node":
+        return "autonomy.placement node runs it on another host, which nobody here sees"
+    return "autonomy.sandbox is off" if autonomy.sandbox == "off" else ""
 
 
 DELAYS = ("latency_ms", "latency_jitter_ms", "rate_hz", "drop")

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.autonomy import Autonomy, Told, driver, driver_mistakes
+from schemas.autonomy import Autonomy, Sandbox, Told, driver, driver_mistakes
 from schemas.axes import (
     Memo,
     axes_allowed,
@@ -158,6 +158,10 @@ class Case(_Spec, frozen=True, kw_only=True):
     slots: int = 0
     """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "inline", "node"]
+    sandbox: Sandbox = "default"
+    """What its stack is kept from; no result depends on it."""
+    models: list[str] = []
+    """Paths of all networks of its campaign: cases share a stack's process, which reads them."""
     cosim: bool = False
     """The stack may command the car's poses."""
     latency_ms: int
@@ -390,6 +394,8 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     cases: dict[str, Case] = {}
     size = campaign.batch.size if campaign.batch else 0
     memo: Memo = {}
+    variants = campaign.autonomy.perception.values()
+    models = sorted({path for each in variants for path in file_fields(each).values()})
     for index, (where, point) in enumerate(kept):
         case, found = _case(campaign, point, where, index // size + 1 if size else 0, memo)
         mistakes += [m for m in found if m not in mistakes]
@@ -400,7 +406,7 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
             continue
         if case.id in cases:
             mistakes.append(Mistake(where, f"case '{case.id}' appears twice"))
-        cases[case.id] = case
+        cases[case.id] = msgspec.structs.replace(case, models=models) if models else case
     if not kept and not mistakes:
         mistakes.append(Mistake("exclude", "every case is excluded; nothing is left to run"))
     return list(cases.values()), mistakes
@@ -467,6 +473,7 @@ def _case(
             environment=environment,
             **driver(campaign.autonomy, campaign.stack_identity, parameters),
             placement=campaign.autonomy.placement,
+            sandbox=campaign.autonomy.sandbox,
             cosim=campaign.autonomy.cosim,
             latency_ms=autonomy.latency_ms,
             latency_jitter_ms=autonomy.latency_jitter_ms,

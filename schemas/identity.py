@@ -38,6 +38,8 @@ def case_digest(case: Case) -> str:
         drive="none",
         files={},
         source=_source_of(case),
+        sandbox="default",
+        models=[],
     )
     return digest([_canonical(same)])
 
@@ -96,6 +98,7 @@ def rig_key(case: Case) -> str:
         *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
         *(case.parameters, case.placement, _source_of(case), case.view, case.render),
         *(case.foreign, case.slots, case.keep, case.clock, case.cosim),
+        case.sandbox,
     )
     # The cases of a campaign have few different keys, and the digest is the slow part.
     packed = msgspec.msgpack.encode(parts)
@@ -134,6 +137,7 @@ def _rig_key(case: Case) -> str:
         "render": case.render,
         "foreign": msgspec.to_builtins(case.foreign),
         "slots": case.slots,
+        "sandbox": case.sandbox,
     }
     return digest([_canonical(shared)])[:16]
 

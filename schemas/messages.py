@@ -465,6 +465,9 @@ class Result(Judged, Struct, frozen=True):
     """The rig's wall time, each tick divided evenly among the cases in its slots [s]."""
     realtime: Realtime | None = None
     """How it went by the wall clock; None: in lockstep."""
+    protection: str = ""
+    """What kept the stack from the machine, as :mod:`twin.worker.protection` says it; empty: there
+    was no stack."""
 
 
 class Ended(Struct, frozen=True):
@@ -553,7 +556,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     share: Share | None = None
     """None: it prefers none."""
     lacks: dict[str, str] = {}
-    """Bridges that cannot run there, with what to do, in a line."""
+    """Bridges that cannot run there, and the word ``sandbox`` if stacks have none there, with what
+    to do, in a line."""
     session: Session = b""
     """Secret of 32 bytes that this process alone knows; every later request shows it again."""
 

@@ -96,6 +96,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         "seed": outcomes.seed if ran else None,
         "software": outcomes.software or None,
         "stack": dossier.campaign.stack_identity.digest or None,
+        "protection": outcomes.protection if ran else None,
         "device_classes": outcomes.device_classes if ran else None,
         "signature": content.signature,
         "fingerprint": evidence.fingerprint.sha256 if evidence.fingerprint else None,

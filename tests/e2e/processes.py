@@ -20,7 +20,8 @@ from waiting import PATIENCE_S, wait_for
 
 from twin.fabric.own_folder import fabric_folder, fabric_name
 
-MARK = "TWIN_TEST_MARK"
+MARK = "LC_TWIN_TEST_MARK"
+"""Variables of this beginning pass into the sandboxes of stacks."""
 
 
 class Marked:
@@ -62,7 +63,8 @@ class Marked:
         return subprocess.CompletedProcess(arguments, child.returncode, out, err)
 
     def processes(self, *words: str) -> list[psutil.Process]:
-        """Live processes with our mark whose command line holds all ``words``."""
+        """Live processes with our mark whose command line holds all ``words``; a sandbox around
+        one of them is none."""
         mark, found = f"{MARK}={self.mark}".encode(), []
         for pid in psutil.pids():
             try:
@@ -71,6 +73,8 @@ class Marked:
                     continue
                 process = psutil.Process(pid)
                 line = process.cmdline()
+                if words and process.name() in ("bwrap", "sh") and "bwrap" in line:
+                    continue
             except (OSError, psutil.Error):
                 continue
             if all(word in line for word in words):

@@ -224,3 +224,32 @@ def _tell(bench: Any, found: Any, output: Output, *, check: bool) -> None:
     if check and found.missed:
         print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+@app.command()
+def sandbox(
+    campaign: Annotated[
+        str, typer.Option(help="Shipped campaign to run with and without; empty: starts alone.")
+    ] = "aeb-demo",
+    rounds: Annotated[int, typer.Option(min=0, max=20, help="Runs of each kind.")] = 1,
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 above a target.")] = False,
+) -> None:
+    """What the sandbox of stacks costs: at the start of a rig, and of a campaign's processor time.
+
+    The targets are 50 ms and 2 %.
+    """
+    from dataclasses import asdict
+
+    from twin.bench.sandbox import measure
+
+    found = measure(campaign, rounds)
+    if output is Output.json:
+        print(json.dumps({**asdict(found), "missed": found.missed}))
+    else:
+        print(f"start of a process: {found.start_ms:+.1f} ms; once per worker {found.first_ms:.1f}")
+        if found.campaign_percent is not None:
+            print(f"{found.campaign}: {found.campaign_percent:+.1f} % of its processor time")
+    if check and found.missed:
+        print(f"twin: missed: {'; '.join(found.missed)}", file=sys.stderr)
+        raise typer.Exit(1)

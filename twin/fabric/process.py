@@ -24,6 +24,9 @@ _PR_SET_PDEATHSIG = 1
 PARENT_VARIABLE = "TWIN_PARENT_PID"
 """Environment variable that tells a child who started it."""
 
+UNKNOWN = "0"
+"""Its value where the child cannot know the number, or sees another one."""
+
 
 def spawn(
     arguments: Sequence[str],
@@ -33,7 +36,9 @@ def spawn(
     pipe_output: bool = False,
     folder: Path | None = None,
     given: IO[bytes] | None = None,
+    whole: Mapping[str, str] | None = None,
     descriptors: Sequence[int] = (),
+    kind: type[subprocess.Popen[bytes]] = subprocess.Popen,
 ) -> subprocess.Popen[bytes]:
     """Start a child in a process group of its own, bound to this process.
 
@@ -47,10 +52,16 @@ def spawn(
         pipe_output: standard output is a pipe to the caller.
         folder: working folder.
         given: standard input, in place of the lifeline: for a child that ends by itself.
-        descriptors: open files that it gets under the same numbers.
+        whole: all of its environment, which says itself who its parent is.
+        descriptors: further open files that it inherits under the same numbers.
+        kind: what is returned.
     """
-    variables = {**os.environ, **(environment or {}), PARENT_VARIABLE: str(os.getpid())}
-    return subprocess.Popen(
+    variables = whole or {
+        **os.environ,
+        **(environment or {}),
+        PARENT_VARIABLE: str(os.getpid()),
+    }
+    return kind(
         list(arguments),
         stdin=given or subprocess.PIPE,
         stdout=subprocess.PIPE if pipe_output else (log or subprocess.DEVNULL),
@@ -72,10 +83,11 @@ def bind_to_parent() -> None:
 
 
 def die_with_parent(parent: str) -> None:
-    """In a child of the process ``parent``, a number: be killed when that one ends."""
+    """In a child of the process ``parent``, a number or :data:`UNKNOWN`: be killed when that one
+    ends."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     # In another pid namespace the parent's number reads 0: the lifeline has to do.
-    if os.getppid() not in (int(parent), 0):
+    if parent != UNKNOWN and os.getppid() not in (int(parent), 0):
         sys.exit(0)
 
 

@@ -43,6 +43,8 @@ from twin.fabric.process import (
 )
 from twin.fabric.rig_folder import SEEN_IN_CONTAINERS, RigFolder
 from twin.fabric.rig_keys import RigKeys
+from twin.fabric.sandbox.inside import PROCESSES_MAX
+from twin.fabric.sandbox.start import Inside, own_code
 from twin.worker.announcement import Announcement
 from twin.worker.pipe import (
     Abandon,
@@ -56,6 +58,7 @@ from twin.worker.pipe import (
     Upward,
     pack,
 )
+from twin.worker.protection import Protection, protection
 from twin.worker.rig_child import RigChild
 from twin.worker.sim_process import start_simulator
 from twin.worker.stack_output import HEAD_BYTES, Kept, StackOutput
@@ -167,6 +170,10 @@ class RigProcess:
             loaded.folder.close()
         stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
+        self._crowded = False
+        """It ran too many processes, and was ended for that."""
+        self.protection = stack.protection if stack else ""
+        """What keeps the stack from the machine; empty: it has not been started."""
         self._stack_log = stack.log if stack else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         if self._folder is not None:
@@ -271,8 +278,10 @@ class RigProcess:
         self._finish_recordings()
         children = [c for c in (self._simulator, self._stack, self._recorder) if c is not None]
         for child in children:
-            # What keeps watch over a foreign stack has to end all that the stack started.
-            if child is not self._stack or self._lease.case.foreign is None:
+            # What keeps watch over a foreign stack has to end all that the stack started, unless a
+            # sandbox does.
+            watches = child is self._stack and self._lease.case.foreign is not None
+            if not watches or isinstance(child, Inside):
                 child.kill()  # nothing of value is in there: results are on disk
         for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
@@ -341,22 +350,35 @@ class RigProcess:
             source = msgspec.json.encode(self._lease.case.source).decode()
             arguments += ["--source", source]
         if self._lease.case.placement == "inline":
+            self.protection = self._protection().said
             return  # the simulator has it in its own process
         if self._lease.case.placement == "node":
             self._announced = Announcement(Path(self._options.join_dir), self._id)
             self._announced.write(arguments, self._keys)
+            self.protection = self._protection().said
             return
         assert self._folder is not None
         if self._stack is not None and not tell_stack(self._stack, arguments):
             self._stack.kill()
             end(self._stack)
             self._stack = None
+            self.protection = ""
         turn = {} if self._turn is None else {TURN_VARIABLE: str(port_of(self._lease.case))}
         variables = {**self._environment, **turn}
-        self._stack = self._stack or start_stack(
-            arguments, self._stack_log, variables, folder=self._folder.path
-        )
+        if self._stack is None:
+            found = self._protection()
+            self.protection = found.said
+            self._stack = start_stack(arguments, self._stack_log, variables, found.view)
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
+
+    def _protection(self) -> Protection:
+        hidden = [Path(self._lease.out), *(path.parent for path in self._secrets)]
+        folder = self._folder.path if self._folder else None
+        return protection(self._lease.case, self._options.device, folder, hidden)
+
+    @property
+    def _secrets(self) -> list[Path]:
+        return [self._options.key.path] if self._options.key else []
 
     def start_recorder(self, endpoint: str) -> bool:
         """The simulator's view feed listens: start a recorder beside it, or another one in place of
@@ -405,7 +427,7 @@ class RigProcess:
 
     def _watch_stack(self) -> None:
         assert self._stack is not None
-        _wait_beside(self._stack, lambda: self._bound(self._stack_log))
+        _wait_beside(self._stack, self._look_at_stack)
         with self._lock:
             stopped = self._stopped
         if not stopped:
@@ -414,6 +436,13 @@ class RigProcess:
             self._drained.wait(DRAIN_GRACE_S)
         self._tell_end(self._stack, "stack", self._stack_log)
 
+    def _look_at_stack(self) -> None:
+        """While it runs: neither its log nor the number of its processes grows without end."""
+        self._bound(self._stack_log)
+        if isinstance(self._stack, Inside) and not self._crowded and self._stack.is_crowded():
+            self._crowded = True
+            self._stack.kill()
+
     def _bound(self, log: IO[bytes]) -> None:
         """Keep a log from filling the disk."""
         with self._lock:
@@ -421,12 +450,14 @@ class RigProcess:
                 bound_log(log, self._output.starts(), HEAD_BYTES)
 
     def _tell_end(self, child: subprocess.Popen[bytes], name: str, log: IO[bytes]) -> None:
-        code = child.wait()
+        code = own_code(child, child.wait())
         with self._lock:
             if self._stopped:
                 return
             tail = last_lines(log)
             said = _said(log) if name == "stack" else ""
+        if name == "stack" and self._crowded:
+            tail = f"it runs more than {PROCESSES_MAX} processes"
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
         foreign = self._lease.case.foreign

@@ -50,6 +50,7 @@ from twin.worker.pipe import (
     Steered,
     Touched,
 )
+from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
@@ -163,7 +164,7 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=lacking_bridges(),
+                lacks=lacking_bridges() | lacking_sandbox(),
                 session=session,
             ),
             until_done=options.until_done,
@@ -340,6 +341,7 @@ class Worker:
                 return core.on_steered(result, changes, now)
             case (rig, Done(result)):
                 rig.over(result.token)
+                result = structs.replace(result, protection=rig.protection)
                 if result.outcome == "failed" and (words := self._stack_words()):
                     reasons = [*result.reasons, words.lstrip("; ")]
                     result = structs.replace(result, reasons=reasons)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -19,6 +20,9 @@ from msgspec import json
 from schemas.campaign import Case
 from twin.fabric.ahead import LATER
 from twin.fabric.process import spawn
+from twin.fabric.sandbox.start import spawn_inside
+from twin.fabric.sandbox.view import View
+from twin.worker.protection import protection
 from twin.worker.rig_child import RigChild
 
 SHIPPED = "devkit."
@@ -38,8 +42,7 @@ def start_stack(
     arguments: Sequence[str],
     log: IO[bytes],
     environment: Mapping[str, str] | None = None,
-    *,
-    folder: Path,  # noqa: ARG001 - what a sandbox lets it see
+    view: View | None = None,
 ) -> subprocess.Popen[bytes]:
     """Start one. Only from the main thread.
 
@@ -47,23 +50,35 @@ def start_stack(
         arguments: its options.
         log: what it prints.
         environment: added to ours.
-        folder: of its rig, the only place where it meets its simulator.
+        view: what it sees; None: it runs without a sandbox.
     """
     command = [sys.executable, "-m", "devkit", "host", *arguments]
-    return spawn(command, environment={**threads(), **(environment or {})}, log=log)
+    variables = {**threads(), **(environment or {})}
+    if view is None:
+        return spawn(command, environment=variables, log=log)
+    view = replace(view, variables={**view.variables, **variables})
+    return spawn_inside(command, view, log)
 
 
 def load_stack(device: str, folder: Path) -> RigChild:
     """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`; its rig
     will have ``folder``."""
     log = tempfile.TemporaryFile()  # noqa: SIM115
+    found = protection(None, device, folder)
     arguments = ["--connect", LATER, "--load-for", device]
-    return RigChild(start_stack(arguments, log, folder=folder), log)
+    return RigChild(start_stack(arguments, log, view=found.view), log, found.said)
 
 
 def may_run(case: Case) -> bool:
     """Whether a process of :func:`load_stack` may run the stack of ``case``."""
-    return case.placement == "worker" and case.foreign is None and case.stack.startswith(SHIPPED)
+    beside = (case.models, case.source.files, case.source.parameters)
+    return (
+        case.placement == "worker"
+        and case.foreign is None
+        and case.stack.startswith(SHIPPED)
+        and case.sandbox == "default"
+        and not any(beside)
+    )
 
 
 def tell_stack(process: subprocess.Popen[bytes], arguments: Sequence[str]) -> bool:

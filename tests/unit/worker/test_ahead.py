@@ -18,6 +18,7 @@ from schemas.campaign import expand
 from schemas.foreign import Foreign
 from schemas.messages import Lease
 from schemas.view_mode import ViewMode
+from twin.fabric.sandbox.start import own_code
 from twin.worker.ahead import begin_loading
 from twin.worker.pipe import Build, Built, Listening, pack
 from twin.worker.rig import RigProcess
@@ -27,15 +28,27 @@ from twin.worker.stack_process import load_stack, may_run, tell_stack
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
 
 
-def children_of(worker, count):
-    """Its processes, as soon as there are so many."""
+def children_of(worker):
+    """Its simulator and its stack, as soon as there are both."""
 
     def found():
         assert worker.poll() is None
-        children = psutil.Process(worker.pid).children()
-        return children if len(children) == count else None
+        children = [
+            child
+            for child in psutil.Process(worker.pid).children()
+            if {"sim", "devkit"} & set(words(child))
+        ]
+        return children if len(children) == 2 else None
 
-    return wait_for(found, f"{count} children")
+    return wait_for(found, "two children")
+
+
+def words(process):
+    """Its command line; none of one that has just ended."""
+    try:
+        return process.cmdline()
+    except psutil.Error:
+        return []
 
 
 def ignores_sigterm(pid):
@@ -59,7 +72,7 @@ def test_nobody_to_serve_and_words_that_are_none(tmp_path):
         )
         for _ in range(2)
     ]
-    loading = [child for worker in workers for child in children_of(worker, 3)]
+    loading = [child for worker in workers for child in children_of(worker)]
     unserved, misled = workers
     assert unserved.communicate("") == ("", "")
     assert unserved.returncode == 0
@@ -123,17 +136,15 @@ def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
         [sys.executable, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
         stdin=subprocess.PIPE,
     )
-    loading = children_of(worker, 3)
-    stack = wait_for(
-        lambda: next((p for p in loading if "devkit" in p.cmdline()), None), "the stack's process"
-    )
+    loading = children_of(worker)
+    stack = next(process for process in loading if "devkit" in words(process))
     wait_for(lambda: ignores_sigterm(stack.pid), "its end with the worker's")
     stack.terminate()  # as a scheduler that ends a job: it leaves that to the worker
     stack.suspend()
     worker.kill()
     worker.communicate()
     gone, alive = psutil.wait_procs(loading, PATIENCE_S)
-    assert (len(gone), alive) == (3, [])
+    assert (len(gone), alive) == (len(loading), [])
 
 
 @pytest.mark.parametrize(
@@ -177,7 +188,8 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=others[-1])
     rig = RigProcess(OPTIONS, lease, 1, queue.SimpleQueue(), loading)
     try:
-        assert loading.stack.process.returncode == -signal.SIGKILL
+        process = loading.stack.process
+        assert own_code(process, process.returncode) == -signal.SIGKILL
         assert loading.stack.log.closed
         assert loading.simulator.process.poll() is None
     finally:

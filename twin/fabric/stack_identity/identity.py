@@ -64,10 +64,34 @@ def find_stack(named: Named, *, image: bool = True) -> Found:
     Raises:
         UsageError: a file is missing or cannot be read, or there are too many; one line.
     """
+    files, distributions = _located(named)
+    known: dict[str, str] = {}
+    if named.foreign is not None:
+        if image and named.foreign.image is not None:
+            known.update(_image(named.foreign.image))
+        if named.foreign.repository is not None:
+            repository = named.foreign.repository
+            pinned = [repository.ref.encode(), repository.setup.encode()]
+            known["autonomy.repository"] = digest(pinned)
+    known |= {name: content_digest(path) for name, path in files.items()}
+    known |= {f"installed/{name}": sha for name, sha in contents(distributions).items()}
+    return Found(identity_of(known), frozenset(path.resolve() for path in files.values()))
+
+
+def stack_files(named: Named) -> list[tuple[str, Path]]:
+    """The files of a stack that are not installed, by name; located, not read.
+
+    Raises:
+        UsageError: as :func:`find_stack`.
+    """
+    return sorted(_located(named)[0].items())
+
+
+def _located(named: Named) -> tuple[dict[str, Path], set[str]]:
+    """Files of a stack by name, and the distributions that it imports."""
     budget = Budget()
     files: dict[str, Path] = {}
     distributions: set[str] = set()
-    known: dict[str, str] = {}
     if named.stack:
         imports = Imports(search_path(), budget)
         module = named.stack.partition(":")[0]
@@ -80,17 +104,9 @@ def find_stack(named: Named, *, image: bool = True) -> Found:
         command.look()
         files |= command.files
         distributions |= command.distributions
-        if image and named.foreign.image is not None:
-            known.update(_image(named.foreign.image))
-        if named.foreign.repository is not None:
-            repository = named.foreign.repository
-            pinned = [repository.ref.encode(), repository.setup.encode()]
-            known["autonomy.repository"] = digest(pinned)
     for index, given in enumerate(named.files):
         files |= named_path(f"autonomy.files[{index}]", Path(given), budget)
-    known |= {name: content_digest(path) for name, path in files.items()}
-    known |= {f"installed/{name}": sha for name, sha in contents(distributions).items()}
-    return Found(identity_of(known), frozenset(path.resolve() for path in files.values()))
+    return files, distributions
 
 
 def named_files(values: Iterable[Any]) -> dict[str, str]:

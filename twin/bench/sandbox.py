@@ -1,0 +1,117 @@
+"""What the sandbox of stacks costs: at the start of a rig, and over a campaign."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from schemas.yaml_file import load_yaml
+from twin.fabric.errors import InfrastructureError
+from twin.fabric.sandbox.possible import why_not
+from twin.fabric.sandbox.reads import python_reads
+from twin.fabric.sandbox.start import Sandboxed
+from twin.fabric.sandbox.view import View
+from twin.fabric.software import package_folder
+
+START_MS_MAX = 50.0
+"""Target: what a sandbox may add to the start of a rig [ms]."""
+
+CAMPAIGN_PERCENT_MAX = 2.0
+"""Target: what it may add to the processor time of a campaign [%]."""
+
+STARTS = 20
+"""Starts of each kind, in turns; the fastest counts, since others may use the machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was measured."""
+
+    start_ms: float
+    """Added to the start of a process [ms]."""
+    first_ms: float
+    """Added once per worker: the trial that shows whether the kernel allows it [ms]."""
+    campaign: str
+    """Empty: none was run."""
+    campaign_percent: float | None
+    """Added to the processor time of the campaign [%]."""
+    fingerprints: tuple[str, ...]
+    """With a sandbox and without, per round."""
+
+    @property
+    def missed(self) -> list[str]:
+        """Targets that were not reached."""
+        found = []
+        if self.start_ms > START_MS_MAX:
+            found.append(f"{self.start_ms:.0f} ms per start, allowed are {START_MS_MAX:.0f}")
+        if self.campaign_percent is not None and self.campaign_percent > CAMPAIGN_PERCENT_MAX:
+            allowed = f"allowed are {CAMPAIGN_PERCENT_MAX:g} %"
+            found.append(f"{self.campaign_percent:.1f} % of {self.campaign}, {allowed}")
+        if len(set(self.fingerprints)) > 1:
+            found.append("fingerprints differ")
+        return found
+
+
+def measure(campaign: str, rounds: int) -> Found:
+    """Time starts, and a shipped campaign with and without a sandbox in turns.
+
+    Raises:
+        InfrastructureError: this machine has no sandbox, or the campaign does not run.
+    """
+    begun_s = time.perf_counter()
+    if reason := why_not():
+        raise InfrastructureError(f"no sandbox to measure: {reason}")
+    first_ms = (time.perf_counter() - begun_s) * 1e3
+    inside, outside = zip(*((_start_s(True), _start_s(False)) for _ in range(STARTS)), strict=True)
+    start_ms = (min(inside) - min(outside)) * 1e3
+    if not campaign or not rounds:
+        return Found(start_ms, first_ms, "", None, ())
+    pairs = [(_run(campaign, "default"), _run(campaign, "off")) for _ in range(rounds)]
+    boxed, plain = (statistics.median(pair[i][0] for pair in pairs) for i in (0, 1))
+    prints = tuple(each[1] for pair in pairs for each in pair)
+    return Found(start_ms, first_ms, campaign, (boxed / plain - 1) * 100, prints)
+
+
+def _start_s(boxed: bool) -> float:
+    """From the call to the first word of a Python that does nothing else [s]."""
+    command = [sys.executable, "-S", "-c", "print()"]
+    begun_s = time.perf_counter()
+    with contextlib.ExitStack() as at_end:
+        words, variables = command, dict(os.environ)
+        descriptors: tuple[int, ...] = ()
+        if boxed:
+            view = View(readable=python_reads(), folder=Path.cwd())
+            box = at_end.enter_context(Sandboxed(command, view))
+            words, variables, descriptors = box.words, box.environment, box.descriptors
+        child = subprocess.Popen(words, env=variables, pass_fds=descriptors, stdout=subprocess.PIPE)
+        with child:
+            assert child.stdout is not None
+            child.stdout.read(1)
+            return time.perf_counter() - begun_s
+
+
+def _run(campaign: str, mode: str) -> tuple[float, str]:
+    """Processor time of a run with one worker, and its fingerprint."""
+    content = load_yaml(package_folder("conductor") / "campaigns" / f"{campaign}.yaml")
+    content["autonomy"] = {**content.get("autonomy", {}), "sandbox": mode}
+    with tempfile.TemporaryDirectory(prefix="twin-bench-") as folder:
+        path = Path(folder, f"{campaign}.yaml")
+        path.write_text(json.dumps(content), encoding="utf-8")  # JSON is YAML
+        words = [sys.executable, "-m", "conductor", "run", str(path), "--workers", "1"]
+        words += ["--view", "none", "--output", "json", "--out", str(Path(folder, "run"))]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(words, capture_output=True, text=True, env=dict(os.environ))
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode not in (0, 1):
+        raise InfrastructureError(f"{campaign}: {done.stderr.strip()[-300:]}")
+    took_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return took_s, str(json.loads(done.stdout)["fingerprint"])

@@ -1,0 +1,1 @@
+"""A sandbox around the stack under test, by bubblewrap (``bwrap``)."""

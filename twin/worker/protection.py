@@ -1,0 +1,77 @@
+"""What a stack's process is kept from on this machine, and what the record says of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from schemas.autonomy import SANDBOX, UNPROTECTED, open_by_nature
+from schemas.campaign import Case
+from twin.fabric.gpu_start import PIPES_VARIABLE
+from twin.fabric.sandbox.possible import why_not
+from twin.fabric.sandbox.reads import python_reads, stack_reads
+from twin.fabric.sandbox.view import View
+
+
+@dataclass(frozen=True, slots=True)
+class Protection:
+    """How a stack is started."""
+
+    said: str
+    """``default``, ``strict``, what is shared behind it, or ``unprotected`` and why."""
+    view: View | None
+    """What it sees; None: it runs without a sandbox."""
+
+
+def protection(
+    case: Case | None, device: str, folder: Path | None, hidden: Sequence[Path] = ()
+) -> Protection:
+    """The protection of a stack on this host.
+
+    Args:
+        case: the first of its rig; None: not known yet, then it is one of ours with nothing beside.
+        device: where its rig computes, ``cpu`` or ``cuda:N``.
+        folder: of its rig, with the sockets by which it meets its simulator.
+        hidden: folders that it does not see even if they lie in what it reads.
+    """
+    mode = case.sandbox if case is not None else "default"
+    if case is not None and (reason := open_by_nature(case)):
+        return Protection(f"{UNPROTECTED}: {reason}", None)
+    foreign = case.foreign if case is not None else None
+    if foreign is not None and (foreign.repository or foreign.image):
+        kind = "repository" if foreign.repository else "image"
+        return Protection(f"{UNPROTECTED}: commands of an autonomy.{kind} have none yet", None)
+    if reason := why_not():
+        return Protection(f"{UNPROTECTED}: {reason}", None)
+    reads = python_reads()
+    if case is not None:
+        reads += stack_reads(
+            case.stack, case.foreign, case.source.files, case.parameters, case.models
+        )
+    on_gpu = device.startswith("cuda")
+    shared = ["processes", "ipc"] if on_gpu and mode == "default" else []
+    writable = []
+    if on_gpu and mode == "default" and (pipes := os.environ.get(PIPES_VARIABLE)):
+        writable.append(Path(pipes))
+        shared.append("Multi-Process Service")
+    if folder is None:
+        shared.append("network")
+    else:
+        reads.append(folder)
+    view = View(
+        readable=reads,
+        writable=writable,
+        hidden=hidden,
+        folder=Path.cwd(),
+        device=device,
+        shared=shared,
+    )
+    shown = [*(["GPU"] if on_gpu else []), *shared]
+    return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view)
+
+
+def lacking_sandbox() -> dict[str, str]:
+    """:attr:`schemas.messages.Hello.lacks`, as far as sandboxes go."""
+    return {SANDBOX: reason} if (reason := why_not()) else {}
