@@ -22,6 +22,7 @@ from twin.fabric.ahead import LATER
 from twin.fabric.cli import make_app, run
 from twin.fabric.errors import UsageError
 from twin.fabric.sandbox.inside import limit_self
+from twin.fabric.sandbox.view import decode
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
 app.command("import-darknet")(import_darknet)
@@ -72,6 +73,9 @@ def host(
             help="With --join: start the commands, bridges and containers that campaigns name.",
         ),
     ] = False,
+    sandbox: Annotated[
+        str, typer.Option(help="What is seen of the machine, as JSON.", hidden=True)
+    ] = "",
     load_for: Annotated[str, typer.Option("--load-for", hidden=True)] = "cpu",
 ) -> None:
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
@@ -118,6 +122,7 @@ def host(
         foreign=command,
         expected=first,
         source=submitted,
+        view=decode(sandbox) if sandbox else None,
     )
     raise typer.Exit(run_host(options))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -10,10 +11,11 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+import msgspec
 import numpy as np
 
 from devkit.bridges import ScriptBridge
@@ -48,6 +50,8 @@ from twin.fabric.process import (
     leave_signals_to_the_parent,
     watch_lifeline,
 )
+from twin.fabric.sandbox.start import enter
+from twin.fabric.sandbox.view import View
 from twin.fabric.stack_identity.identity import Named, confirm, shown_name
 from twin.fabric.stack_identity.loaded import LoadedModules
 from twin.fabric.zenoh_bus import open_bus
@@ -74,6 +78,8 @@ class HostOptions:
     """What its first cases will look with."""
     source: StackSource = field(default_factory=StackSource)
     """What the stack consisted of when the campaign was submitted."""
+    view: View | None = None
+    """The sandbox that it enters when it has fetched its files; None: it is in one, or in none."""
 
     @property
     def named(self) -> Named:
@@ -140,10 +146,30 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
             _refuse(options, error)
             raise
         command, folder = placed(foreign, options.rig)
+        if options.view is not None:
+            _enter(options, options.view, foreign, command, folder)
         script = Script(command, variables, folder)
         return _run_stack(options, script) if options.stack else run_command(script, ending)
     finally:
         ending()
+
+
+def _enter(
+    options: HostOptions, view: View, foreign: Foreign, command: list[str], folder: str | None
+) -> NoReturn:
+    """Become this program in a sandbox, which runs ``command`` in ``folder``."""
+    here = Foreign(command=command, bridge=foreign.bridge)
+    words = [sys.executable, "-m", "devkit", "host", "--connect", options.connect]
+    words += ["--rig", options.rig, "--namespace", options.namespace]
+    words += ["--slots", str(options.slots), "--stack", options.stack]
+    words += ["--parameters", json.dumps(options.parameters)]
+    words += ["--expected", msgspec.json.encode(options.expected).decode()]
+    words += ["--foreign", msgspec.json.encode(here).decode()]
+    if folder is not None:
+        variables = {**view.variables, "PYTHONDONTWRITEBYTECODE": "1"}
+        readable = [*view.readable, Path(folder)]
+        view = replace(view, readable=readable, folder=Path(folder), variables=variables)
+    enter(words, view)
 
 
 def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[], None]]:

@@ -12,6 +12,7 @@ from foreign_campaigns import CLIENT, campaign, python
 from processes import outcomes
 
 from hpc.container import COMMANDS
+from twin.fabric.sandbox.possible import why_not
 
 MATRIX = {"matrix": {"weather": ["clear", "heavy_fog"]}}
 
@@ -58,6 +59,8 @@ def test_a_stack_in_a_repository(marked, bare, tmp_path, monkeypatch):
     there = campaign(tmp_path, "there", driver, **MATRIX)
     first = fingerprint(marked, there)
     assert first == fingerprint(marked, here)
+    record = json.loads((tmp_path / "run-there/outcomes.json").read_text())
+    assert record["protection"] == ["default"] or why_not()
     (entry,) = (tmp_path / "cache/repositories").glob("*/tree")
     made_ns = entry.stat().st_mtime_ns
     assert not (entry / "bin/stack.py").stat().st_mode & 0o222
@@ -117,6 +120,8 @@ def test_a_stack_in_a_container(marked, tmp_path, runtime, monkeypatch):
     here = campaign(tmp_path, "here", {"command": python(CLIENT)}, **MATRIX)
     inside = campaign(tmp_path, "inside", {"command": python(CLIENT), "image": image}, **MATRIX)
     assert fingerprint(marked, inside) == fingerprint(marked, here)
+    record = json.loads((tmp_path / "run-inside/outcomes.json").read_text())
+    assert record["protection"] == ["default"] or why_not()
 
 
 @pytest.fixture

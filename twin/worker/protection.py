@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from schemas.autonomy import SANDBOX, UNPROTECTED, open_by_nature
 from schemas.campaign import Case
+from schemas.foreign import Image
 from twin.fabric.gpu_start import PIPES_VARIABLE
 from twin.fabric.sandbox.possible import why_not
 from twin.fabric.sandbox.reads import python_reads, stack_reads
@@ -23,6 +25,8 @@ class Protection:
     """``default``, ``strict``, what is shared behind it, or ``unprotected`` and why."""
     view: View | None
     """What it sees; None: it runs without a sandbox."""
+    later: bool = False
+    """Its files have to be fetched first, outside."""
 
 
 def protection(
@@ -39,10 +43,9 @@ def protection(
     mode = case.sandbox if case is not None else "default"
     if case is not None and (reason := open_by_nature(case)):
         return Protection(f"{UNPROTECTED}: {reason}", None)
-    foreign = case.foreign if case is not None else None
-    if foreign is not None and (foreign.repository or foreign.image):
-        kind = "repository" if foreign.repository else "image"
-        return Protection(f"{UNPROTECTED}: commands of an autonomy.{kind} have none yet", None)
+    image = case.foreign.image if case is not None and case.foreign is not None else None
+    if image is not None and is_podmans(image):
+        return Protection(f"{UNPROTECTED}: podman's containers do not start in one", None)
     if reason := why_not():
         return Protection(f"{UNPROTECTED}: {reason}", None)
     reads = python_reads()
@@ -50,9 +53,12 @@ def protection(
         reads += stack_reads(
             case.stack, case.foreign, case.source.files, case.parameters, case.models
         )
+    if image is not None:
+        reads += [Path(image.path), *map(Path, image.binds)]
     on_gpu = device.startswith("cuda")
     shared = ["processes", "ipc"] if on_gpu and mode == "default" else []
-    writable = []
+    # Charliecloud makes the places of bound folders in the image, which it then shows read-only.
+    writable = [Path(image.path)] if image is not None and Path(image.path).is_dir() else []
     if on_gpu and mode == "default" and (pipes := os.environ.get(PIPES_VARIABLE)):
         writable.append(Path(pipes))
         shared.append("Multi-Process Service")
@@ -67,9 +73,17 @@ def protection(
         folder=Path.cwd(),
         device=device,
         shared=shared,
+        containers=image is not None,
     )
+    later = case is not None and case.foreign is not None and bool(case.foreign.repository)
     shown = [*(["GPU"] if on_gpu else []), *shared]
-    return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view)
+    return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view, later)
+
+
+def is_podmans(image: Image) -> bool:
+    """Whether podman runs the containers of ``image``."""
+    others = any(shutil.which(command) for command in ("apptainer", "ch-run"))
+    return image.runtime == "podman" or (image.runtime == "auto" and not others)
 
 
 def lacking_sandbox() -> dict[str, str]:

@@ -285,7 +285,7 @@ class RigProcess:
             # What keeps watch over a foreign stack has to end all that the stack started, unless a
             # sandbox does.
             watches = child is self._stack and self._lease.case.foreign is not None
-            if not watches or isinstance(child, Inside):
+            if not watches or type(child) is Inside:
                 child.kill()  # nothing of value is in there: results are on disk
         for child in children:  # a GPU takes its time to let go, of both at once
             end(child, FOREIGN_GRACE_S)
@@ -372,7 +372,9 @@ class RigProcess:
         if self._stack is None:
             found = self._protection()
             self.protection = found.said
-            self._stack = start_stack(arguments, self._stack_log, variables, found.view)
+            self._stack = start_stack(
+                arguments, self._stack_log, variables, found.view, later=found.later
+            )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
     def _protection(self) -> Protection:

@@ -19,8 +19,8 @@ from msgspec import json
 from schemas.campaign import Case
 from twin.fabric.ahead import LATER
 from twin.fabric.process import spawn
-from twin.fabric.sandbox.start import spawn_inside
-from twin.fabric.sandbox.view import View
+from twin.fabric.sandbox.start import Entering, spawn_inside
+from twin.fabric.sandbox.view import View, encode
 from twin.worker.protection import protection
 from twin.worker.rig_child import RigChild
 
@@ -42,6 +42,8 @@ def start_stack(
     log: IO[bytes],
     environment: Mapping[str, str] | None = None,
     view: View | None = None,
+    *,
+    later: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Start one. Only from the main thread.
 
@@ -50,12 +52,16 @@ def start_stack(
         log: what it prints.
         environment: added to ours.
         view: what it sees; None: it runs without a sandbox.
+        later: it enters the sandbox by itself, when it has fetched its files.
     """
     command = [sys.executable, "-m", "devkit", "host", *arguments]
     variables = {**threads(), **(environment or {})}
     if view is None:
         return spawn(command, environment=variables, log=log)
     view = replace(view, variables={**view.variables, **variables})
+    if later:
+        command += ["--sandbox", encode(view)]
+        return spawn(command, environment=variables, log=log, kind=Entering)
     return spawn_inside(command, view, log)
 
 

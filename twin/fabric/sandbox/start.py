@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, NoReturn, Self
 
 from twin.fabric.process import PARENT_VARIABLE, UNKNOWN, spawn
 from twin.fabric.sandbox.inside import INSIDE_VARIABLE, PROCESSES_MAX
@@ -77,6 +77,18 @@ class Sandboxed:
         return [*_UNSIGNALLED, PROGRAM, *arguments(self._view), *calls, "--", *self._command]
 
 
+def enter(command: Sequence[str], view: View) -> NoReturn:
+    """Become ``command`` in a sandbox.
+
+    Raises:
+        OSError: bubblewrap cannot be started.
+    """
+    with Sandboxed(command, view) as box:
+        for descriptor in box.descriptors:
+            os.set_inheritable(descriptor, True)
+        os.execvpe(box.words[0], box.words, box.environment)
+
+
 class Inside(subprocess.Popen[bytes]):
     """A process in a sandbox, as its parent holds it: what it holds is bubblewrap's."""
 
@@ -108,6 +120,14 @@ class Inside(subprocess.Popen[bytes]):
                 self.send_signal(signal.SIGCONT)  # one that stands still tells of no end
                 return
         super().kill()
+
+
+class Entering(Inside):
+    """A process that fetches what it needs, and then enters a sandbox."""
+
+    def kill(self) -> None:
+        """Kill it; what it started ends with its lifeline."""
+        subprocess.Popen.kill(self)
 
 
 def spawn_inside(command: Sequence[str], view: View, log: IO[bytes]) -> Inside:

@@ -8,10 +8,12 @@ memory with a limit each: ``/tmp``, and the working folder.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 SCRATCH = Path("/tmp")
 """Where a stack may write; also its home folder."""
@@ -30,6 +32,9 @@ SYSTEM_FILES = (
     *("/sys/devices/system/cpu", "/sys/devices/system/node"),
 )
 """Further files and folders of the system."""
+
+RUNTIME_FILES = ("/etc/apptainer", "/etc/singularity", "/etc/charliecloud")
+"""Settings of container runtimes."""
 
 MADE_UP = Path(__file__).parent / "etc"
 """Files of ``/etc`` that say nothing of the host."""
@@ -84,6 +89,20 @@ class View:
         return self.device.startswith("cuda")
 
 
+def encode(view: View) -> str:
+    """As JSON, for a process that enters the sandbox later."""
+    content = {each.name: getattr(view, each.name) for each in fields(view)}
+    return json.dumps({**content, "variables": dict(view.variables)}, default=str)
+
+
+def decode(text: str) -> View:
+    """What :func:`encode` wrote; nobody but a worker gives it."""
+    given: dict[str, Any] = json.loads(text)
+    for name in ("readable", "writable", "hidden"):
+        given[name] = [Path(each) for each in given[name]]
+    return View(**{**given, "folder": Path(given["folder"])})
+
+
 def arguments(view: View) -> list[str]:
     """The words between ``bwrap`` and the command, but for the filter of system calls."""
     own = [kind for name, kind in KINDS.items() if name not in view.shared]
@@ -106,6 +125,10 @@ def arguments(view: View) -> list[str]:
         words += ["--size", str(SHARED_MEMORY_BYTES_MAX), "--perms", "1777", "--tmpfs", "/dev/shm"]
     if view.on_gpu:
         words += _gpu()
+    if view.containers:
+        words += ["--dev-bind-try", "/dev/fuse", "/dev/fuse"]
+        for file in RUNTIME_FILES:
+            words += ["--ro-bind-try", file, file]
     folder = working_folder(view)
     scratch = list(dict.fromkeys([SCRATCH, folder]))
     # A folder comes before what lies in it.
