@@ -91,7 +91,7 @@ def test_a_hostile_stack_ends_its_rig_and_nothing_else(marked, tmp_path):
     cases = outcomes(tmp_path / "hostile")
     reasons = {fault: " ".join(cases[f"repeat_{i}"]["reasons"]) for i, fault in enumerate(HOSTILE)}
     assert "stack: more than 1000 messages wait" in reasons["flood"]
-    assert "of more than 33554432 bytes, at most 16777216 are accepted" in reasons["giant"]
+    assert "no message comes of it; at most 16777216 bytes in one are accepted" in reasons["giant"]
     assert "runs more than 256 processes" in reasons["forks"]
     assert "stack exit code 9" in reasons["orphans"]
     told = [line for line in done.stderr.splitlines() if line.startswith("worker ")]

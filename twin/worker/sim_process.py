@@ -130,7 +130,7 @@ def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitSta
     if build.rig_key:
         with key_in_memory(build.rig_key) as path:
             rig_key = load_key(path, Role.worker)
-    if rig_key is not None:
+    if rig_key is not None or key is not None:  # the feed has a listener, too
         name = build.rig
         at_end.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {name} {why}"))))
     bus = open_bus(
