@@ -28,6 +28,7 @@ from conductor.verify import verify_run
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Hello, Next, Reply, Submit
 from schemas.wire import decode, encode
+from twin.fabric.session import new_secret
 
 WALL_S_MAX = 60.0
 K = 64
@@ -46,12 +47,13 @@ def write_run(folder: Path, cases: int) -> None:
         return reply
 
     ask(Submit(v=V, campaign=msgspec.to_builtins(large_campaign(cases)), out=str(folder)))
-    hello = Hello(v=V, worker="w", host="h", pid=1, device_class="cpu", software="s", slots=K)
-    ask(hello)
+    session = new_secret()
+    about = {"host": "h", "pid": 1, "device_class": "cpu", "software": "s", "slots": K}
+    ask(Hello(v=V, worker="w", session=session, **about))
     results, seq = [], 0
     while True:
         seq += 1
-        reply = ask(Next(v=V, worker="w", seq=seq, k=K, results=results))
+        reply = ask(Next(v=V, worker="w", seq=seq, k=K, results=results, session=session))
         results = [full_result(lease) for lease in reply.leases]
         if not results:
             break
