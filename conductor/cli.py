@@ -28,6 +28,7 @@ from twin.fabric.errors import (
     EXIT_USAGE,
     UsageError,
 )
+from twin.fabric.process import keep_to_itself
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -175,6 +176,7 @@ def run_command(
             )
             local = local_workers(loaded, options)
             at_end.callback(local.stop)
+        keep_to_itself()  # keys and sessions are nothing for a stack of the same user
         options = replace(options, key=own_key(key, insecure=insecure))
         at_end.enter_context(strangers_named())
         raise typer.Exit(run_campaign(loaded, options, local, computed))
@@ -230,6 +232,7 @@ def serve(
             "--campaign and --until-done belong together; without both, submit campaigns with "
             "`conductor submit`"
         )
+    keep_to_itself()
     found = own_key(key, insecure=insecure)
     if metrics:
         from conductor.metrics import checked_address

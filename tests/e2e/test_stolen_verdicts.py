@@ -43,7 +43,9 @@ def test_a_stack_that_commits_its_own_verdict_collides_all_the_same(marked, tmp_
     (tmp_path / "cheating.py").write_text(STACK)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{Path(__file__).parent}")
     folder = tmp_path / "run"
+    # Without a sandbox, which would not even let it see the conductor: the binding holds alone.
     autonomy = {"stack": "cheating:Cheating", "parameters": {"folder": str(folder)}}
+    autonomy["sandbox"] = "off"
     path = campaign(tmp_path, "cheats", autonomy, matrix={"weather": WEATHERS}, scenario=SCENARIO)
     done = marked.run("conductor", "run", str(path), "--workers", "1", "--out", str(folder))
     assert done.returncode == 1, done.stderr

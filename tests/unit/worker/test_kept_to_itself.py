@@ -1,4 +1,4 @@
-"""What workers and simulators have in memory is nothing for a stack of the same user."""
+"""What conductors, workers and simulators have in memory is nothing for a stack of their user."""
 
 import os
 import subprocess
@@ -92,6 +92,25 @@ def test_a_worker_and_its_simulator_keep_theirs_and_a_stack_has_nothing_to_keep(
         finally:
             worker.communicate(timeout=PATIENCE_S)
         wait_for(lambda: not list(Path(folder).glob("twin-*")), "the end of the rig's folder")
+
+
+def test_a_conductor_keeps_its_own():
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder).chmod(0o777)
+        conductor = subprocess.Popen(
+            [PYTHON, "-m", "conductor", "serve", "--state", f"{folder}/state"],
+            stdout=subprocess.DEVNULL,
+            cwd=folder,
+            user=NOBODY,
+            group=NOBODY,
+            env={**environment(), "HOME": folder, "TMPDIR": folder},
+        )
+        try:
+            wait_for((Path(folder) / "state/conductor.json").exists, "a conductor that listens")
+            assert owner_of(conductor.pid) == 0
+        finally:
+            conductor.terminate()
+            conductor.wait(PATIENCE_S)
 
 
 def child_of(worker, word):
