@@ -50,6 +50,7 @@ _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
     ("environment", lambda case: (case.environment, case.weather, case.time_of_day_min)),
     ("autonomy.latency_ms", lambda case: case.latency_ms),
     ("clock", lambda case: case.clock),
+    ("autonomy.tell", lambda case: case.tell),
 )
 """What the test is, as opposed to what is tested: it should be the same in both runs."""
 
