@@ -3,13 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-train install-bench demo test faults fuzz soak offline planted mutation check lock models clean
+.PHONY: help install install-test install-train install-bench demo test faults redteam fuzz soak offline planted mutation check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the tests need, then run them"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
+	@echo "make redteam  the table of attacks of docs/security.md, on real processes with two users (root)"
 	@echo "make fuzz     half an hour of coverage-guided fuzzing; findings become seeds of the tests"
 	@echo "make soak     20,000 short cases; what grows is printed (a quarter of an hour, or more)"
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
@@ -52,6 +53,10 @@ test: install-test
 # More than a thousand faults; goes on where it was stopped. `make test` injects each once.
 faults: install-test
 	$(BIN)/python tests/faults/run.py --out build/faults --page docs/reliability.md $(ARGS)
+
+# Goes on where it was stopped. ARGS="--only 6 --minutes 1" tries one row.
+redteam: install-test
+	$(BIN)/python tests/redteam/run.py --out build/redteam --page docs/security.md $(ARGS)
 
 fuzz: install-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'

@@ -70,11 +70,11 @@ def write(rows: list[Row], folder: Path) -> None:
     (folder / "table.md").write_text(markdown(rows))
 
 
-def put_into(page: Path, text: str) -> None:
+def put_into(page: Path, text: str, begin: str = BEGIN, end: str = END) -> None:
     """Replace what stands between the marks of a page."""
     old = page.read_text()
-    head, _, rest = old.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not end:
-        raise SystemExit(f"{page}: no lines {BEGIN} and {END}; put them where the table belongs")
-    page.write_text(f"{head}{BEGIN}\n{text}{END}{tail}")
+    head, _, rest = old.partition(begin)
+    _, found, tail = rest.partition(end)
+    if not found:
+        raise SystemExit(f"{page}: no lines {begin} and {end}; put them where the table belongs")
+    page.write_text(f"{head}{begin}\n{text}{end}{tail}")

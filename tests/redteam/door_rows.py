@@ -1,0 +1,221 @@
+"""Attacks from outside of a port: no key, or a page of another site."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import psutil
+from attacks import Found, attack, refused_if
+from processes import keys_of
+from theatre import Theatre, ask
+
+from schemas import topics
+from twin.fabric.discovery import find_conductor
+from twin.fabric.endpoint import host_and_port
+from twin.fabric.key_file import load_key
+from twin.fabric.roles import Role
+from twin.fabric.zenoh_bus import open_bus
+
+GARBAGE_PER_S = 15
+JOINS_S = 2.0
+"""A member has joined and was answered within this time."""
+RECORDING_BYTES = 300_000_000
+DOWNLOADS = 12
+
+
+def throw_garbage(address: tuple[str, int], over: threading.Event) -> None:
+    """Connections that say nothing of use, some of which stay, until it is over."""
+    kept: list[socket.socket] = []
+    number = 0
+    while not over.wait(1 / GARBAGE_PER_S):
+        number += 1
+        try:
+            line = socket.create_connection(address, timeout=5)
+            line.sendall((b"GET / HTTP/1.1\r\n\r\n", b"\x16\x03\x01\x00\xff", b"")[number % 3])
+        except OSError:
+            continue
+        kept.append(line)
+        if len(kept) > 100:
+            kept.pop(0).close()
+    for line in kept:
+        line.close()
+
+
+@attack(6, f"{GARBAGE_PER_S} garbage connections a second", "somebody on the network", "none")
+def garbage_connections(theatre: Theatre) -> Found:
+    """Members join one after the other meanwhile, for as long as was asked for."""
+    theatre.serve()
+    endpoint = find_conductor(theatre.state).endpoint
+    key = load_key(keys_of(theatre.state), Role.worker)
+    over = threading.Event()
+    thrower = threading.Thread(target=throw_garbage, args=(host_and_port(endpoint), over))
+    thrower.start()
+    joined_s, failed = [], 0
+    until_s = time.monotonic() + 60 * theatre.minutes
+    try:
+        while time.monotonic() < until_s:
+            began_s = time.monotonic()
+            try:
+                bus = open_bus("client", connect=[endpoint], key=key)
+                answer = ask(bus, topics.RPC_STATUS.key, 10.0, verb="status")
+                bus.close()
+                failed += answer is None
+                joined_s.append(time.monotonic() - began_s)
+            except Exception:  # whatever kept it out
+                failed += 1
+            time.sleep(0.5)
+    finally:
+        over.set()
+        thrower.join()
+    late = sum(each > JOINS_S for each in joined_s)
+    told = f"{len(joined_s)} members joined, the slowest in {max(joined_s, default=0):.1f} s"
+    return refused_if(
+        bool(joined_s) and not failed and not late,
+        f"a front owns the port; in {theatre.minutes:g} min {told}",
+        f"{told}, {failed} failed, {late} took longer than {JOINS_S:g} s",
+    )
+
+
+@attack(16, "reads `--metrics` beyond loopback", "somebody on the network", "none")
+def metrics_beyond_loopback(theatre: Theatre) -> Found:
+    """Does ``conductor serve`` offer it without being told --insecure?"""
+    child = theatre.marked.start(
+        *("conductor", "serve", "--state", str(theatre.state), "--metrics", "0.0.0.0:0")
+    )
+    try:
+        _, err = child.communicate(timeout=30)
+    except Exception:
+        return Found("open", "served to the network without --insecure")
+    return refused_if(
+        child.returncode == 2 and "--insecure" in err, "needs `--insecure`", err[:100]
+    )
+
+
+class Pages:
+    """``viewer web`` on a folder with one recording."""
+
+    def __init__(self, theatre: Theatre) -> None:
+        self.run = theatre.folder / "run"
+        self.attempt = self.run / "cases" / "c" / "attempt-1"
+        self.attempt.mkdir(parents=True)
+        from recorded_case import write
+
+        write(self.attempt, case="c")
+        self._theatre = theatre
+
+    def open(self) -> int:
+        """Start; its port."""
+        child = self._theatre.marked.start("viewer", "web", str(self.run), "--output", "json")
+        assert child.stdout is not None
+        line = child.stdout.readline()
+        assert line, child.communicate()
+        self.pid = child.pid
+        return int(urlsplit(json.loads(line)["url"]).port or 0)
+
+
+def asked(port: int, host: str = "", path: str = "/recording/c.rrd") -> tuple[int, bytes]:
+    """Status and the beginning of a page."""
+    line = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    try:
+        line.request("GET", path, headers={"Host": host} if host else {})
+        answer = line.getresponse()
+        return answer.status, answer.read(100)
+    finally:
+        line.close()
+
+
+@attack(11, "`recording.rrd` as a link to a file of mode 0600", "who writes a run folder", "files")
+def recording_as_a_link(theatre: Theatre) -> Found:
+    """What `viewer web` sends of it."""
+    pages = Pages(theatre)
+    port = pages.open()
+    before, _ = asked(port)
+    path = pages.attempt / "recording.rrd"
+    path.unlink()
+    path.symlink_to(theatre.secret)
+    status, data = asked(port)
+    leaked = theatre.secret.read_bytes()[:20] in data
+    assert before == 200, before
+    return refused_if(not leaked, f"links are no recordings (HTTP {status})", "the file was sent")
+
+
+@attack(11, "a page of another site reads the hub by a name of its own", "a web site", "none")
+def other_host_header(theatre: Theatre) -> Found:
+    """Another Host header than ours."""
+    port = Pages(theatre).open()
+    status, _ = asked(port, host="evil.example")
+    return refused_if(status == 403, "only its own names are answered", f"HTTP {status}")
+
+
+@attack(11, "asks for the victim's pages", "another local user", "none", root=True)
+def pages_of_another(theatre: Theatre) -> Found:
+    """By the right name, as another user."""
+    port = Pages(theatre).open()
+    code = """
+try:
+    print(urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[1]}/recording/c.rrd").status)
+except urllib.error.HTTPError as error:
+    print(error.code)
+except OSError as error:
+    print("closed")
+"""
+    said = theatre.as_nobody(code, str(port)).strip()
+    return refused_if(said != "200", "only processes of its user are answered", f"HTTP {said}")
+
+
+@attack(16, f"{DOWNLOADS} slow downloads of a 300 MB recording", "a browser", "none")
+def slow_downloads(theatre: Theatre) -> Found:
+    """How much memory the pages' process takes."""
+    pages = Pages(theatre)
+    with (pages.attempt / "recording.rrd").open("r+b") as file:
+        file.truncate(RECORDING_BYTES)
+    port = pages.open()
+    asked(port, path="/")
+    process = psutil.Process(pages.pid)
+    before_mb = process.memory_info().rss / 1e6
+    with ExitStack() as stack:
+        for _ in range(DOWNLOADS):
+            line = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+            stack.callback(line.close)
+            line.request("GET", "/recording/c.rrd")
+            line.getresponse().read(1000)
+        taken_mb = process.memory_info().rss / 1e6 - before_mb
+    return refused_if(
+        taken_mb < RECORDING_BYTES / 1e6,
+        f"sent from the disk, a piece at a time; {taken_mb:.0f} MB of memory",
+        f"{taken_mb:.0f} MB of memory",
+    )
+
+
+@attack(16, "gives somebody a recorded drive that holds a command", "who sends files", "files")
+def command_in_a_record(theatre: Theatre) -> Found:
+    """Does `devkit replay` run it?"""
+    import msgspec
+
+    from schemas import SCHEMA_VERSION
+    from schemas.campaign import examine
+    from schemas.drive_record import RecordHead, RecordSeen
+    from schemas.foreign import Foreign
+    from twin.fabric.drive_record import RecordWriter
+
+    ran = theatre.folder / "ran"
+    _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    foreign = Foreign(["/bin/sh", "-c", f"touch {ran}; exit 1"])
+    case = msgspec.structs.replace(cases[0], stack="", foreign=foreign)
+    path: Path = theatre.folder / "cases/clear/attempt-1/drive.record"
+    writer = RecordWriter(path, RecordHead(SCHEMA_VERSION, 1, "", "cpu", 1, case))
+    writer.write(RecordSeen(tick=0, sim_time_ns=0, sensors={}))
+    writer.close()
+    done = theatre.marked.run("devkit", "replay", str(theatre.folder), "--deadline-s", "5")
+    return refused_if(
+        not ran.exists() and done.returncode == 2,
+        "shown, and run with `--run-command` alone",
+        f"it ran: {ran.exists()}, exit code {done.returncode}",
+    )
