@@ -38,6 +38,11 @@ BACKLOG = 1024
 RESTART_S = 0.5
 """How long to wait before a front that died is started again [s]."""
 
+RUNTIME = "(rx: (worker_threads: 64))"
+"""Zenoh's threads that receive. One that passes on a large message waits until the next session has
+room, and that session needs one, too: with Zenoh's two, a member of large requests and another one
+of the same role held up each other for 5 s, and then lost their links."""
+
 _log = logging.getLogger(__name__)
 
 Heard = Callable[[Event], None]
@@ -109,6 +114,8 @@ class Fronted:
             raise storage_error(error, tempfile.gettempdir()) from None
         own = self._key if connect else inner_key()
         listen = [] if connect else [to_listen(LOOPBACK, keyed=True)]
+        said = "ZENOH_RUNTIME" in os.environ
+        os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read by a process's first session
         try:
             for role in MEMBERS:
                 door = f"{folder}/{role}"
@@ -127,6 +134,8 @@ class Fronted:
                 self._doors[role] = os.open(door, os.O_PATH | os.O_CLOEXEC)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+            if not said:  # children need no more threads than usual
+                del os.environ["ZENOH_RUNTIME"]
         return self._buses[0]
 
     def _run(self) -> None:
