@@ -9,10 +9,10 @@ import contextlib
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 from schemas.foreign import Foreign
 from twin.fabric.fetch import fetch
+from twin.fabric.sandbox.reads import script_folder
 
 VACATE_S = 4.0
 """Longest time for that; the worker waits a little longer for the end of a stack [s]."""
@@ -26,7 +26,8 @@ def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
     """
     folder = fetch(foreign.repository).folder if foreign.repository is not None else None
     if foreign.image is None:
-        return list(foreign.command), folder or _folder_of_script(foreign)
+        script = script_folder(foreign)
+        return list(foreign.command), folder or (str(script) if script is not None else None)
     image = foreign.image
     words = [sys.executable, "-m", "hpc", "enter", "--container", image.path]
     words += ["--runtime", image.runtime, "--name", _name(rig)]
@@ -35,18 +36,6 @@ def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
     if image.gpus:
         words.append("--gpus")
     return [*words, "--", *foreign.command], folder
-
-
-def _folder_of_script(foreign: Foreign) -> str | None:
-    """Where the script behind a bridge lies: published ones find their files in the working folder,
-    and are started there. None: its path does not say."""
-    if foreign.bridge == "none":
-        return None
-    for word in foreign.command:
-        path = Path(word)
-        if path.is_absolute() and path.suffix == ".py" and path.is_file():
-            return str(path.parent)
-    return None
 
 
 def vacate(foreign: Foreign, rig: str) -> None:

@@ -13,7 +13,7 @@ from schemas.campaign import Case
 from schemas.foreign import Image
 from twin.fabric.gpu_start import PIPES_VARIABLE
 from twin.fabric.sandbox.possible import why_not
-from twin.fabric.sandbox.reads import python_reads, stack_reads
+from twin.fabric.sandbox.reads import python_reads, script_folder, stack_reads
 from twin.fabric.sandbox.view import View
 
 
@@ -43,7 +43,8 @@ def protection(
     mode = case.sandbox if case is not None else "default"
     if case is not None and (reason := open_by_nature(case)):
         return Protection(f"{UNPROTECTED}: {reason}", None)
-    image = case.foreign.image if case is not None and case.foreign is not None else None
+    foreign = case.foreign if case is not None else None
+    image = foreign.image if foreign is not None else None
     if image is not None and is_podmans(image):
         return Protection(f"{UNPROTECTED}: podman's containers do not start in one", None)
     if reason := why_not():
@@ -70,12 +71,12 @@ def protection(
         readable=reads,
         writable=writable,
         hidden=hidden,
-        folder=Path.cwd(),
+        folder=(foreign and script_folder(foreign)) or Path.cwd(),
         device=device,
         shared=shared,
         containers=image is not None,
     )
-    later = case is not None and case.foreign is not None and bool(case.foreign.repository)
+    later = foreign is not None and foreign.repository is not None
     shown = [*(["GPU"] if on_gpu else []), *shared]
     return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view, later)
 

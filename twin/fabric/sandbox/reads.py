@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import site
 import sys
 import sysconfig
@@ -12,6 +13,8 @@ from typing import Any
 
 from schemas.foreign import Foreign
 from twin.fabric.errors import UsageError
+from twin.fabric.own_folder import own_folder
+from twin.fabric.sandbox.view import SCRATCH
 from twin.fabric.software import package_folder
 from twin.fabric.stack_identity.identity import Named, stack_files
 
@@ -69,11 +72,46 @@ def stack_reads(
         found = [_whole(name, path) for name, path in stack_files(Named(stack, foreign, files))]
     except UsageError:
         pass  # the process that misses something says what
+    if foreign is not None:
+        found += [each for word in foreign.command for each in _environment(word)]
+        found += _beside(script_folder(foreign))
     found += [Path(each).absolute() for each in models]
     for value in parameters.values():
         if isinstance(value, str) and _is_file(value):
             found.append(Path(value).absolute())
     return unnested(found)
+
+
+def script_folder(foreign: Foreign) -> Path | None:
+    """Where the script behind a bridge lies: published ones find their files in the working folder,
+    and are started there. None: its path does not say."""
+    if foreign.bridge == "none":
+        return None
+    for word in foreign.command:
+        path = Path(word)
+        if path.is_absolute() and path.suffix == ".py" and path.is_file():
+            return path.parent
+    return None
+
+
+def _beside(folder: Path | None) -> list[Path]:
+    """What lies in a script's folder, unless everything of somebody does."""
+    if folder is None or folder in (SCRATCH, Path.home()) or folder in own_folder().parents:
+        return []
+    return sorted(folder.iterdir())
+
+
+def _environment(word: str) -> list[Path]:
+    """The environment of Python that a program of a command belongs to, and the Python that this
+    was made of; nothing of any other program."""
+    named = shutil.which(word)
+    found = []
+    for program in _links(Path(named).absolute()) if named else []:
+        prefix = program.parent.parent
+        marks = (prefix / "pyvenv.cfg", prefix / "conda-meta", *prefix.glob("lib/python3*/os.py"))
+        if prefix != Path("/") and any(mark.exists() for mark in marks):
+            found.append(prefix)
+    return found
 
 
 def _is_file(value: str) -> bool:
