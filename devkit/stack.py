@@ -52,6 +52,7 @@ import numpy as np
 from schemas.expected import Expected
 from schemas.messages import Command, Episode, PerceptionCost
 from schemas.validation import suggest
+from twin.fabric.sandbox.inside import is_inside
 
 ParameterValue = bool | int | float | str
 """What a campaign file may hand to a stack's constructor."""
@@ -182,6 +183,10 @@ def load_stack(entry_point: str, slots: int, parameters: Mapping[str, ParameterV
         raise StackError(f"{entry_point}: {kind}{_first_line(error)}") from error
 
 
+ONLY_NAMED = "in its sandbox a stack sees what import statements and autonomy.files name"
+"""Why a module may be missing that is there."""
+
+
 def _find(entry_point: str) -> type[Stack]:
     module_name, colon, class_name = entry_point.partition(":")
     if not (module_name and colon and class_name):
@@ -190,7 +195,8 @@ def _find(entry_point: str) -> type[Stack]:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-            raise StackError(f"{module_name}: import failed: {_first_line(error)}") from error
+            seen = f"; {ONLY_NAMED}" if is_inside() else ""
+            raise StackError(f"{module_name}: import failed: {_first_line(error)}{seen}") from error
         raise StackMissingError(
             f"stack {entry_point!r}: no module named {error.name!r}; "
             "install it, or add its folder to PYTHONPATH"

@@ -169,6 +169,12 @@ def test_a_module_that_no_import_statement_names_is_refused(marked, stack, tmp_p
         "import importlib\nGAIN = getattr(importlib.import_module('fur' + 'ther'), 'OFFSET')\n"
     )
     autonomy = {"stack": "mine.drive:GapStack", "placement": placement}
+    if placement == "worker":
+        sandboxed = campaign(tmp_path, "sandboxed", autonomy)
+        code, _, stderr = run(marked, sandboxed, tmp_path / "sandboxed")
+        assert code == 1, stderr
+        assert "No module named 'further'; in its sandbox a stack sees what" in stderr
+        autonomy["sandbox"] = "off"
     out = tmp_path / "out"
     code, _, stderr = run(marked, campaign(tmp_path, "dynamic", autonomy), out)
     assert code == 2, stderr

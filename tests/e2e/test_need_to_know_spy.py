@@ -28,6 +28,7 @@ def spied(folder, autonomy):
         "autonomy": {
             "command": [sys.executable, str(SPY), str(notes)],
             "perception": {"net": {"type": "network", "model": "dark.onnx"}},
+            "sandbox": "off",  # its notes have to stay
             **autonomy,
         },
         "matrix": {"weather": ["heavy_fog"], "time_of_day": ["21:37"]},

@@ -1,6 +1,5 @@
 """No process, socket, shared memory or temporary file outlives a run, however it ends."""
 
-import shutil
 import signal
 
 import psutil
@@ -64,6 +63,10 @@ def test_ctrl_c_and_resume(marked, quiet, tmp_path):
     assert "going on" in again.stderr
     assert quiet["fingerprint"] in again.stdout
     assert times == {name: kpi(folder, name).stat().st_mtime_ns for name in before}
+    finished = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
+    assert finished.returncode == 1
+    assert "have ended already" in finished.stderr
+    assert quiet["fingerprint"] in finished.stdout
 
 
 def kpi(folder, case):
@@ -86,14 +89,6 @@ def test_ctrl_c_during_start(marked, tmp_path, moment):
     again = marked.run(*command)
     assert again.returncode == 1, again.stderr
     assert len(outcomes(folder)) == 1
-
-
-def test_a_finished_run_is_not_repeated(marked, quiet, tmp_path):
-    folder = shutil.copytree(quiet["folder"], tmp_path / "chaos-16")
-    again = marked.run("conductor", "run", "chaos-16", "--out", str(folder))
-    assert again.returncode == 1
-    assert "have ended already" in again.stderr
-    assert quiet["fingerprint"] in again.stdout
 
 
 def test_sigterm_of_a_worker_gives_its_cases_back(marked, tmp_path):

@@ -31,9 +31,14 @@ LIMITS = {
 """Limits of every process. None of its address space: CUDA reserves far more than it uses."""
 
 
+def is_inside() -> bool:
+    """Whether this process is in a sandbox."""
+    return os.environ.get(INSIDE_VARIABLE, "") == "1"
+
+
 def limit_self() -> None:
     """Take on the limits, if this is the inside of a sandbox; nobody in it can raise them."""
-    if os.environ.get(INSIDE_VARIABLE, "") != "1":
+    if not is_inside():
         return
     for limit, most in LIMITS.items():
         _, now = resource.getrlimit(limit)
