@@ -43,6 +43,9 @@ RUNTIME = "(rx: (worker_threads: 64))"
 room, and that session needs one, too: with Zenoh's two, a member of large requests and another one
 of the same role held up each other for 5 s, and then lost their links."""
 
+CLOSE_S = 5.0
+"""A front ends by itself within this time, or is killed [s]."""
+
 _log = logging.getLogger(__name__)
 
 Heard = Callable[[Event], None]
@@ -98,8 +101,11 @@ class Fronted:
         """Stop listening, and end every session; safe at any stage."""
         self._closing.set()
         if self._thread.ident is not None:
-            if self._process is not None and self._process.stdin is not None:
-                self._process.stdin.close()  # its lifeline
+            if self._process is not None:
+                _let_go(self._process)
+            self._thread.join(CLOSE_S)
+            if self._thread.is_alive() and self._process is not None:  # somebody has stopped it
+                self._process.kill()
             self._thread.join()
         for bus in reversed(self._buses):
             bus.close()
@@ -143,6 +149,8 @@ class Fronted:
         the kernel ends a child with the thread that started it."""
         while not self._closing.is_set():
             process = self._start()
+            if self._closing.is_set():  # whoever closes may not have seen it
+                _let_go(process)
             assert process.stdout is not None
             for line in process.stdout:
                 with contextlib.suppress(msgspec.MsgspecError):
@@ -172,6 +180,11 @@ class Fronted:
         with contextlib.suppress(BrokenPipeError, ValueError):  # it died, or is to end
             process.stdin.write(msgspec.json.encode(settings) + b"\n")
         return process
+
+
+def _let_go(front: subprocess.Popen[bytes]) -> None:
+    assert front.stdin is not None
+    front.stdin.close()  # its lifeline
 
 
 def _listener(endpoint: str) -> socket.socket:

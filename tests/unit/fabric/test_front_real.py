@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from waiting import PATIENCE_S, wait_for
 
@@ -152,15 +153,36 @@ def test_a_session_ends_with_its_key(door: Door, tmp_path: Path) -> None:
 
 
 def test_a_front_that_dies_is_replaced(door: Door) -> None:
-    import psutil
-
     bus = door.joined(load_key(door.keys, Role.viewer))
-    (front,) = [
-        child for child in psutil.Process().children() if "twin.fabric.front" in child.cmdline()
-    ]
-    front.kill()
+    the_front().kill()
     wait_for(lambda: bus.request(STATUS, b"here", 1.0) == b"here", "an answer at the same address")
     bus.close()
+
+
+def the_front() -> psutil.Process:
+    """Its process, as soon as there is one."""
+
+    def found() -> psutil.Process | None:
+        children = psutil.Process().children()
+        return next((each for each in children if "twin.fabric.front" in each.cmdline()), None)
+
+    return wait_for(found, "a front")
+
+
+def test_who_closes_while_it_begins_does_not_wait_for_ever(tmp_path: Path) -> None:
+    key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
+    fronted = Fronted("tls/127.0.0.1:0", "twin", key, lambda _: None)
+    fronted.close()
+    assert not [each for each in psutil.Process().children() if each.status() != "zombie"]
+
+
+def test_a_front_that_is_stopped_holds_up_nobody(tmp_path: Path) -> None:
+    key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
+    fronted = Fronted("tls/127.0.0.1:0", "twin", key, lambda _: None)
+    front = the_front()
+    front.suspend()
+    fronted.close()
+    assert not front.is_running()
 
 
 def test_what_a_role_may_do_stays_what_it_is(door: Door) -> None:
