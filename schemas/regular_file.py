@@ -15,6 +15,8 @@ from pathlib import Path
 RUN_FILE_BYTES_MAX = 1 << 30
 """Largest file of a run's folder that is read as a whole [bytes]."""
 
+_CHUNK_BYTES = 1 << 16
+
 _KINDS = (
     (stat.S_ISFIFO, "a named pipe"),
     (stat.S_ISCHR, "a device"),
@@ -51,7 +53,10 @@ def read_regular(path: Path, most: int) -> bytes:
         OSError: as :func:`open_regular`; also if it grows meanwhile.
     """
     with open_regular(path, most) as file:
-        data = file.read(most + 1)
+        # Python sets aside as much as it is asked to read.
+        data = file.read(os.fstat(file.fileno()).st_size)
+        while len(data) <= most and (more := file.read(_CHUNK_BYTES)):
+            data += more
     if len(data) > most:  # it grows, or lies in a file system that tells no sizes
         raise OSError(errno.EFBIG, f"more than {most} bytes, at most {most} are read", str(path))
     return data

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -85,11 +86,10 @@ def state(marked, tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become another user")
-def test_another_user_of_this_host_has_nothing_run(marked, state, tmp_path_factory):
+def test_another_user_of_this_host_has_nothing_run(marked, state):
     """He finds the port, which everybody may, and tries it with what he can make himself."""
     endpoint = find_conductor(state).endpoint
-    own = tmp_path_factory.getbasetemp().parent.parent / f"another-user-{os.getpid()}"
-    own.mkdir()
+    own = Path(tempfile.mkdtemp(prefix="another-user-"))  # folders of tests are root's alone
     own.chmod(0o777)
     try:
         done = subprocess.run(

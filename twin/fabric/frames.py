@@ -9,7 +9,6 @@ in the first bytes that it sees the same memory; if it cannot, frames travel as 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import math
 import mmap
 import os
@@ -34,9 +33,8 @@ PEERS_MAX = 8
 HAND_OUT_S = 2.0
 """Longest time to take it [s]."""
 
-_FUTURE_WRITE = 0x0010
-"""``F_SEAL_FUTURE_WRITE`` of Linux: mappings made before stay writable, no others are."""
-_SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL | _FUTURE_WRITE
+_SEAL, _SHRINK, _GROW, _FUTURE_WRITE = 0x1, 0x2, 0x4, 0x10
+"""``F_SEAL_*`` of Linux; of the last, mappings made before stay writable, and no others are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +84,7 @@ class FrameBuffer:
         try:
             os.ftruncate(self._fd, HEADER_BYTES + size)
             self._map = mmap.mmap(self._fd, HEADER_BYTES + size)
-            fcntl.fcntl(self._fd, fcntl.F_ADD_SEALS, _SEALS)
+            _seal(self._fd, _SEAL | _SHRINK | _GROW | _FUTURE_WRITE)
             self._door = _listening(self.path)
         except OSError:
             self.close()
@@ -157,6 +155,18 @@ def offer_frames(size: int, door: Path) -> FrameBuffer | None:
         return None
 
 
+def _seal(fd: int, seals: int) -> None:
+    import fcntl  # not everywhere where the fabric is
+
+    fcntl.fcntl(fd, fcntl.F_ADD_SEALS, seals)
+
+
+def _seals(fd: int) -> int:
+    import fcntl
+
+    return fcntl.fcntl(fd, fcntl.F_GET_SEALS)
+
+
 def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
     """Map the other side's buffer read-only; None if it is not reachable or not the same memory."""
     fd = _handed_out(path)
@@ -164,7 +174,7 @@ def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
         return None
     try:
         # One that shrinks under us would be the end of this process.
-        if not fcntl.fcntl(fd, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK:
+        if not _seals(fd) & _SHRINK:
             return None
         if os.fstat(fd).st_size != HEADER_BYTES + size:
             return None
