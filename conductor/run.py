@@ -37,7 +37,7 @@ from conductor.realtime import too_slow
 from conductor.report_ahead import ReportAhead
 from conductor.serve import metrics_of
 from conductor.shell import Conductor
-from conductor.sign_run import UnfitRunError, require_agreement, sign_derived, sign_run
+from conductor.sign_run import UnfitRunError, require_agreement, sign_again, sign_derived, sign_run
 from conductor.state import Config
 from schemas import SCHEMA_VERSION
 from schemas.autonomy import UNPROTECTED, open_by_nature
@@ -188,6 +188,9 @@ def run_campaign(
                 soft_wrap=True,
             )
             return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
+        finally:
+            with contextlib.suppress(TwinError):
+                sign_again(options.out)
     outcomes, found = result
     return _tell(campaign, options, outcomes, found, time.monotonic() - started)
 

@@ -28,7 +28,7 @@ from conductor.manifest import (
     write_manifest,
 )
 from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
-from conductor.outcomes import Outcomes
+from conductor.outcomes import Outcomes, read_outcomes
 from conductor.signing import TRUSTED_FOLDER, own_signer, short, trusted_keys
 from conductor.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.words import counted
@@ -174,6 +174,33 @@ def sign_run(
     return manifest
 
 
+def sign_again(folder: Path) -> None:
+    """Sign a run that was opened and closed with the attempts that it had: a refused command, or a
+    signal, takes away no signature. Of others nothing is signed.
+
+    Raises:
+        TwinError: there is no key to sign with, or a file of the run is damaged.
+    """
+    before = read_manifest_file(folder / BEFORE_FILE)
+    if before is None or (folder / RUN_FILE).exists():
+        return
+    outcomes = read_outcomes(folder)
+    if not outcomes.complete or _attempts(listed(folder, _is_case)) != _attempts(before.files):
+        return
+    derived = read_manifest(folder, "derived")
+    sign_run(folder, outcomes, before.fingerprint)
+    if derived is not None and derived.files == listed(folder, is_derived):
+        sign_derived(folder)
+
+
+def _is_case(name: str) -> bool:
+    return name.startswith("cases/")
+
+
+def _attempts(files: dict[str, str]) -> dict[str, str]:
+    return {name: value for name, value in files.items() if _is_case(name)}
+
+
 def sign_derived(folder: Path) -> None:
     """Sign what a report has made of a signed run; of others nothing is signed.
 
@@ -215,9 +242,7 @@ def _require_unchanged(folder: Path, files: dict[str, str]) -> None:
     if before is None:
         return
     wrong = sorted(
-        name
-        for name, value in before.files.items()
-        if name.startswith("cases/") and files.get(name) != value
+        name for name, value in before.files.items() if _is_case(name) and files.get(name) != value
     )
     if wrong:
         with contextlib.suppress(OSError):

@@ -106,6 +106,17 @@ def test_a_run_that_is_opened_again_must_fit_and_is_signed_again(marked, tmp_pat
     assert (folder / "manifest.json").exists()
 
 
+def test_a_refused_command_takes_away_no_signature(marked, tmp_path):
+    folder, campaign = tmp_path / "run", changed(tmp_path, "chaos-16", one_case)
+    command = ("conductor", "run", campaign, "--out", str(folder), "--workers", "1")
+    assert marked.run(*command).returncode in (0, 1)
+    manifest = read_manifest(folder)
+    refused = marked.run(*command, "--seed", "99")
+    assert refused.returncode == 2, refused.stderr
+    assert read_manifest(folder).files.keys() == manifest.files.keys()
+    assert differences(folder) == []
+
+
 def test_a_report_that_is_made_again_fits(marked, copy):
     done = marked.run("conductor", "report", str(copy))
     assert done.returncode == 1, done.stderr
