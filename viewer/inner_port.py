@@ -10,7 +10,6 @@ import contextlib
 import ctypes
 import os
 import socket
-import stat
 import struct
 import sys
 import threading
@@ -107,10 +106,11 @@ def _own(port: int, *, listening: bool) -> list[socket.socket]:
             descriptor = os.dup(int(name))
         except OSError:
             continue  # gone by now
-        if not stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+        try:
+            one = socket.socket(fileno=descriptor)
+        except OSError:  # no socket, or only the path of one
             os.close(descriptor)
             continue
-        one = socket.socket(fileno=descriptor)
         try:
             is_listener = bool(one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
             if one.getsockname() == (_LOOPBACK, port) and is_listener is listening:

@@ -1,6 +1,7 @@
 """The hub's door: what passes, who is cut off, and that it ends."""
 
 import contextlib
+import os
 import socket
 import threading
 from types import SimpleNamespace
@@ -183,3 +184,18 @@ def test_so_many_viewers_and_no_more(server, gate, monkeypatch):
                     assert line.recv(len(NATIVE)) == NATIVE
         with contextlib.suppress(ConnectionResetError):
             assert lines[2].recv(5) == b""
+
+
+def test_descriptors_that_only_name_a_socket_are_none_of_its(server, tmp_path):
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(str(tmp_path / "door"))
+        named = os.open(tmp_path / "door", os.O_PATH)
+        try:
+            inner = InnerPort(server.port)
+        finally:
+            os.close(named)
+    line = inner.connect()
+    line.sendall(b"here")
+    assert line.recv(4) == b"here"
+    inner.close(line)
+    inner.end()
