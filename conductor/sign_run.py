@@ -153,8 +153,22 @@ def sign_run(
     Raises:
         TwinError: there is no key to sign with, or files were changed since it was signed before.
     """
+    return _sign(folder, outcomes, fingerprint, _files(folder), chain)
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """What the manifest of a run lists; every file is read."""
+    return listed(folder, lambda name: not is_derived(name))
+
+
+def _sign(
+    folder: Path,
+    outcomes: Outcomes,
+    fingerprint: str,
+    files: dict[str, str],
+    chain: Chain | None = None,
+) -> Manifest:
     signer = own_signer()
-    files = listed(folder, lambda name: not is_derived(name))
     _require_unchanged(folder, files)
     manifest = signed(
         Manifest(
@@ -185,10 +199,13 @@ def sign_again(folder: Path) -> None:
     if before is None or (folder / RUN_FILE).exists():
         return
     outcomes = read_outcomes(folder)
-    if not outcomes.complete or _attempts(listed(folder, _is_case)) != _attempts(before.files):
+    if not outcomes.complete:
+        return
+    files = _files(folder)
+    if _attempts(files) != _attempts(before.files):
         return
     derived = read_manifest(folder, "derived")
-    sign_run(folder, outcomes, before.fingerprint)
+    _sign(folder, outcomes, before.fingerprint, files)
     if derived is not None and derived.files == listed(folder, is_derived):
         sign_derived(folder)
 

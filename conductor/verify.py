@@ -31,13 +31,11 @@ from conductor.manifest import (
 from conductor.outcomes import Outcomes, outcomes_of, read_outcomes
 from conductor.signing import TRUSTED_FOLDER
 from conductor.state import Config
-from schemas.campaign import expand, parse_campaign
 from schemas.judging import CLAIMED, Claim, Judgement
-from schemas.scenario import Scenario
 from schemas.words import plain
-from schemas.yaml_file import YamlError, load_yaml
-from twin.fabric.errors import InfrastructureError, TwinError, storage_error
+from twin.fabric.errors import TwinError, storage_error
 from twin.fabric.own_folder import own_folder
+from twin.fabric.scenarios import scenarios_in
 
 Told = Callable[[str, int, int], None]
 """What is being done, how much of it is done, and how much there is."""
@@ -228,7 +226,7 @@ def _check_deep(
 ) -> None:
     """KPI digests, fingerprint and verdicts, from the rows."""
     started_s = time.perf_counter()
-    scenarios = _scenarios(folder)
+    scenarios = scenarios_in(folder / CAMPAIGN_FILE)
     claims = [
         Claim(
             folder=str(folder.absolute()),
@@ -269,17 +267,6 @@ def _check_deep(
             for answer in each.result():
                 found.differences += [f"case {answer.case}: {x}" for x in answer.differences]
     found.attempts, found.deep_s = len(claims), time.perf_counter() - started_s
-
-
-def _scenarios(folder: Path) -> dict[str, Scenario]:
-    path = folder / CAMPAIGN_FILE
-    try:
-        campaign, mistakes = parse_campaign(load_yaml(path))
-    except YamlError as error:
-        raise InfrastructureError(str(error)) from None
-    if campaign is None:
-        raise InfrastructureError(mistakes[0].line(str(path)))
-    return {case.id: case.scenario for case in expand(campaign)}
 
 
 def _shown(name: str) -> str:

@@ -2,18 +2,16 @@
 
 import json
 import os
-import socket
-import tempfile
 from pathlib import Path
 
 import pytest
+from bait import WORD, baited
 from foreign_campaigns import campaign
 from processes import outcomes, wait_for
 
 from twin.fabric.sandbox.possible import why_not
 
 REDTEAM = Path(__file__).parents[1] / "redteam"
-WORD = "a-secret-of-the-cloud"
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not())
 
@@ -36,28 +34,8 @@ def test_a_cheating_stack_reaches_nothing(marked, tmp_path, monkeypatch, mode):
     secret = tmp_path / "keys/authority.key"
     secret.parent.mkdir()
     secret.write_text("secret")
-    name = f"cheated-{os.getpid()}"
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        socket.socket(socket.AF_UNIX) as abstract,
-        tempfile.NamedTemporaryFile(dir="/dev/shm") as shared,
-    ):
-        abstract.bind(f"\0{name}")
-        abstract.listen()
-        targets = {
-            "folder": str(tmp_path / "run-cheat"),
-            "pid": os.getpid(),
-            "secret": str(secret),
-            "shared": Path(shared.name).name,
-            "port": server.getsockname()[1],
-            "abstract": name,
-            "word": WORD,
-        }
-        autonomy = {
-            "stack": "cheating_stack:CheatingStack",
-            "parameters": {"targets": json.dumps(targets)},
-            "sandbox": mode,
-        }
+    targets = {"folder": str(tmp_path / "run-cheat"), "pid": os.getpid(), "secret": str(secret)}
+    with baited("cheated", {"sandbox": mode}, **targets) as autonomy:
         cheated, found, _ = run(marked, tmp_path, "cheat", autonomy)
     honest, expected, _ = run(marked, tmp_path, "honest", {})
     assert found == expected

@@ -189,12 +189,17 @@ def large_beats_of_a_viewer(theatre: Theatre) -> Found:
     )
 
 
+def honest_and_thief(theatre: Theatre) -> tuple[Bus, Bus]:
+    """Two workers of a conductor that has the campaign ``mine``."""
+    theatre.serve()
+    theatre.submit("mine")
+    return theatre.own(Role.worker), theatre.member(theatre.invite("worker"), Role.worker)
+
+
 @attack(9, "delivers files for another worker's attempt", "invited member", "worker")
 def files_for_another(theatre: Theatre) -> Found:
     """The honest worker's attempt folder stays empty."""
-    theatre.serve()
-    theatre.submit("mine")
-    honest, thief = theatre.own(Role.worker), theatre.member(theatre.invite("worker"), Role.worker)
+    honest, thief = honest_and_thief(theatre)
     (got,) = lease(honest, hello(honest, "honest"))
     case, attempt = got["case"]["id"], got["attempt"]
     kpi, log = b"PAR1 forged", b"forged"
@@ -222,9 +227,7 @@ def files_for_another(theatre: Theatre) -> Found:
 @attack(9, "commits a case that another worker runs", "invited member", "worker")
 def commit_for_another(theatre: Theatre) -> Found:
     """Under its own name, and under the other's."""
-    theatre.serve()
-    theatre.submit("mine")
-    honest, thief = theatre.own(Role.worker), theatre.member(theatre.invite("worker"), Role.worker)
+    honest, thief = honest_and_thief(theatre)
     spoken = hello(honest, "honest")
     leases = lease(honest, spoken, 2)
     names = [hello(thief, "thief"), {**spoken, "session": os.urandom(32)}]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import socket
 import struct
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from typing import Any
 import psutil
 import pyarrow.parquet as parquet
 from attacks import Found, attack, refused_if
+from bait import WORD, baited
 from foreign_campaigns import campaign
 from processes import keys_of, outcomes
 from test_need_to_know_spy import SEED, read, spied
@@ -25,7 +24,6 @@ from schemas.autonomy import Autonomy
 
 HERE = Path(__file__).parent
 MODES = ("default", "strict")
-WORD = "a-secret-of-the-cloud"
 DAEMON = "import time; time.sleep(616)"
 WEATHERS = ["clear", "heavy_fog"]
 
@@ -86,29 +84,15 @@ def commits_its_own_verdict(theatre: Theatre) -> Found:
 @attack(1, "files, ports, /proc, signals, shared memory, disk", "stack under test", "its user")
 def cheats_in_every_way(theatre: Theatre) -> Found:
     """The list of ``cheating_stack.py``, each with what was seen."""
-    if not (HERE / "cheating_stack.py").exists():
-        return Found("not run", "there is no stack that cheats yet")
     reached, tried = [], 0
     for sandbox in sandboxes():
         name = f"cheat-{mode_of(sandbox)}".replace(" ", "-")
-        with (
-            socket.create_server(("127.0.0.1", 0)) as server,
-            socket.socket(socket.AF_UNIX) as abstract,
-            tempfile.NamedTemporaryFile(dir="/dev/shm") as shared,
-        ):
-            abstract.bind(f"\0{name}-{os.getpid()}")
-            abstract.listen()
-            targets = {
-                "folder": str(theatre.folder / f"run-{name}"),
-                "pid": os.getppid(),
-                "secret": str(theatre.secret),
-                "shared": Path(shared.name).name,
-                "port": server.getsockname()[1],
-                "abstract": f"{name}-{os.getpid()}",
-                "word": WORD,
-            }
-            parameters = {"targets": json.dumps(targets)}
-            stack = {"stack": "cheating_stack:CheatingStack", "parameters": parameters, **sandbox}
+        targets = {
+            "folder": str(theatre.folder / f"run-{name}"),
+            "pid": os.getppid(),
+            "secret": str(theatre.secret),
+        }
+        with baited(name, sandbox, **targets) as stack:
             _, said = run(theatre, name, stack)
         lines = [line for line in said.splitlines() if line.startswith("CHEAT ")]
         tried += len(lines)

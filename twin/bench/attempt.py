@@ -13,11 +13,11 @@ import msgspec
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.judging import JudgeRecord, LaneRecord
+from schemas.judging import JudgeRecord
 from schemas.scenario import Scenario
 from twin.fabric.kpi_file import kpi_table
 from twin.kpi.judge import TableRows
-from twin.kpi.judge_record import course_of, state_of
+from twin.kpi.judge_record import course_of, lane_record, state_of
 from twin.kpi.verdict import judge, names, scalars
 from twin.world.lane import straight
 
@@ -83,7 +83,6 @@ def _columns() -> dict[str, list[Any]]:
 
 
 def _record() -> JudgeRecord:
-    lane = straight(-10.0, 200.0)
     return JudgeRecord(
         v=SCHEMA_VERSION,
         case="",
@@ -96,13 +95,7 @@ def _record() -> JudgeRecord:
         centre_offset_m=0.0,
         half_length_m=_HALF_LENGTH_M,
         half_width_m=_HALF_WIDTH_M,
-        lane=LaneRecord(
-            lane.station_m.tolist(),
-            [tuple(start) for start in lane.start.tolist()],
-            lane.curvature.tolist(),
-            lane.length_m,
-            lane.closed,
-        ),
+        lane=lane_record(straight(-10.0, 200.0)),
     )
 
 

@@ -7,19 +7,17 @@ import json
 import resource
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import msgspec
 
-from schemas.campaign import expand, parse_campaign
 from schemas.json_text import JsonError, decode_json
 from schemas.judging import CLAIMED, Claim, Judgement
-from schemas.scenario import Scenario
 from schemas.words import counted
-from schemas.yaml_file import YamlError, load_yaml
 from twin.fabric.discovery import OUTCOMES_NAME
 from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
+from twin.fabric.scenarios import scenarios_in
 from twin.kpi.judge import examine
 
 _PR_SET_NO_NEW_PRIVS = 38
@@ -100,7 +98,7 @@ def claims_of(folder: Path) -> list[Claim]:
         ) from None
     except JsonError as error:
         raise InfrastructureError(f"{folder / OUTCOMES_NAME}: damaged: {error}") from None
-    scenarios = dict(_scenarios(folder / "campaign.yaml"))
+    scenarios = scenarios_in(folder / "campaign.yaml")
     return [
         Claim(
             folder=str(folder),
@@ -111,17 +109,6 @@ def claims_of(folder: Path) -> list[Claim]:
         for name, end in ends.cases.items()
         if end.kpi_sha256
     ]
-
-
-def _scenarios(path: Path) -> Iterator[tuple[str, Scenario]]:
-    try:
-        campaign, mistakes = parse_campaign(load_yaml(path))
-    except YamlError as error:
-        raise InfrastructureError(str(error)) from None
-    if campaign is None:
-        raise InfrastructureError(mistakes[0].line(str(path)))
-    for case in expand(campaign):
-        yield case.id, case.scenario
 
 
 def resign_rights() -> None:

@@ -35,14 +35,19 @@ def judge_record(case: Case, state: np.ndarray, course: Course, hit: Thing | Non
         centre_offset_m=course.centre_offset_m,
         half_length_m=course.half_length_m,
         half_width_m=course.half_width_m,
-        lane=LaneRecord(
-            lane.station_m.tolist(),
-            [tuple(start) for start in lane.start.tolist()],
-            lane.curvature.tolist(),
-            lane.length_m,
-            lane.closed,
-        ),
+        lane=lane_record(lane),
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
+    )
+
+
+def lane_record(lane: LanePath) -> LaneRecord:
+    """The lane as a record has it."""
+    return LaneRecord(
+        lane.station_m.tolist(),
+        [tuple(start) for start in lane.start.tolist()],
+        lane.curvature.tolist(),
+        lane.length_m,
+        lane.closed,
     )
 
 

@@ -78,15 +78,7 @@ def test_a_worker_and_its_simulator_keep_theirs():
     """Files in /proc of a process that keeps to itself are root's, whoever runs it."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         Path(folder).chmod(0o777)
-        worker = subprocess.Popen(
-            [PYTHON, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            cwd=folder,
-            user=NOBODY,
-            group=NOBODY,
-            env={**environment(), "HOME": folder, "TMPDIR": folder},
-        )
+        worker = started(folder, "twin", "worker", "--connect", "-", "--load-simulator")
         try:
             simulator = wait_for(lambda: child_of(worker, "sim"), "a simulator")
             for pid in (simulator.pid, worker.pid):
@@ -99,20 +91,26 @@ def test_a_worker_and_its_simulator_keep_theirs():
 def test_a_conductor_keeps_its_own():
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         Path(folder).chmod(0o777)
-        conductor = subprocess.Popen(
-            [PYTHON, "-m", "conductor", "serve", "--state", f"{folder}/state"],
-            stdout=subprocess.DEVNULL,
-            cwd=folder,
-            user=NOBODY,
-            group=NOBODY,
-            env={**environment(), "HOME": folder, "TMPDIR": folder},
-        )
+        conductor = started(folder, "conductor", "serve", "--state", f"{folder}/state")
         try:
             wait_for((Path(folder) / "state/conductor.json").exists, "a conductor that listens")
             assert owner_of(conductor.pid) == 0
         finally:
             conductor.terminate()
-            conductor.wait(PATIENCE_S)
+            conductor.communicate(timeout=PATIENCE_S)
+
+
+def started(folder, *command):
+    """A program of ours that nobody runs."""
+    return subprocess.Popen(
+        [PYTHON, "-m", *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        cwd=folder,
+        user=NOBODY,
+        group=NOBODY,
+        env={**environment(), "HOME": folder, "TMPDIR": folder},
+    )
 
 
 def child_of(worker, word):
