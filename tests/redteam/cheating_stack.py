@@ -28,18 +28,24 @@ _FILL_BYTES = 600_000_000
 
 
 class CheatingStack(AebStack):
-    """Cheats before its first answer, then drives."""
+    """Cheats before its first answer in every case, then drives."""
 
     def __init__(self, slots: int, *, targets: str, **parameters: Any) -> None:
         super().__init__(slots, **parameters)
         self._targets: dict[str, Any] = json.loads(targets)
+        self._honest = False
+
+    def reset(self, slot: int, episode: Any) -> None:
+        """As the honest stack; and it may cheat again."""
+        self._honest = False
+        super().reset(slot, episode)
 
     def step(self, observation: Any) -> list[Any]:
         """As the honest stack."""
-        if self._targets:
+        if not self._honest:
             for name, seen in cheat(self._targets):
                 print(f"CHEAT {name}: {seen}", flush=True)
-            self._targets = {}
+            self._honest = True
         return super().step(observation)
 
 

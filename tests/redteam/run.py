@@ -45,18 +45,21 @@ def options() -> argparse.Namespace:
     parser.add_argument(
         "--minutes", type=float, default=10.0, help="how long garbage is thrown [min]"
     )
+    parser.add_argument(
+        "--cases", type=int, default=100, help="how many the stack drives that cheats in each"
+    )
     parser.add_argument("--page", type=Path, help="put the table into this Markdown page")
     return parser.parse_args()
 
 
-def one(attack: Attack, out: Path, minutes: float) -> Found:
+def one(attack: Attack, out: Path, minutes: float, cases: int) -> Found:
     """What came of an attack, from its file if there is one."""
     path = out / f"{attack.name}.json"
     if path.exists():
         return Found(**json.loads(path.read_text()))
     if attack.root and os.geteuid() != 0:
         return Found("not run", "needs root, to be two users")
-    with Theatre(minutes) as theatre:
+    with Theatre(minutes, cases) as theatre:
         found = attack.attempt(theatre)
     if found.outcome != "not run":
         path.write_text(json.dumps(asdict(found), indent=1) + "\n")
@@ -74,7 +77,7 @@ def main() -> int:
     with progress("redteam", "attacking", "attacks") as report:
         for number, each in enumerate(attacks):
             report(number, len(attacks))
-            found.append((each, one(each, out, asked.minutes)))
+            found.append((each, one(each, out, asked.minutes, asked.cases)))
             if found[-1][1].outcome == "open":
                 report.say(f"row {each.row}: {each.what}: open: {found[-1][1].by}")
         report(len(attacks), len(attacks))

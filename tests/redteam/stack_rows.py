@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import struct
 import sys
 import time
@@ -15,11 +14,13 @@ import psutil
 import pyarrow.parquet as parquet
 from attacks import Found, attack, refused_if
 from bait import WORD, baited
+from container_images import missing, python_folders, shell_image
 from foreign_campaigns import campaign
 from processes import keys_of, outcomes
 from test_need_to_know_spy import SEED, read, spied
 from theatre import Theatre
 
+from hpc.container import COMMANDS
 from schemas.autonomy import Autonomy
 
 HERE = Path(__file__).parent
@@ -39,14 +40,15 @@ def mode_of(sandbox: dict[str, Any]) -> str:
     return str(sandbox.get("sandbox", "no sandbox"))
 
 
-def run(theatre: Theatre, name: str, autonomy: dict[str, Any]) -> tuple[Path, str]:
-    """Run two cases with a stack that finds our modules; the run folder, and what it printed."""
+def run(theatre: Theatre, name: str, autonomy: dict[str, Any], cases: int = 2) -> tuple[Path, str]:
+    """Run cases with a stack that finds our modules; the run folder, and what it printed."""
     places = [str(HERE), str(HERE.parent / "e2e"), str(HERE.parent)]
     before = os.environ.get("PYTHONPATH", "")
     os.environ["PYTHONPATH"] = ":".join([*places, before])
     os.environ["AWS_SECRET_ACCESS_KEY"] = WORD
     try:
-        path = campaign(theatre.folder, name, autonomy, matrix={"weather": WEATHERS})
+        matrix = {"weather": WEATHERS, "repeat": list(range(cases // len(WEATHERS)))}
+        path = campaign(theatre.folder, name, autonomy, matrix=matrix)
         out = theatre.folder / f"run-{name}"
         done = theatre.marked.run(
             *("conductor", "run", str(path), "--workers", "1", "--slots", "1", "--out", str(out))
@@ -83,8 +85,9 @@ def commits_its_own_verdict(theatre: Theatre) -> Found:
 
 @attack(1, "files, ports, /proc, signals, shared memory, disk", "stack under test", "its user")
 def cheats_in_every_way(theatre: Theatre) -> Found:
-    """The list of ``cheating_stack.py``, each with what was seen."""
+    """The list of ``cheating_stack.py`` in every case; and do they come out as without it?"""
     reached, tried = [], 0
+    honest = _kpis(run(theatre, "honest", {}, theatre.cases)[0])
     for sandbox in sandboxes():
         name = f"cheat-{mode_of(sandbox)}".replace(" ", "-")
         targets = {
@@ -93,37 +96,61 @@ def cheats_in_every_way(theatre: Theatre) -> Found:
             "secret": str(theatre.secret),
         }
         with baited(name, sandbox, **targets) as stack:
-            _, said = run(theatre, name, stack)
+            out, said = run(theatre, name, stack, theatre.cases)
+        if _kpis(out) != honest:
+            reached.append(f"{mode_of(sandbox)}: what was measured in its cases")
         lines = [line for line in said.splitlines() if line.startswith("CHEAT ")]
         tried += len(lines)
         names = [line[6:].partition(":")[0] for line in lines if "REACHED" in line]
         reached += [f"{mode_of(sandbox)}: {name}" for name in names]
     if not tried:
         return Found("not run", "it was not tried")
-    return refused_if(not reached, f"{tried} ways were tried in its sandbox", ", ".join(reached))
+    by = f"{tried} tries in {len(sandboxes()) * theatre.cases} cases, in its sandbox"
+    return refused_if(not reached, by, ", ".join(reached))
+
+
+def _kpis(out: Path) -> dict[str, tuple[str, str]]:
+    """Verdict and KPI digest by case."""
+    return {
+        name: (str(case["verdict"]), str(case["kpi_sha256"]))
+        for name, case in outcomes(out).items()
+    }
 
 
 @attack(3, "reads keys, journal and environment", "stack in a container", "its user")
 def from_a_container(theatre: Theatre) -> Found:
-    """Needs a container runtime and an image."""
-    runtime = next((name for name in ("apptainer", "podman") if shutil.which(name)), "")
-    image = os.environ.get("REDTEAM_IMAGE", "")
-    if not (runtime and image):
-        return Found("not run", "needs apptainer or podman, and REDTEAM_IMAGE")
-    probe = (
-        "import os, glob; from pathlib import Path\n"
-        f"p = [Path({str(theatre.folder)!r}), Path({str(theatre.folder / 'home')!r})]\n"
-        "seen = [str(f) for x in p for f in x.rglob('*.key')]\n"
-        "seen += [str(f) for x in p for f in x.rglob('conductor.db') if os.access(f, os.W_OK)]\n"
-        f"seen += ['environment'] if {WORD!r} in os.environ.values() else []\n"
-        "print('SEEN', seen, flush=True)\n"
-    )
-    script = theatre.write("probe.py", probe)
-    stack = {"command": ["python3", str(script)], "container": image}
-    _, said = run(theatre, "contained", stack)
-    seen = [line for line in said.splitlines() if line.startswith("SEEN")]
-    fine = bool(seen) and seen[0] == "SEEN []"
-    return refused_if(fine, f"{runtime} shows it none", str(seen or said[-100:]))
+    """An image that is shown the system and this Python, and asks for the run's folder as well."""
+    runtime = next((name for name, word in COMMANDS.items() if not missing(word)), "")
+    if runtime not in ("apptainer", "charliecloud"):
+        return Found("not run", missing("apptainer", "ch-run"))
+    script = theatre.write("probes/probe.py", PROBE)
+    root = str(shell_image(theatre.folder / "image"))
+    said = []
+    for number, sandbox in enumerate(sandboxes()):
+        image = {"path": root, "runtime": runtime, "binds": [*python_folders(), str(script.parent)]}
+        words = [sys.executable, str(script), str(theatre.folder), WORD]
+        _, log = run(theatre, f"contained-{number}", {"command": words, "image": image, **sandbox})
+        seen = sorted({line for line in log.splitlines() if line.startswith("SEEN")})
+        if not seen:
+            return Found("not run", f"{mode_of(sandbox)}: it was not tried: {log[-200:]!r}")
+        if seen != ["SEEN []"]:
+            return Found("open", f"{mode_of(sandbox)}: {'; '.join(seen)[:300]}")
+        said.append(mode_of(sandbox))
+    return Found("refused", f"{runtime} in the sandbox shows it none ({', '.join(said)})")
+
+
+PROBE = """
+import os, sys
+from pathlib import Path
+
+here, word = Path(sys.argv[1]), sys.argv[2]
+seen = [str(path) for path in here.rglob("*.key") if os.access(path, os.R_OK)]
+seen += [str(path) for path in here.rglob("conductor.db") if os.access(path, os.R_OK)]
+seen += [str(path) for path in here.rglob("outcomes.json") if os.access(path, os.W_OK)]
+seen += ["environment"] if word in os.environ.values() else []
+print("SEEN", seen, flush=True)
+"""
+"""A command that looks for what it must not have: what it found is printed."""
 
 
 LEAVES = """

@@ -36,9 +36,11 @@ if {uid}:
 class Theatre:
     """Used as a context; nothing of it outlives the block."""
 
-    def __init__(self, minutes: float = 1.0) -> None:
-        """``minutes``: how long an attack goes on whose strength is its length."""
+    def __init__(self, minutes: float = 1.0, cases: int = 2) -> None:
+        """``minutes``: how long an attack goes on whose strength is its length; ``cases``: how many
+        a stack drives that cheats in each of them, an even number."""
         self.minutes = minutes
+        self.cases = cases
         self.marked = Marked()
         self.folder = Path(tempfile.mkdtemp(prefix="redteam-", dir="/tmp"))
         self.folder.chmod(0o755)  # another user comes this far

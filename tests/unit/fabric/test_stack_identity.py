@@ -9,6 +9,7 @@ import pytest
 
 from schemas.stack_identity import StackIdentity, StackSource, difference
 from twin.fabric.errors import RefusedError
+from twin.fabric.stack_identity.content import tree_digest
 from twin.fabric.stack_identity.identity import (
     PARTS_MAX,
     Named,
@@ -123,3 +124,15 @@ def test_a_file_that_a_parameter_names_is_compared_by_its_value(stack):
 def named_parameters(folder):
     """Digests of the parameters of a case."""
     return {"map": named_files(["map.json"])["map.json"]}
+
+
+def test_an_image_is_the_same_with_the_empty_folders_that_its_runtime_makes(tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    image = tmp_path / "image"
+    (image / "bin").mkdir(parents=True)
+    (image / "bin/run").write_text("a")
+    before = tree_digest(image)
+    (image / "home/me/runs").mkdir(parents=True)
+    assert tree_digest(image) == before
+    (image / "home/me/runs/evil").write_text("b")
+    assert tree_digest(image) != before

@@ -150,6 +150,8 @@ def content_digest(path: Path) -> str:
 def tree_digest(folder: Path) -> str:
     """SHA-256 over all files and links of an unpacked container image; remembered.
 
+    Folders count by what is in them: a runtime makes empty ones where folders of the host appear.
+
     Raises:
         UsageError: a folder cannot be read.
     """
@@ -185,6 +187,8 @@ def _tree_stamp(folder: Path) -> list[int | str]:
 def _tree_sha(folder: Path) -> str:
     sha = hashlib.sha256()
     for name, entry in _tree(folder):
+        if entry.is_dir(follow_symlinks=False):
+            continue
         content = ""
         if entry.is_symlink():
             content = str(Path(entry.path).readlink())
