@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+import twin.base.start  # noqa: F401 - before anything that takes long to load
 from schemas.words import counted
 
 # isort: split
@@ -17,18 +17,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conductor.key_commands import add_key_commands, own_key
-from conductor.operate import Connect, Namespace, State, add_commands
-from conductor.report_commands import add_report_commands
-from schemas.view import ViewMode
-from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
-from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import (
+from conductor.commands.key_commands import add_key_commands, own_key
+from conductor.commands.operate import Connect, Namespace, State, add_commands
+from conductor.commands.report_commands import add_report_commands
+from schemas.wire.view import ViewMode
+from twin.base.cli import Output, OutputOption, duration, make_app, run
+from twin.base.errors import (
     EXIT_INFRASTRUCTURE,
     EXIT_USAGE,
     UsageError,
 )
-from twin.fabric.process import keep_to_itself
+from twin.base.process import keep_to_itself
+from twin.fabric.connection_options import InsecureOption, KeyOption
+from twin.fabric.endpoint import LOOPBACK
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -135,11 +136,11 @@ def run_command(
     The same command again resumes where it stopped. For workers that you start yourself it is
     `conductor serve --campaign NAME --until-done`.
     """
-    from conductor.gpu_sharing import side_by_side
-    from conductor.gpu_turns import turns
-    from conductor.models import models_checked
-    from conductor.places import parse_workers, where
-    from conductor.source import load, only_case, with_drive, with_render
+    from conductor.run.gpu_sharing import side_by_side
+    from conductor.run.gpu_turns import turns
+    from conductor.run.models import models_checked
+    from conductor.run.places import parse_workers, where
+    from conductor.run.source import load, only_case, with_drive, with_render
     from schemas.campaign import first
 
     loaded = load(campaign, seed=seed)
@@ -161,7 +162,7 @@ def run_command(
         at_end.enter_context(turns(device))
         with models_checked(loaded, campaign, device):
             # Here, because importing it takes nearly as long as loading a network.
-            from conductor.run import RunOptions, local_workers, run_campaign
+            from conductor.run.command import RunOptions, local_workers, run_campaign
 
             options = RunOptions(
                 out=out or Path("runs") / loaded.campaign,
@@ -235,14 +236,14 @@ def serve(
     keep_to_itself()
     found = own_key(key, insecure=insecure)
     if metrics:
-        from conductor.metrics import checked_address
+        from conductor.serve.metrics import checked_address
 
         checked_address(metrics)
     with strangers_named():
         if campaign:
             loaded = _checked(campaign)
             # Here, because only this way of serving needs it.
-            from conductor.run import RunOptions, serve_until_done
+            from conductor.run.command import RunOptions, serve_until_done
 
             options = RunOptions(
                 out=state or Path("runs") / loaded.campaign,
@@ -255,7 +256,7 @@ def serve(
                 metrics=metrics,
             )
             raise typer.Exit(serve_until_done(loaded, options))
-        from conductor.serve import serve_folder
+        from conductor.serve.command import serve_folder
 
         code = serve_folder(
             state or Path("runs"),
@@ -277,8 +278,8 @@ def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Cam
     Raises:
         UsageError: one line per mistake.
     """
-    from conductor.models import check_models
-    from conductor.source import load
+    from conductor.run.models import check_models
+    from conductor.run.source import load
 
     loaded = load(source, seed=seed, fetch=fetch)
     check_models(loaded, source)
@@ -305,8 +306,8 @@ def submit(
 
     Workers run what a campaign names, so an invitation to steer (admin) does not open this.
     """
-    from conductor.client import Client
-    from twin.fabric.roles import Role
+    from conductor.commands.client import Client
+    from twin.fabric.keys.roles import Role
 
     loaded = _checked(campaign, seed=seed)
     with Client(connect, state, namespace, key, Role.submitter) as client:
@@ -332,10 +333,10 @@ def status(
     """Show campaigns and workers of a conductor that serves, or the cases that run."""
     from rich.console import Console
 
-    from conductor.client import Client
-    from conductor.tables import running_table, status_tables
-    from conductor.watch import watch as watch_status
-    from twin.fabric.roles import Role
+    from conductor.commands.client import Client
+    from conductor.commands.tables import running_table, status_tables
+    from conductor.commands.watch import watch as watch_status
+    from twin.fabric.keys.roles import Role
 
     if watch and cases:
         raise UsageError("--cases lists what runs at one moment; leave --watch away")
@@ -361,7 +362,7 @@ def stop(
     _insecure: InsecureOption = False,
 ) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
-    from conductor.client import Client
+    from conductor.commands.client import Client
 
     with Client(connect, state, namespace, key) as client:
         client.stop()
@@ -385,9 +386,9 @@ def relay_command(
 
     Run it where both sides can connect, e.g. on a login node; it takes the conductor's own key.
     """
-    from conductor.relay import relay
+    from conductor.serve.relay import relay
     from twin.fabric.discovery import choose_target
-    from twin.fabric.roles import Role
+    from twin.fabric.keys.roles import Role
 
     target = choose_target(connect, state, namespace, key, Role.conductor)
     with strangers_named():
@@ -485,10 +486,10 @@ def report(
     Exit code 1: a verdict is not a pass; 75: cases have not ended; 3: cases are unresolved, or
     results are damaged or disagree, which the page shows as alarms.
     """
+    from conductor.commands.report_commands import report_folder
     from conductor.report import make_report, tables_of, write_result_page
-    from conductor.report.content import first_screen
-    from conductor.report_commands import report_folder
-    from conductor.sign_run import sign_derived
+    from conductor.report.pages.content import first_screen
+    from conductor.trust.sign_run import sign_derived
 
     folder = report_folder(folder, import_autodrive, out)
     made = make_report(folder, anew=anew, serial=serial)
@@ -575,7 +576,7 @@ def fields(
     output: OutputOption = Output.human,
 ) -> None:
     """Explain the keys of a campaign file: what is allowed, the default, the meaning."""
-    from conductor.tables import key_table
+    from conductor.commands.tables import key_table
     from schemas.campaign import Campaign
     from schemas.reference import keys_of
     from schemas.validation import suggest
@@ -594,7 +595,7 @@ def fields(
 @app.command("campaigns")
 def campaigns_command() -> None:
     """List the shipped campaigns."""
-    from conductor.source import load, shipped
+    from conductor.run.source import load, shipped
     from schemas.campaign import expand
 
     for name in shipped():

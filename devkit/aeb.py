@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from devkit import control, lights, planning
-from devkit.eyes import Eyes
 from devkit.images import on_host
-from devkit.lane_track import LaneTrack, Motion
-from devkit.lane_view import LaneView
+from devkit.lane.lateral import Steering, Wheel, steer
+from devkit.lane.track import LaneTrack, Motion
+from devkit.lane.view import LaneView
+from devkit.reference import control, lights, planning
+from devkit.reference.eyes import Eyes
+from devkit.reference.view import View
 from devkit.stack import Observation, Stack
-from devkit.steering import Steering, Wheel, steer
-from devkit.view import View
-from schemas.expected import Expected
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
     VEHICLE_COLUMNS,
@@ -25,7 +24,8 @@ from schemas.messages import (
     PerceptionCost,
 )
 from schemas.validation import convert_all
-from twin.fabric.errors import UsageError
+from schemas.wire.expected import Expected
+from twin.base.errors import UsageError
 
 _SPEED = VEHICLE_COLUMNS.index("speed_mps")
 _YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
@@ -106,9 +106,9 @@ class AebStack(Stack):
     ) -> None:
         """Build the stack for ``slots`` cars.
 
-        The parameters are the fields of :class:`devkit.planning.Planner`,
-        :class:`devkit.control.Controller`, :class:`devkit.steering.Steering` and
-        :class:`devkit.lights.LightsSwitch`, which state unit and range of each.
+        The parameters are the fields of :class:`devkit.reference.planning.Planner`,
+        :class:`devkit.reference.control.Controller`, :class:`devkit.lane.lateral.Steering` and
+        :class:`devkit.reference.lights.LightsSwitch`, which state unit and range of each.
 
         Raises:
             ValueError: a parameter is out of its range, not a number, or would be ignored.

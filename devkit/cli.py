@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 from pathlib import Path
@@ -11,18 +11,25 @@ from typing import Annotated
 import msgspec
 import typer
 
-from devkit.check_command import check, parsed_parameters
-from devkit.model_commands import check_models, darknet_cfg, detect, import_darknet, models, parity
-from devkit.replay_command import replay
-from devkit.training_commands import evaluate, train
-from schemas.expected import Expected
-from schemas.foreign import Foreign
-from schemas.stack_identity import StackSource
-from twin.fabric.ahead import LATER
-from twin.fabric.cli import make_app, run
-from twin.fabric.errors import UsageError
-from twin.fabric.sandbox.inside import limit_self
-from twin.fabric.sandbox.view import decode
+from devkit.checking.command import check, parsed_parameters
+from devkit.detector.commands import (
+    check_models,
+    darknet_cfg,
+    detect,
+    import_darknet,
+    models,
+    parity,
+)
+from devkit.replaying.command import replay
+from devkit.training.commands import evaluate, train
+from schemas.sections.foreign import Foreign
+from schemas.sections.stack_identity import StackSource
+from schemas.wire.expected import Expected
+from twin.base.cli import make_app, run
+from twin.base.errors import UsageError
+from twin.base.worker_start import LATER
+from twin.sandbox.inside import limit_self
+from twin.sandbox.view import decode
 
 app = make_app("devkit", "What an autonomy engineer touches: `devkit host` runs a stack.")
 app.command("import-darknet")(import_darknet)
@@ -81,16 +88,16 @@ def host(
     """Run a stack on the bus: for one rig, or with --join for rigs of other nodes."""
     limit_self()
     if connect == LATER:
-        from devkit.ahead import await_arguments
+        from devkit.hosting.preload import await_arguments
 
         arguments = await_arguments(load_for)
         with context.command.make_context("host", arguments, context.parent) as told:
             context.command.invoke(told)
         return
-    from devkit.host import HostOptions, run_host
-    from devkit.joining import run_join
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
+    from devkit.hosting.host import HostOptions, run_host
+    from devkit.hosting.joining import run_join
+    from twin.fabric.keys.key_file import load_key
+    from twin.fabric.keys.roles import Role
 
     if join is not None:
         if key is not None:

@@ -23,7 +23,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
-from schemas.interventions import (
+from schemas.settings import Value, actions_of
+from schemas.validation import convert_all
+from schemas.wire.interventions import (
     Action,
     ControlReply,
     FreeObject,
@@ -38,13 +40,11 @@ from schemas.interventions import (
     Step,
     Takeover,
 )
-from schemas.settings import Value, actions_of
-from schemas.validation import convert_all
+from twin.base.errors import UsageError
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.endpoint import allow_plain
-from twin.fabric.errors import UsageError
-from twin.fabric.roles import Role
+from twin.fabric.keys.roles import Role
 from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
 from twin.fabric.zenoh_bus import Mode, join
 
@@ -123,7 +123,7 @@ class Client:
         return self._steered.state
 
     def do(self, action: Action) -> ControlReply:
-        """Any action of :mod:`schemas.interventions`.
+        """Any action of :mod:`schemas.wire.interventions`.
 
         Raises:
             UsageError: it cannot be done, or the attempt has ended; nothing has changed.

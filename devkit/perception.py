@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 
 from devkit.images import Images
-from schemas import perception
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Detection
+from schemas.sections import perception
 
 CONFIDENCE_MIN = 0.25
 """Least confidence that is reported [-]; the planner's own threshold lies above."""

@@ -49,10 +49,10 @@ from typing import cast
 
 import numpy as np
 
-from schemas.expected import Expected
 from schemas.messages import Command, Episode, PerceptionCost
 from schemas.validation import suggest
-from twin.fabric.sandbox.inside import is_inside
+from schemas.wire.expected import Expected
+from twin.sandbox.inside import is_inside
 
 ParameterValue = bool | int | float | str
 """What a campaign file may hand to a stack's constructor."""

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 from hpc import script
 from hpc.request import JobRequest
-from hpc.slurm import asked_for
-from twin.fabric.errors import UsageError
+from hpc.slurm.job_script import asked_for
+from twin.base.errors import UsageError
 
 INDICES_MAX = 10_000
 """Longest array; sites allow fewer (``MaxArraySize``, often 1001)."""

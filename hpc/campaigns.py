@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hpc.commands import call
-from twin.fabric.errors import EXIT_PASS, EXIT_USAGE, InfrastructureError, UsageError
+from twin.base.errors import EXIT_PASS, EXIT_USAGE, InfrastructureError, UsageError
 
 
 @dataclass(frozen=True, slots=True)

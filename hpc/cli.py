@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import dataclasses
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hpc.image_cli import add_commands
 from hpc.options import Options, SchedulerName, own_bin_folder, with_options
-from twin.fabric.cli import Output, OutputOption, make_app, run
-from twin.fabric.errors import (
+from hpc.software.cli import add_commands
+from twin.base.cli import Output, OutputOption, make_app, run
+from twin.base.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,
     EXIT_PASS,
@@ -57,8 +57,8 @@ def render(
     The job's exit code is the verdict. Before its time is over it queues itself again and goes on.
     """
     from hpc.array import render as render_array
-    from hpc.pbs import render as render_pbs
-    from hpc.slurm import render as render_slurm
+    from hpc.pbs.job_script import render as render_pbs
+    from hpc.slurm.job_script import render as render_slurm
 
     site = _site(options)
     facts, request = _checked(campaign, options, site)
@@ -237,10 +237,10 @@ def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts
 
 
 def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:
-    from hpc.container import BIN_FOLDER
     from hpc.request import JobRequest, parse_walltime
     from hpc.script import job_name
-    from twin.fabric.own_folder import own_folder
+    from hpc.software.container import BIN_FOLDER
+    from twin.base.own_folder import own_folder
 
     folder = options.out or Path("runs") / job_name(campaign)
     bin_folder = options.bin_folder.absolute() if options.bin_folder else None

@@ -8,7 +8,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.fabric.errors import InfrastructureError
+from twin.base.errors import InfrastructureError
 
 TIMEOUT_S = 120.0
 """Longest wait for a program; a busy scheduler and a cold shared file system are slow [s]."""

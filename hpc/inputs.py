@@ -35,11 +35,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from schemas.foreign import PASSWORD, holds_password
 from schemas.identity import digest
-from twin.fabric.cache import check_cache
-from twin.fabric.errors import InfrastructureError, UsageError, storage_error
-from twin.fabric.files import write_atomic
+from schemas.sections.foreign import PASSWORD, holds_password
+from twin.base.cache import check_cache
+from twin.base.errors import InfrastructureError, UsageError, storage_error
+from twin.base.files import write_atomic
 
 TIMEOUT_S = 1800.0
 """Longest a transfer or a set-up command may take [s]."""

@@ -14,10 +14,10 @@ import psutil
 
 from hpc.commands import call, exists
 from hpc.doctor import Address, Facts, Partition
-from hpc.pbs_commands import attributes
+from hpc.pbs.commands import attributes
 from hpc.site import usual_path
 from hpc.submit import probe
-from twin.fabric.errors import TwinError
+from twin.base.errors import TwinError
 
 WAIT_S = 20.0
 """Longest wait for one program [s]."""

@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 
 class SchedulerName(StrEnum):
@@ -26,7 +26,7 @@ class SchedulerName(StrEnum):
 
 
 class ContainerRuntime(StrEnum):
-    """How an image is entered; the values of :data:`hpc.container.Runtime`."""
+    """How an image is entered; the values of :data:`hpc.software.container.Runtime`."""
 
     apptainer = "apptainer"
     charliecloud = "charliecloud"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from hpc.commands import exists, watch
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError
 
-LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.owner", "/keys")
+LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.journal.owner", "/keys")
 """What only means something beside its conductor; private keys above all stay where they are."""
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from hpc.container import Container, Runtime
-from twin.fabric.errors import UsageError
+from hpc.software.container import Container, Runtime
+from twin.base.errors import UsageError
 
 WORKERS_MAX = 4096
 """Most workers of one job; each is one task of the scheduler."""

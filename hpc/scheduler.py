@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 from hpc.commands import exists
 from hpc.request import JobRequest
-from twin.fabric.errors import InfrastructureError
+from twin.base.errors import InfrastructureError
 
 State = Literal["pending", "running", "ended", "unknown"]
 Kind = Literal["slurm", "pbs"]
@@ -68,8 +68,8 @@ def scheduler(kind: Literal["auto", "slurm", "pbs"]) -> Scheduler:
     Raises:
         InfrastructureError: they are not.
     """
-    from hpc.pbs_commands import Pbs
-    from hpc.slurm_commands import Slurm
+    from hpc.pbs.commands import Pbs
+    from hpc.slurm.commands import Slurm
 
     if kind in ("auto", "slurm") and exists("sbatch"):
         return Slurm()

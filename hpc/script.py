@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 import shlex
 
-from hpc.container import shell_lines
 from hpc.request import JobRequest
+from hpc.software.container import shell_lines
 from schemas.words import counted
 
 JOB_NAME_CHARS_MAX = 64

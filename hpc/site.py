@@ -1,7 +1,7 @@
 """Defaults of a site, in one YAML file; options on the command line win.
 
-``~/.config/drivetwin/site.yaml`` (see :mod:`twin.fabric.own_folder`), or the file that ``--site``
-names::
+``~/.config/drivetwin/site.yaml`` (see :mod:`twin.base.own_folder`), or the file that
+``--site`` names::
 
     scheduler: slurm
     partition: gpu
@@ -20,10 +20,10 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.validation import convert_all
-from schemas.yaml_file import YamlError, load_yaml
-from twin.fabric.errors import UsageError
-from twin.fabric.own_folder import own_folder
+from twin.base.errors import UsageError
+from twin.base.own_folder import own_folder
 
 
 class Site(Struct, frozen=True, forbid_unknown_fields=True):

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from hpc.request import SIGNAL_SLACK_S, JobRequest, hours_minutes
 from hpc.scheduler import Scheduler
-from twin.fabric.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.fabric.files import write_atomic
+from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
+from twin.base.files import write_atomic
 
 SCRIPT = "job.sh"
 """Name of the job script in the run folder."""

@@ -8,13 +8,13 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.autonomy import DELAYS, Autonomy
-from schemas.camera import Camera
-from schemas.environment import Environment
 from schemas.names import Name, TimeOfDay
-from schemas.objects import PARAMETERS, ObjectVariation
-from schemas.scenario import Scenario
-from schemas.sensors import Sensors
+from schemas.sections.autonomy import DELAYS, Autonomy
+from schemas.sections.camera import Camera
+from schemas.sections.environment import Environment
+from schemas.sections.objects import PARAMETERS, ObjectVariation
+from schemas.sections.scenario import Scenario
+from schemas.sections.sensors import Sensors
 from schemas.validation import Mistake, convert_all
 
 _PARAMETERS = "autonomy.parameters."

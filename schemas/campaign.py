@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.autonomy import Autonomy, Sandbox, Told, driver, driver_mistakes
 from schemas.axes import (
     Memo,
     axes_allowed,
@@ -25,23 +24,24 @@ from schemas.axes import (
     sensors_of,
     value_of,
 )
-from schemas.camera import Camera as Camera
-from schemas.environment import Environment, environment_mistakes
-from schemas.foreign import Foreign
-from schemas.lidar import Lidar
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.names import Weather as Weather
 from schemas.names import minutes
-from schemas.objects import ObjectVariation
-from schemas.perception import GroundTruthPerception as GroundTruthPerception
-from schemas.perception import NetworkPerception as NetworkPerception
-from schemas.perception import Perception, file_fields
-from schemas.scenario import Scenario as Scenario
-from schemas.sensors import Sensors
-from schemas.stack_identity import StackIdentity, StackSource
+from schemas.sections.autonomy import Autonomy, Sandbox, Told, driver, driver_mistakes
+from schemas.sections.camera import Camera as Camera
+from schemas.sections.environment import Environment, environment_mistakes
+from schemas.sections.foreign import Foreign
+from schemas.sections.lidar import Lidar
+from schemas.sections.objects import ObjectVariation
+from schemas.sections.perception import GroundTruthPerception as GroundTruthPerception
+from schemas.sections.perception import NetworkPerception as NetworkPerception
+from schemas.sections.perception import Perception, file_fields
+from schemas.sections.scenario import Scenario as Scenario
+from schemas.sections.sensors import Sensors
+from schemas.sections.stack_identity import StackIdentity, StackSource
+from schemas.sections.view_mode import Keep, Recording, View
 from schemas.validation import MISTAKES_MAX, Mistake, convert_all, suggest
-from schemas.view_mode import Keep, Recording, View
 
 ID_CHARS_MAX = 200
 """Longest name of a case: it becomes a folder's."""

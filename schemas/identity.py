@@ -11,8 +11,8 @@ from typing import Literal
 import msgspec
 
 from schemas.campaign import Campaign, Case
-from schemas.perception import GroundTruthPerception, file_fields
-from schemas.stack_identity import StackIdentity, StackSource
+from schemas.sections.perception import GroundTruthPerception, file_fields
+from schemas.sections.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
 """Version of what the digests of cases and campaigns are taken over. 0: the paths of files, and

@@ -1,6 +1,6 @@
 """Messages of the drive plane (simulator - stack) and of the control plane (worker - conductor).
 
-All are frozen; on the wire they are MessagePack maps (see :mod:`schemas.wire`).
+All are frozen; on the wire they are MessagePack maps (see :mod:`schemas.wire.codec`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,12 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from schemas import SCHEMA_VERSION
-from schemas.bounds import (
+from schemas.campaign import Case
+from schemas.identity import stack_name, stack_seed
+from schemas.sections.lens import Lens
+from schemas.sections.perception import Perception
+from schemas.verdict import Judged
+from schemas.wire.bounds import (
     ENTRIES_MAX,
     SEALED_MAX,
     Count,
@@ -24,14 +29,9 @@ from schemas.bounds import (
     TokenText,
     Whole,
 )
-from schemas.campaign import Case
-from schemas.identity import stack_name, stack_seed
-from schemas.lens import Lens
-from schemas.perception import Perception
-from schemas.pose import Pose as Pose
-from schemas.pose import pose_mistake
-from schemas.realtime import Realtime
-from schemas.verdict import Judged
+from schemas.wire.pose import Pose as Pose
+from schemas.wire.pose import pose_mistake
+from schemas.wire.realtime import Realtime
 
 # --- drive plane --------------------------------------------------------------------------------
 
@@ -156,7 +156,7 @@ class CameraSite(Struct, frozen=True):
     position_m: list[float]
     """x forward of the vehicle's reference point, y left, z up [m]."""
     rotation_deg: list[float]
-    """See :class:`schemas.lens.CameraMount`."""
+    """See :class:`schemas.sections.lens.CameraMount`."""
     lens: Lens
 
 
@@ -169,13 +169,13 @@ class LidarSite(Struct, frozen=True):
     hz: int
     channels: int
     columns: int
-    """A message has channels x columns rows, see :data:`schemas.lidar.POINT_COLUMNS`."""
+    """A message has channels x columns rows, see :data:`schemas.sections.lidar.POINT_COLUMNS`."""
     fields: list[str]
     """Names of a row's values."""
     position_m: list[float]
     """x forward of the vehicle's reference point, y left, z up [m]."""
     rotation_deg: list[float]
-    """See :class:`schemas.lidar.LidarMount`."""
+    """See :class:`schemas.sections.lidar.LidarMount`."""
 
 
 class Episode(Struct, frozen=True):
@@ -452,7 +452,7 @@ class Result(Judged, Struct, frozen=True):
     scalars: dict[str, float | Int64 | None] = {}
     reasons: list[str] = []
     names: dict[str, str] = {}
-    """Scalars that are names, :data:`schemas.kpi.NAMES`."""
+    """Scalars that are names, :data:`schemas.files.kpi.NAMES`."""
     attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
     """Attempt folder, relative to the campaign folder."""
     kpi_sha256: str = ""

@@ -8,10 +8,17 @@ from typing import TypeVar
 
 import msgspec
 
-from schemas.environment import Conditions
-from schemas.interventions import Action, PlaceEgo, SetEnvironment, SetLights, SetPace, SetSensors
 from schemas.messages import Lights, SensorErrors
+from schemas.sections.environment import Conditions
 from schemas.validation import convert_all, suggest
+from schemas.wire.interventions import (
+    Action,
+    PlaceEgo,
+    SetEnvironment,
+    SetLights,
+    SetPace,
+    SetSensors,
+)
 
 T = TypeVar("T")
 Value = str | float | bool

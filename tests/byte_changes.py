@@ -12,8 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from conductor.signing import trusted_keys
-from conductor.verify import verify_run
+from conductor.trust.signing import trusted_keys
+from conductor.trust.verify import verify_run
 
 
 def missed(folder: Path, count: int, seed: int) -> list[str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from schemas.lens import Lens
 from schemas.messages import CameraSite
+from schemas.sections.lens import Lens
 
 
 def camera_site(

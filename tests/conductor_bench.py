@@ -7,11 +7,11 @@ from typing import Any
 
 import msgspec
 
-from conductor.core import decide, start, tick
-from conductor.facts import Fact, is_durable
-from conductor.fold import fold, revive
-from conductor.invariants import check
-from conductor.state import Config, State
+from conductor.core.decisions import decide, start, tick
+from conductor.core.facts import Fact, is_durable
+from conductor.core.fold import fold, revive
+from conductor.core.invariants import check
+from conductor.core.state import Config, State
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import (
     Beat,

@@ -13,12 +13,12 @@ from pathlib import Path
 
 from conductor_bench import campaign, hello, next_of, result
 
-from conductor.engine import Engine, Message
-from conductor.journal import Journal
-from conductor.state import Config
+from conductor.core.state import Config
+from conductor.journal.store import Journal
+from conductor.serve.engine import Engine, Message
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Control, Reply, Request, StatusRequest, Submit
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 
 SCALARS = {f"kpi_{i}": 1.5 * i for i in range(8)}
 K = 64

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from devkit.detector_decode import Detections
+from devkit.detector.decode import Detections
 
 
 def detections_of(names: tuple[str, ...], *rows: tuple[float, ...]) -> Detections:

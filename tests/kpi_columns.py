@@ -18,9 +18,9 @@ import pyarrow as pa
 
 from schemas.campaign import Case, expand, parse_campaign
 from schemas.messages import Command, Detection, Lights
-from twin.engine import Engine, Finished
-from twin.fabric.kpi_file import canonical, kpi_table
-from twin.fabric.software import device_class
+from twin.base.software import device_class
+from twin.records.kpi_file import canonical, kpi_table
+from twin.rig.engine import Engine, Finished
 
 Policy = dict[str, float]
 """``throttle`` until ``brake_s``, then ``brake``; ``steering`` all the way."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.lens_curve import intrinsics
-from schemas.lens_projection import vehicle_from_camera
 from schemas.messages import CameraSite
-from twin.world.lane import LanePath
+from schemas.sections.lens_curve import intrinsics
+from schemas.sections.lens_projection import vehicle_from_camera
+from twin.road.lane import LanePath
 
 ASPHALT, PAINT, SKY = 80.0, 190.0, 150.0
 EDGE_M, EDGE_WIDTH_M = -1.8, 0.1

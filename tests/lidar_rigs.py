@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from schemas.lidar import Lidar, LidarMount, LidarProfile
-from twin.render.geometry import Geometry
-from twin.sensors.lidar import LidarSensor, LidarWeather
+from schemas.sections.lidar import Lidar, LidarMount, LidarProfile
+from twin.render.trace.geometry import Geometry
+from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
 from twin.sensors.truth import TRUTH
-from twin.world import materials
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.mesh import MeshBuilder
-from twin.world.street import World
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
+from twin.world.street.build import World
 
 prepare_kernels()
 CPU = wp.get_device("cpu")

@@ -4,19 +4,19 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
-from schemas.lens import CameraMount
 from schemas.messages import Lights
+from schemas.sections.lens import CameraMount
+from twin.actors.motion import Placement
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import fill_light, fill_sky, switch_lamps
+from twin.render.light.light import fill_light, fill_sky, switch_lamps
+from twin.render.trace.geometry import Geometry
 from twin.vehicle.state import COLUMN, TELEMETRY
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.mesh import Mesh
-from twin.world.motion import Placement
+from twin.world.meshes.mesh import Mesh
 from twin.world.scene import Furniture
-from twin.world.street import World
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.sky.sun import daylight
+from twin.world.sky.weather import WEATHER
+from twin.world.street.build import World
 
 prepare_kernels()
 CPU = wp.get_device("cpu")

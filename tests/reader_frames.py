@@ -18,7 +18,7 @@ import cv2
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import OBJECT_CLASSES, Command
 from schemas.names import WEATHERS
-from twin.engine import Engine
+from twin.rig.engine import Engine
 from twin.snapshot import usual_lights
 
 DAY, NIGHT = ("09:00", "13:00", "16:30", "12:00", "08:00"), ("05:00", "21:00", "23:30")

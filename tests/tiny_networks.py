@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from devkit.detector_description import METADATA_KEY, DetectorDescription, GridHead
+from devkit.detector.description import METADATA_KEY, DetectorDescription, GridHead
 
 WIDTH, HEIGHT = 32, 32
 CELLS = 4

@@ -17,17 +17,17 @@ import msgspec
 
 from conductor.bench.client import full_result
 from conductor.bench.scale import large_campaign
-from conductor.engine import Engine, Message
-from conductor.folders import Folders
-from conductor.journal import Journal
-from conductor.outcomes import encode_campaign, read_outcomes
-from conductor.sign_run import sign_run
-from conductor.signing import trusted_keys
-from conductor.state import Config
-from conductor.verify import verify_run
+from conductor.core.state import Config
+from conductor.journal.store import Journal
+from conductor.records.outcomes import encode_campaign, read_outcomes
+from conductor.serve.engine import Engine, Message
+from conductor.serve.folders import Folders
+from conductor.trust.sign_run import sign_run
+from conductor.trust.signing import trusted_keys
+from conductor.trust.verify import verify_run
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Hello, Next, Reply, Submit
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 from twin.fabric.session import new_secret
 
 WALL_S_MAX = 60.0

@@ -2,7 +2,7 @@
 
 from schemas import SCHEMA_VERSION
 from schemas.messages import Detection, Lights
-from schemas.view import (
+from schemas.wire.view import (
     Box,
     CameraSample,
     CaseEnd,

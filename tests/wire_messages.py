@@ -11,9 +11,6 @@ import view_messages
 
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import expand, parse_campaign
-from schemas.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
-from schemas.interventions import ControlReply, ControlRequest, SetLights
-from schemas.lens import Lens
 from schemas.messages import (
     Beat,
     Bye,
@@ -35,7 +32,10 @@ from schemas.messages import (
     Submit,
     Tick,
 )
-from schemas.view import (
+from schemas.sections.lens import Lens
+from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
+from schemas.wire.interventions import ControlReply, ControlRequest, SetLights
+from schemas.wire.view import (
     CameraSample,
     FeedEnd,
     PointsSample,

@@ -2,17 +2,17 @@
 
 import sys
 
-import twin.fabric.start  # noqa: F401
-from twin.fabric.process import bind_to_parent
+import twin.base.start  # noqa: F401
+from twin.base.process import bind_to_parent
 
 bind_to_parent()  # before all that takes long to load
 
 if len(sys.argv) == 3 and sys.argv[1] == "sim" and not sys.argv[2].startswith("-"):
     # Its worker tells it everything else: no command line is to be read.
-    from twin.fabric.gpu_start import begin
+    from twin.base.gpu.first_use import begin
 
     begin(sys.argv[2])  # before what takes long to load
-    from twin.worker.sim_process import main as simulate
+    from twin.rig.sim_process import main as simulate
 
     sys.exit(simulate(sys.argv[2]))
 else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import sys
@@ -11,20 +11,12 @@ from typing import Annotated
 
 import typer
 
-from schemas.view import ViewMode
+from schemas.wire.view import ViewMode
+from twin.base.cli import SECONDS_MAX, Output, OutputOption, duration, make_app, run
+from twin.base.errors import UsageError
 from twin.bench.command import app as bench_app
-from twin.fabric.cli import (
-    SECONDS_MAX,
-    InsecureOption,
-    KeyOption,
-    Output,
-    OutputOption,
-    duration,
-    make_app,
-    run,
-)
+from twin.fabric.connection_options import InsecureOption, KeyOption
 from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import UsageError
 from twin.validate.command import app as validate_app
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
@@ -116,7 +108,7 @@ def worker(
     load_simulator: Annotated[bool, typer.Option("--load-simulator", hidden=True)] = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    from twin.fabric.ahead import LATER
+    from twin.base.worker_start import LATER
 
     if cores:
         from twin.worker.cores import stay_on
@@ -129,14 +121,14 @@ def worker(
         return
     loading, share = None, None
     if connect == LATER:
-        from twin.worker.ahead import await_told, begin_loading
+        from twin.worker.preload import await_told, begin_loading
 
         loading = begin_loading(device) if load_simulator else None
         import cryptography.x509  # noqa: F401 - it will read a key
     # Beside those processes: this takes long, too.
+    from twin.base.process import keep_to_itself
     from twin.fabric.discovery import await_conductor, choose_target
-    from twin.fabric.process import keep_to_itself
-    from twin.fabric.roles import Role
+    from twin.fabric.keys.roles import Role
     from twin.worker.fitting import GPU_SLOTS
     from twin.worker.shell import Worker, WorkerOptions
 
@@ -400,7 +392,7 @@ def memory(
 
     `twin memory --camera front_left --camera front_right --lidar roof --device cuda:0`
     """
-    from twin.memory import show_memory, show_memory_of, show_memory_of_case
+    from twin.rig.memory import show_memory, show_memory_of, show_memory_of_case
 
     if case == "-":
         show_memory_of_case(sys.stdin.buffer.read(), slots, device, as_json=output is Output.json)

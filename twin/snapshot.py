@@ -12,21 +12,21 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
-from schemas.environment import Environment, environment_mistakes
 from schemas.identity import stream_key
 from schemas.messages import Lights
 from schemas.names import WEATHERS, TimeOfDay, minutes
+from schemas.sections.environment import Environment, environment_mistakes
 from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.trace.geometry import Geometry
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.environment import light_of, wind_towards
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
-from twin.world.street import build_world
-from twin.world.sun import Daylight
-from twin.world.weather import WeatherParameters, weather_of
+from twin.world.sky.environment import light_of, wind_towards
+from twin.world.sky.sun import Daylight
+from twin.world.sky.weather import WeatherParameters, weather_of
+from twin.world.street.build import build_world
 
 HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
@@ -107,9 +107,9 @@ class SheetRequest:
     weathers: tuple[str, ...] = ()
     times: tuple[str, ...] = ()
     custom: tuple[str, ...] = ()
-    """``NAME:KEY=NUMBER,...`` each; see :class:`schemas.environment.Conditions`."""
+    """``NAME:KEY=NUMBER,...`` each; see :class:`schemas.sections.environment.Conditions`."""
     environment: Mapping[str, Any] = field(default_factory=dict)
-    """Further keys of :class:`schemas.environment.Environment`."""
+    """Further keys of :class:`schemas.sections.environment.Environment`."""
     scene: str = "downtown"
     vehicle: str = "opencav"
     distance_m: float = 25.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import twin.fabric.start  # noqa: F401 - before anything that takes long to load
+import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import os
@@ -14,10 +14,11 @@ from typing import Annotated
 
 import typer
 
-from twin.fabric.cli import InsecureOption, KeyOption, Output, OutputOption, duration, make_app, run
-from twin.fabric.errors import UsageError
-from twin.fabric.process import PARENT_VARIABLE
-from viewer.steer_commands import register as register_steering
+from twin.base.cli import Output, OutputOption, duration, make_app, run
+from twin.base.errors import UsageError
+from twin.base.process import PARENT_VARIABLE
+from twin.fabric.connection_options import InsecureOption, KeyOption
+from viewer.intervening.commands import register as register_steering
 
 app = make_app(
     "viewer",
@@ -37,9 +38,9 @@ def record(
     key: KeyOption = None,
 ) -> None:
     """The recorder process of a rig; started by `twin worker`."""
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
-    from viewer.record import run_record
+    from twin.fabric.keys.key_file import load_key
+    from twin.fabric.keys.roles import Role
+    from viewer.recording.command import run_record
 
     raise typer.Exit(
         run_record(connect, rig, namespace, load_key(key, Role.worker) if key else None)
@@ -76,15 +77,15 @@ def shot(
     ] = 0.0,
 ) -> None:
     """Render one moment of a recorded case, or the wall of running ones; needs no display."""
-    from viewer.folder import find_moment, find_recording
-    from viewer.outputs import check_out
-    from viewer.shot import parse_size, shoot
+    from viewer.playback.folder import find_moment, find_recording
+    from viewer.playback.outputs import check_out
+    from viewer.playback.shot import parse_size, shoot
 
     pixels = parse_size(size)
     check_out(out, ".png")
     if not case:
-        from viewer.live import LiveOptions
-        from viewer.wall_shot import shoot_wall
+        from viewer.live.command import LiveOptions
+        from viewer.live.wall_shot import shoot_wall
 
         options = LiveOptions(run=folder, key=key, wait_s=wait)
         wall = shoot_wall(options, out, pixels, wait, watch)
@@ -106,10 +107,10 @@ def frame(
     at: At = "aeb",
 ) -> None:
     """Write the camera's picture of a moment with its boxes; needs no graphics driver."""
-    from viewer.folder import find_moment, find_recording
-    from viewer.frames import read_case
-    from viewer.outputs import check_out
-    from viewer.still import write_still
+    from viewer.playback.folder import find_moment, find_recording
+    from viewer.playback.frames import read_case
+    from viewer.playback.outputs import check_out
+    from viewer.playback.still import write_still
 
     check_out(out, ".png")
     found = find_recording(folder, case)
@@ -131,10 +132,10 @@ def strip(
 ) -> None:
     """Write the camera's pictures around a moment side by side, with boxes; needs no graphics
     driver."""
-    from viewer.folder import find_moment, find_recording
-    from viewer.frames import read_case
-    from viewer.outputs import check_out
-    from viewer.strip import write_strip
+    from viewer.playback.folder import find_moment, find_recording
+    from viewer.playback.frames import read_case
+    from viewer.playback.outputs import check_out
+    from viewer.playback.strip import write_strip
 
     check_out(out, ".jpg")
     found = find_recording(folder, case)
@@ -153,7 +154,7 @@ def strips(
 ) -> None:
     """Many strips in one process, for `conductor report`: reads lines of JSON with ``case``, ``at``
     and ``out``, and answers each with a line of ``case`` and ``error``."""
-    from viewer.strip import answer_strips
+    from viewer.playback.strip import answer_strips
 
     for line in answer_strips(folder, sys.stdin, around_s, frames):
         print(line, flush=True)
@@ -169,11 +170,11 @@ def export(
     ] = None,
 ) -> None:
     """Write a recorded case as a film or an MCAP file; needs no graphics driver."""
-    from viewer.folder import find_recording
-    from viewer.frames import read_case
-    from viewer.mcap_file import write_mcap
-    from viewer.outputs import check_out
-    from viewer.video import write_film
+    from viewer.playback.folder import find_recording
+    from viewer.playback.frames import read_case
+    from viewer.playback.mcap_file import write_mcap
+    from viewer.playback.outputs import check_out
+    from viewer.playback.video import write_film
 
     if mp4 is None and mcap is None:
         raise UsageError("say what to write: --mp4 FILE, --mcap FILE, or both")
@@ -206,10 +207,10 @@ def replay(
 
     With --output json nothing is opened.
     """
-    from viewer.catalogue import read_catalogue
-    from viewer.folder import find_moment, find_recording
-    from viewer.replay import print_catalogue, replay_all
-    from viewer.replay import replay as show
+    from viewer.playback.catalogue import read_catalogue
+    from viewer.playback.folder import find_moment, find_recording
+    from viewer.playback.replay import print_catalogue, replay_all
+    from viewer.playback.replay import replay as show
 
     if case:
         if output is Output.json:
@@ -266,7 +267,7 @@ def live(
 
     It may be started before the conductor, and finds one again that was restarted or cut off.
     """
-    from viewer.live import LiveOptions, run_live
+    from viewer.live.command import LiveOptions, run_live
 
     _end_with_parent()
     options = LiveOptions(
@@ -312,11 +313,11 @@ def web(
     output: OutputOption = Output.human,
 ) -> None:
     """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
-    from twin.fabric.roles import Role
+    from twin.fabric.keys.roles import Role
     from viewer.browser.serve import WebOptions, run_web
-    from viewer.catalogue import read_catalogue
-    from viewer.folder import find_moment, find_recording
-    from viewer.live import LiveOptions
+    from viewer.live.command import LiveOptions
+    from viewer.playback.catalogue import read_catalogue
+    from viewer.playback.folder import find_moment, find_recording
 
     places = sum((bool(connect), run_folder is not None, folder is not None))
     if places > 1 or (not places and key is None):
@@ -391,7 +392,7 @@ def bench_command(
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
-    from viewer.bench import CAMPAIGN, SIMULATED, BenchOptions, bench
+    from viewer.bench.command import CAMPAIGN, SIMULATED, BenchOptions, bench
 
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
@@ -411,7 +412,7 @@ def main() -> None:
     try:
         run(app, "viewer")
     except SystemExit as leaving:
-        hub = sys.modules.get("viewer.hub")
+        hub = sys.modules.get("viewer.live.hub")
         # A viewer is frozen, and Rerun's own exit hooks would wait for it.
         stuck = hub is not None and hub.STUCK
         # All of it is closed, but threads of libraries may still call a Python that is going: then

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
+from twin.base.errors import InfrastructureError, TwinError
+from twin.base.process import end, how_it_ended, last_lines, spawn
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import InfrastructureError, TwinError
 from twin.fabric.handshake import greet
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
 
 START_S = 30.0
 """Longest wait for a process of ours to be ready [s]."""

@@ -19,17 +19,17 @@ from typing import Any
 import msgspec
 
 from schemas import SCHEMA_VERSION
-from schemas.doors import door
-from schemas.judging import RECORD_FILE, attempt_digest
-from schemas.kpi import SCALARS
+from schemas.files.judging import RECORD_FILE, attempt_digest
+from schemas.files.kpi import SCALARS
 from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_result
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
+from schemas.wire.rpc_routes import door
+from twin.base.files import write_atomic
+from twin.base.process import bind_to_parent
 from twin.fabric.bus import Bus
-from twin.fabric.files import write_atomic
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
-from twin.fabric.process import bind_to_parent
 from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import open_bus
+from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 TIMEOUT_S = 10.0
 TRIES = 6

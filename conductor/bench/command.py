@@ -13,7 +13,7 @@ from conductor.bench.compare import AIMS, TARGETS, Comparison, compare
 from conductor.bench.own import check_disk
 from conductor.bench.scale import TARGETS as SCALE_TARGETS
 from conductor.bench.scale import Scale, measure_scale
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, storage_error
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, storage_error
 
 
 def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, check: bool) -> int:

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from schemas import topics
+from schemas.wire import topics
+from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, to_listen
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.fronted import Fronted
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.front.router import Fronted
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 WAIT_S = 10.0

@@ -20,10 +20,10 @@ from typing import Literal
 import msgspec
 
 from conductor.bench.children import child, serving
-from conductor.client import Client
-from conductor.judge_feed import read_judged
+from conductor.commands.client import Client
+from conductor.trust.judge_feed import read_judged
 from schemas.campaign import Campaign
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError
 
 CLIENTS = 2
 """Worker processes, as many as the peers get."""

@@ -29,7 +29,7 @@ from typing import Any
 
 from conductor.bench.children import child
 from conductor.bench.own import CLIENTS, Measured
-from twin.fabric.process import bind_to_parent
+from twin.base.process import bind_to_parent
 
 PACKAGES = {"dask": "distributed", "hyperqueue": "hyperqueue"}
 """Peer -> package that it needs."""

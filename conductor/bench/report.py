@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
-from conductor.report.document import PAGE_FILE
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
+from conductor.report.pages.document import PAGE_FILE
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
 
 WALL_S_MAX = 60.0
 """Longest report over the campaign that is allowed, by the issue of 10,000 cases [s]."""

@@ -11,15 +11,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from conductor.outcomes import FILE_NAME as OUTCOMES_FILE
-from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from conductor.timeline import COMMITTED, LEASED, Event
-from conductor.timeline import FILE_NAME as TIMELINE_FILE
+from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
+from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.records.timeline import COMMITTED, LEASED, Event
+from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.campaign import WEATHERS, Campaign, Case, expand, parse_campaign
+from schemas.files.kpi import SCALARS
+from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.kpi import SCALARS
-from schemas.yaml_file import dump_yaml
-from twin.fabric.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table
+from twin.records.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table
 
 TICKS = 400
 """Rows of a case: 20 s at 20 Hz."""

@@ -15,9 +15,9 @@ import psutil
 
 from conductor.bench.children import serving
 from conductor.bench.own import K_MANY, work
-from conductor.client import Client
+from conductor.commands.client import Client
 from schemas.campaign import WEATHERS, Campaign
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 TARGETS = {"submit_s": 5.0, "restart_s": 5.0, "rss_mb": 300.0, "status_ms": 100.0}
 """Most that a campaign of 100,000 cases may take."""

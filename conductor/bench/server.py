@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from conductor.serve import serve_folder
-from twin.fabric.process import bind_to_parent, watch_lifeline
+from conductor.serve.command import serve_folder
+from twin.base.process import bind_to_parent, watch_lifeline
 
 if __name__ == "__main__":
     bind_to_parent()

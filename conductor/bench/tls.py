@@ -29,26 +29,27 @@ import psutil
 
 from conductor.bench.front import FrontRow, measure_front
 from conductor.bench.own import noop_campaign
-from conductor.client import Client
-from conductor.serve import serve_folder
-from conductor.shell import Conductor
-from conductor.state import Config
-from schemas import SCHEMA_VERSION, topics
-from schemas.doors import door
+from conductor.commands.client import Client
+from conductor.core.state import Config
+from conductor.serve.command import serve_folder
+from conductor.serve.shell import Conductor
+from schemas import SCHEMA_VERSION
 from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
-from schemas.wire import decode, encode
-from twin.fabric.authority import make_keys
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.rpc_routes import door
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
+from twin.base.software import software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import Target, await_conductor
 from twin.fabric.endpoint import LOOPBACK, to_listen
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.fabric.frames import Channel, FrameBuffer, open_frames
-from twin.fabric.key_file import Key, load_key
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import Key, load_key
+from twin.fabric.keys.rig_keys import RigKeys
+from twin.fabric.keys.roles import Role
 from twin.fabric.rig_folder import RigFolder, frames_socket
-from twin.fabric.rig_keys import RigKeys
-from twin.fabric.roles import Role
 from twin.fabric.session import new_secret
-from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import open_bus
 
 FLOOR = 0.5

@@ -1,14 +1,14 @@
 """The report of a campaign: a table for programs, one page for people.
 
 ``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``make_report`` writes those,
-``report.html`` and plots, and :class:`conductor.report_ahead.ReportAhead` does part of that while
-the campaign runs; ``write_result_page`` writes a page to publish; ``report_json`` gives the
+``report.html`` and plots, and :class:`conductor.run.report_preload.ReportAhead` does part of that
+while the campaign runs; ``write_result_page`` writes a page to publish; ``report_json`` gives the
 tables of the report as plain data.
 """
 
-from conductor.report.document import make_report, report_json, tables_of
-from conductor.report.result_page import write_result_page
-from conductor.report.summary import write_summary
+from conductor.report.pages.document import make_report, report_json, tables_of
+from conductor.report.pages.result_page import write_result_page
+from conductor.report.pages.summary import write_summary
 
 __all__ = [
     "make_report",

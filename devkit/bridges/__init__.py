@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from devkit.stack import Stack
 
 if TYPE_CHECKING:
-    from devkit.foreign import Script
+    from devkit.hosting.foreign import Script
 
 
 class ScriptBridge(Stack):

@@ -19,13 +19,13 @@ from msgspec import Meta, Struct
 from devkit.bridges import ScriptBridge
 from devkit.bridges.autodrive_fields import FieldError, asks_for_weather, command, telemetry
 from devkit.bridges.socketio import SocketClient, SocketError, connect
-from devkit.foreign import Script
+from devkit.hosting.foreign import Script
 from devkit.stack import Observation
-from schemas.foreign import BRIDGE_PORTS, lacking_bridges
-from schemas.lidar import POINT_COLUMNS
 from schemas.messages import Command, Episode
+from schemas.sections.foreign import BRIDGE_PORTS, lacking_bridges
+from schemas.sections.lidar import POINT_COLUMNS
 from schemas.validation import convert_all
-from twin.fabric.errors import InfrastructureError, StackFaultError
+from twin.base.errors import InfrastructureError, StackFaultError
 from twin.fabric.port_turn import take_turn
 
 EVENT = "Bridge"

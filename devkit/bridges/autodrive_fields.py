@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from devkit.lights import of_code
-from schemas.kpi import HEADLIGHTS, INDICATORS
+from devkit.reference.lights import of_code
+from schemas.files.kpi import HEADLIGHTS, INDICATORS
 from schemas.messages import (
     ENCODER_COLUMNS,
     IMU_COLUMNS,

@@ -12,7 +12,7 @@ from devkit.darknet.network import Network
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import coco_names
 from devkit.darknet.weights import Weights, float_count, read_weights
-from schemas.regular_file import open_regular
+from schemas.files.regular_file import open_regular
 
 NAMES_BYTES_MAX = 1 << 20
 """A larger file is no list of names [bytes]."""

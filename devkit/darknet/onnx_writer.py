@@ -2,7 +2,7 @@
 
 The network's outputs are the raw inputs of its heads, [N, anchors (5 + classes), rows, columns];
 what turns them into boxes stands in the model's metadata
-(:class:`devkit.detector_description.DetectorDescription`). Batch size is left open.
+(:class:`devkit.detector.description.DetectorDescription`). Batch size is left open.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from devkit.darknet.network import (
 )
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.weights import Convolution, Weights
-from devkit.detector_description import METADATA_KEY, DetectorDescription, GridHead
+from devkit.detector.description import METADATA_KEY, DetectorDescription, GridHead
 
 OPSET = 13
 IR_VERSION = 8

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from schemas.regular_file import open_regular
+from schemas.files.regular_file import open_regular
 from schemas.validation import suggest
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 TEXT_BYTES_MAX = 1 << 20
 """A larger file is not a cfg [bytes]; the largest published ones have 40 kB."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from devkit.darknet.network import Convolutional, Network
 from devkit.darknet.sections import DarknetError
-from schemas.assets import FILE_BYTES_MAX
-from schemas.regular_file import open_regular
+from schemas.files.assets import FILE_BYTES_MAX
+from schemas.files.regular_file import open_regular
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from devkit.darknet.build import build_network
 from devkit.darknet.network import Network
 from devkit.darknet.sections import DarknetError, Section, read_sections, to_text
 from devkit.darknet.variant import architecture, vary
-from devkit.labelled_images import LabelledImages
+from devkit.detector.labelled_images import LabelledImages
 from devkit.training.anchors import fit_anchors
 from devkit.training.parameters import TrainingParameters
 from schemas.identity import digest

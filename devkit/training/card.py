@@ -9,9 +9,9 @@ import msgspec
 
 from devkit.darknet.network import Network
 from devkit.darknet.weights import float_count
-from devkit.labelled_images import DatasetHead, parse_classes
-from devkit.score_tables import failures, report
-from devkit.scoring import CONFIDENCE_SHOWN, Scorecard
+from devkit.detector.labelled_images import DatasetHead, parse_classes
+from devkit.detector.score_tables import failures, report
+from devkit.detector.scoring import CONFIDENCE_SHOWN, Scorecard
 from devkit.training.parameters import Recipe, TrainingParameters
 
 _SPLIT = {

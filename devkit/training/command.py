@@ -15,8 +15,8 @@ import torch
 
 from devkit.darknet.onnx_writer import describe, write_onnx
 from devkit.darknet.sections import to_text
-from devkit.detector import Detector
-from devkit.labelled_images import (
+from devkit.detector.detector import Detector
+from devkit.detector.labelled_images import (
     TESTS,
     DatasetHead,
     LabelledImages,
@@ -24,7 +24,7 @@ from devkit.labelled_images import (
     read_head,
     read_labelled,
 )
-from devkit.scoring import SELECTION, Scorecard, plain, score_detector
+from devkit.detector.scoring import SELECTION, Scorecard, plain, score_detector
 from devkit.training.architecture import cfg_digest, model_name, prepare, read_size
 from devkit.training.card import write_card
 from devkit.training.device import prepare_device
@@ -34,10 +34,10 @@ from devkit.training.loop import train
 from devkit.training.parameters import TrainingParameters, parse_parameters, parse_setting
 from devkit.training.steps import Trainer
 from devkit.training.validation import validate
-from twin.fabric.errors import UsageError
-from twin.fabric.folder_lock import only_writer
-from twin.fabric.progress import Report, progress
-from twin.fabric.software import device_class, software_digest
+from twin.base.errors import UsageError
+from twin.base.folder_lock import only_writer
+from twin.base.progress import Report, progress
+from twin.base.software import device_class, software_digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Trained:
     """The ONNX file."""
     card: str
     scores: dict[str, Any]
-    """By split, see :func:`devkit.scoring.plain`."""
+    """By split, see :func:`devkit.detector.scoring.plain`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

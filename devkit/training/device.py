@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import torch
 
-from twin.fabric.errors import UsageError
-from twin.fabric.software import device_class
+from twin.base.errors import UsageError
+from twin.base.software import device_class
 
 
 def prepare_device(name: str, threads: int) -> torch.device:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from devkit.image_files import read_images
-from devkit.labelled_images import LabelledImages
+from devkit.detector.image_files import read_images
+from devkit.detector.labelled_images import LabelledImages
 
 NOTHING, LABEL, IGNORED = 0, 1, 2
 """Kinds of a box's place: empty, an object, neither object nor background."""
@@ -46,7 +46,7 @@ def load_examples(data: LabelledImages, width: int, height: int, device: torch.d
     images = torch.empty((len(data.paths), height, width, 3), dtype=torch.uint8, device=device)
     done = 0
     for turn in read_images(data.paths):
-        # As the detector resizes (devkit.detector).
+        # As the detector resizes (devkit.detector.detector).
         same = [
             cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR_EXACT)
             for image in turn

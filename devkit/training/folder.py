@@ -23,9 +23,9 @@ import torch
 import yaml
 
 from devkit.training.parameters import TrainingParameters, first_difference, parse_parameters
-from schemas.yaml_file import load_yaml
-from twin.fabric.errors import UsageError
-from twin.fabric.files import write_atomic
+from schemas.files.yaml_file import load_yaml
+from twin.base.errors import UsageError
+from twin.base.files import write_atomic
 
 HEAD = "training.yaml"
 LOG = "log.csv"

@@ -13,15 +13,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from devkit.evaluate import Evaluation
+from devkit.detector.evaluate import Evaluation
 from devkit.training.augment import plan_epoch
 from devkit.training.examples import Examples
 from devkit.training.folder import LOG, TrainingFolder
 from devkit.training.loss import PARTS
 from devkit.training.parameters import TrainingParameters
 from devkit.training.steps import Trainer, learning_rate
-from twin.fabric.errors import UnfinishedError, UsageError
-from twin.fabric.progress import Report
+from twin.base.errors import UnfinishedError, UsageError
+from twin.base.progress import Report
 
 CHECKPOINT_S = 60.0
 """Least time between two checkpoints; an interruption writes one at once [s]."""

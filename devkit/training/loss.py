@@ -209,7 +209,7 @@ def _largest(cell: Tensor, rank: Tensor, cells: int) -> Tensor:
 
 def decoded(values: Tensor, anchors: Tensor, scale_xy: float) -> Tensor:
     """Raw values [B, A, H, W, 5 + C] -> boxes [B, A, H, W, 4]: centre and size, shares of the
-    image; as :mod:`devkit.detector_decode` has it."""
+    image; as :mod:`devkit.detector.decode` has it."""
     rows, columns = values.shape[2:4]
     centre = torch.sigmoid(values[..., :2]) * scale_xy - 0.5 * (scale_xy - 1.0)
     y, x = torch.meshgrid(

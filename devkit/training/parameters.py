@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from devkit.labelled_images import DEFAULT_CLASSES, parse_classes
+from devkit.detector.labelled_images import DEFAULT_CLASSES, parse_classes
 from schemas.validation import convert_all
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Scale = Annotated[float, Meta(ge=0, le=1000)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from devkit.detector_decode import Detections, decode
-from devkit.detector_description import DetectorDescription
-from devkit.evaluate import Evaluation, evaluate
-from devkit.labelled_images import LabelledImages
-from devkit.scoring import SELECTION, joined, shifted
+from devkit.detector.decode import Detections, decode
+from devkit.detector.description import DetectorDescription
+from devkit.detector.evaluate import Evaluation, evaluate
+from devkit.detector.labelled_images import LabelledImages
+from devkit.detector.scoring import SELECTION, joined, shifted
 from devkit.training.network import TorchNetwork
 
 TOGETHER = 64

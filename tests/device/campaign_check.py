@@ -34,17 +34,17 @@ import numpy as np
 import onnx
 from darknet_oracle import random_weights
 
-from conductor.places import gpu_slots
-from conductor.source import find, load
+from conductor.run.places import gpu_slots
+from conductor.run.source import find, load
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.model_files import shipped_models
+from devkit.detector.model_files import shipped_models
 from schemas.campaign import expand
+from schemas.files.yaml_file import load_yaml
 from schemas.messages import Command
-from schemas.yaml_file import load_yaml
+from twin.base.gpu.nvml import visible_gpus
 from twin.bench.campaign import Request, as_json, lines, measure
-from twin.fabric.nvml import visible_gpus
-from twin.worker.simulator import TRANSPORT_VARIABLE
+from twin.rig.simulator import TRANSPORT_VARIABLE
 
 LABELS = ["car", "truck", "pedestrian", "traffic_sign"]
 NETWORK_PX = (320, 192)
@@ -90,7 +90,7 @@ class Check:
 
 def handles(check: Check) -> None:
     """A child process opens our memory; only where a GPU is."""
-    from twin.fabric import cuda
+    from twin.base.gpu import cuda
 
     probe = cuda.offer(check.device)
     check.found["handles"] = {"offered": probe is not None}
@@ -232,8 +232,8 @@ def same(check: Check) -> None:
 
 def engine(check: Check) -> None:
     """The engine alone, ms per tick by laps, with pictures left on the device or brought over."""
-    from twin.engine import Engine
-    from twin.fabric.stopwatch import Stopwatch
+    from twin.base.stopwatch import Stopwatch
+    from twin.rig.engine import Engine
 
     cases = expand(load(full_campaign(check, "engine")))
     slots, ticks = check.slots, 4 if check.cpu else 20

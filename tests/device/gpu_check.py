@@ -18,7 +18,7 @@ from pathlib import Path
 
 import msgspec
 
-from conductor.source import load
+from conductor.run.source import load
 from schemas.campaign import expand
 from schemas.messages import Command
 
@@ -40,7 +40,7 @@ def campaign(name: str, device: str, slots: int, out: Path) -> dict[str, object]
 
 def frames_per_s(device: str, slots: int, width: int, height: int, ticks: int) -> float:
     """Rendered frames per second of the bare engine, without bus and stack."""
-    from twin.engine import Engine
+    from twin.rig.engine import Engine
 
     case = expand(load("aeb-demo"))[0]
     camera = msgspec.structs.replace(case.camera, width=width, height=height, hz=20)
@@ -100,8 +100,8 @@ def vehicles(device: str) -> dict[str, object]:
 
 def sensor_bytes_equal(device: str) -> bool:
     """Whether encoders, GNSS and IMU read the same in any slot, alone and beside others."""
-    from schemas.sensors import Encoders, Gnss, Imu, Sensors
-    from twin.engine import Engine
+    from schemas.sections.sensors import Encoders, Gnss, Imu, Sensors
+    from twin.rig.engine import Engine
 
     sensors = Sensors(encoders=Encoders(), gnss=Gnss(dropouts_per_min=60.0), imu=Imu())
     cases = [msgspec.structs.replace(c, sensors=sensors) for c in expand(load("chaos-16"))]

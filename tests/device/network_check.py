@@ -27,11 +27,11 @@ from foreign_memory import Elsewhere
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.detector import Detector
-from devkit.detector_decode import Detections, Selection
-from devkit.detector_frames import MICRO_BATCH
+from devkit.detector.decode import Detections, Selection
+from devkit.detector.detector import Detector
+from devkit.detector.frames import MICRO_BATCH
+from devkit.detector.model_files import shipped_models
 from devkit.images import Images
-from devkit.model_files import shipped_models
 
 LABELS = ["car", "truck", "pedestrian", "traffic_sign"]
 INPUT_PX = (320, 192)

@@ -53,7 +53,7 @@ def look(
     device: str, wanted: list[Case], order: list[int], slots: int
 ) -> list[dict[str, np.ndarray]]:
     """Last reading of every sensor of every case, its slot chosen by ``order``."""
-    from twin.engine import Engine
+    from twin.rig.engine import Engine
 
     engine = Engine(wanted[0], slots, device)
     for slot, case in zip(order, wanted, strict=True):

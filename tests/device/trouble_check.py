@@ -25,9 +25,9 @@ from typing import Any
 
 from campaign_check import Check, full_campaign
 
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import read_outcomes
-from conductor.source import load
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import read_outcomes
+from conductor.run.source import load
 from schemas.campaign import expand
 
 SHORT = {"ego_start_m": 40.0, "ego_speed_mps": 8.0, "duration_s": 2.0}

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 import conductor
-from schemas.yaml_file import load_yaml
+from schemas.files.yaml_file import load_yaml
 
 
 def changed(folder: Path, name: str, change: Callable[[dict[str, Any]], None]) -> str:

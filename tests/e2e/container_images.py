@@ -9,7 +9,7 @@ import sys
 import tarfile
 from pathlib import Path
 
-from hpc.container import Container, prefix, preparation
+from hpc.software.container import Container, prefix, preparation
 
 NOBODY = 65534
 """User and group of somebody who owns nothing."""

@@ -12,8 +12,8 @@ from pathlib import Path
 import psutil
 
 from schemas.messages import Tick
+from twin.base.errors import InfrastructureError
 from twin.fabric.drive import STACK_BYTES_MAX, SimulatorEnd
-from twin.fabric.errors import InfrastructureError
 from twin.fabric.rig_folder import RigFolder
 from twin.fabric.zenoh_bus import open_bus
 

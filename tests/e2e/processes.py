@@ -18,7 +18,7 @@ from typing import IO
 import psutil
 from waiting import PATIENCE_S, wait_for
 
-from twin.fabric.own_folder import fabric_folder, fabric_name
+from twin.fabric.keys.own_keys import fabric_folder, fabric_name
 
 MARK = "LC_TWIN_TEST_MARK"
 """Variables of this beginning pass into the sandboxes of stacks."""

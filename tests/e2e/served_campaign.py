@@ -13,11 +13,11 @@ import yaml
 from processes import Marked, complete, wait_for
 
 import conductor
-from conductor.facts import Committed, LateAttempt, WorkerJoined
-from conductor.fold import agrees
-from conductor.journal import Journal
+from conductor.core.facts import Committed, LateAttempt, WorkerJoined
+from conductor.core.fold import agrees
+from conductor.journal.store import Journal
+from twin.base.errors import UsageError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import UsageError
 
 CAMPAIGN = "chaos-16"
 TTL_S = 2.0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import zenoh
 
-from twin.fabric.authority import make_keys
-from twin.fabric.key_file import Key, load_key
-from twin.fabric.roles import Role
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import Key, load_key
+from twin.fabric.keys.roles import Role
 
 SILENCE_S = 2.0
 """How long somebody waits for an answer that must not come."""

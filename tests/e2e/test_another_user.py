@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from processes import keys_of, wait_for
 
+from twin.base.errors import TwinError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError
 
 NOBODY = 65534
 """Another user than root."""
@@ -20,12 +20,13 @@ ATTACK = """
 import json, os, sys
 from pathlib import Path
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
+from schemas.wire.codec import topics
 from schemas.messages import StatusRequest, Submit
-from schemas.wire import encode
-from twin.fabric.authority import make_keys
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import MEMBERS
+from schemas.wire.codec import encode
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import MEMBERS
 
 port, keys, own = sys.argv[1:]
 load_key(make_keys(Path(own) / "warm"), MEMBERS[0])  # what it imports may be out of reach below

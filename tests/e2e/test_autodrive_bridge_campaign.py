@@ -8,7 +8,7 @@ from autodrive_environments import SCRIPT, environment_of_2020, missing_today, p
 from foreign_campaigns import campaign
 from processes import outcomes
 
-from twin.fabric.sandbox.possible import why_not
+from twin.sandbox.possible import why_not
 
 SECTIONS = {
     "scenario": {

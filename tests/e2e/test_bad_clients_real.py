@@ -5,11 +5,12 @@ import json
 import msgpack
 from processes import wait_for
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
-from schemas.wire import decode
+from schemas.wire import topics
+from schemas.wire.codec import decode
+from twin.base.errors import UsageError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
 
 BAD = {

@@ -14,8 +14,8 @@ from foreign_campaigns import CLASS, CLIENT, campaign, python
 from processes import interrupt, outcomes, wait_for
 from tiny_networks import write_dark_spot_detector
 
-from conductor.fingerprint import fingerprint
-from twin.fabric.sandbox.possible import why_not
+from conductor.records.fingerprint import fingerprint
+from twin.sandbox.possible import why_not
 
 REPEATS = {"weather": ["clear"], "repeat": [0, 1, 2, 3, 4, 5, 6, 7]}
 PACKAGE = CLASS.replace("self.gap_m = gap_m", "self.gap_m = gap_m + GAIN").replace(

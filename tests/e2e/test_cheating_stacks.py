@@ -9,7 +9,7 @@ from bait import WORD, baited
 from foreign_campaigns import campaign
 from processes import outcomes, wait_for
 
-from twin.fabric.sandbox.possible import why_not
+from twin.sandbox.possible import why_not
 
 REDTEAM = Path(__file__).parents[1] / "redteam"
 

@@ -6,9 +6,9 @@ from collections import Counter
 
 from processes import committed, outcomes, wait_for
 
-from conductor.facts import Committed
-from conductor.fingerprint import fingerprint
-from conductor.journal import Journal
+from conductor.core.facts import Committed
+from conductor.journal.store import Journal
+from conductor.records.fingerprint import fingerprint
 from twin.fabric.discovery import find_conductor
 
 

@@ -15,7 +15,7 @@ import pytest
 from container_images import missing, prepared, python_folders, shell_image
 from processes import committed, wait_for
 
-from hpc.container import COMMANDS, Container
+from hpc.software.container import COMMANDS, Container
 
 CHECKOUT = Path(__file__).parents[2]
 

@@ -6,7 +6,7 @@ import pyarrow.parquet as parquet
 from foreign_campaigns import CLASS, CLIENT, campaign, python
 from processes import outcomes
 
-from twin.fabric.kpi_file import kpi_sha256
+from twin.records.kpi_file import kpi_sha256
 
 FUSSY = """
 class Fussy(GapStack):

@@ -11,8 +11,8 @@ from container_images import missing, python_folders, shell_image
 from foreign_campaigns import CLIENT, campaign, python
 from processes import outcomes
 
-from hpc.container import COMMANDS
-from twin.fabric.sandbox.possible import why_not
+from hpc.software.container import COMMANDS
+from twin.sandbox.possible import why_not
 
 MATRIX = {"matrix": {"weather": ["clear", "heavy_fog"]}}
 

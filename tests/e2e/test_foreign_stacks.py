@@ -7,7 +7,7 @@ import pyarrow.parquet as parquet
 from foreign_campaigns import CLASS, CLIENT, FAULTS, HOSTILE, campaign, faulty, python
 from processes import outcomes, wait_for
 
-from twin.fabric.kpi_file import kpi_sha256
+from twin.records.kpi_file import kpi_sha256
 
 
 def run(marked, path, *options):

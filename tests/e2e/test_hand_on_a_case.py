@@ -13,13 +13,13 @@ import pytest
 from processes import MARK, PATIENCE_S, committed, complete, outcomes, wait_for
 from test_conductor_restart import serve
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 from devkit.client import AsyncClient, Client, running_cases
-from schemas.interventions import JOURNAL_FILE
-from twin.fabric.errors import TwinError, UnreachableError, UsageError
+from schemas.wire.interventions import JOURNAL_FILE
+from twin.base.errors import TwinError, UnreachableError, UsageError
 from twin.fabric.steering import find_in_rig
 from twin.fabric.zenoh_bus import open_bus
-from twin.worker.steering_journal import read_journal
+from twin.rig.interventions.journal import read_journal
 
 EARLY_TICK = 20
 """Of the forty of a case; half of them are steered."""

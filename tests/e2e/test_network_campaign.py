@@ -16,7 +16,7 @@ from tiny_networks import write_dark_spot_detector
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import architecture_network
-from devkit.detector_description import METADATA_KEY, decode_description
+from devkit.detector.description import METADATA_KEY, decode_description
 
 CAMPAIGN = {
     "campaign": "networks",

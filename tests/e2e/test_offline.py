@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from container_images import debian_base, missing, ordinary_python, ordinary_user, prepared
 
-from hpc.container import BIN_FOLDER, Container
+from hpc.software.container import BIN_FOLDER, Container
 
 CHECKOUT = Path(__file__).parents[2]
 ALONE = ("unshare", "--map-root-user", "--net", "sh", "-c", 'ip link set lo up; exec "$@"', "sh")

@@ -6,7 +6,7 @@ import json
 from foreign_campaigns import campaign
 from processes import outcomes
 
-from twin.fabric.kpi_file import read_kpi
+from twin.records.kpi_file import read_kpi
 
 STACK = '''
 import time

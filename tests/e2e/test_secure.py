@@ -12,14 +12,15 @@ import pytest
 from processes import PATIENCE_S, interrupt, keys_of, wait_for
 from strangers import Stranger, certificates_on, options_of
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
 from schemas.messages import StatusRequest
-from schemas.wire import encode
-from twin.fabric.authority import make_keys
+from schemas.wire import topics
+from schemas.wire.codec import encode
+from twin.base.errors import TwinError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 
 
 def ports(marked):

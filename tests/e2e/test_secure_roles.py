@@ -10,16 +10,17 @@ from processes import PATIENCE_S, keys_of, wait_for
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 
 from conductor.bench.own import noop_campaign
-from conductor.client import Client
-from schemas import SCHEMA_VERSION, topics
+from conductor.commands.client import Client
+from schemas import SCHEMA_VERSION
 from schemas.messages import Hello, Next, Reply, noop_result
-from schemas.wire import decode, encode
-from twin.fabric.authority import load_authority
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from twin.base.errors import TwinError
+from twin.base.software import software_digest
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Act, Role, may
-from twin.fabric.software import software_digest
+from twin.fabric.keys.authority import load_authority
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Act, Role, may
 from twin.fabric.zenoh_bus import open_bus
 
 CASES = 4

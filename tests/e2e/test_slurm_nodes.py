@@ -9,7 +9,7 @@ from processes import MARK, committed, outcomes
 from slurm_job import Job
 from slurm_namespaces import NamespacedCluster
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 
 pytestmark = [
     pytest.mark.slow,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from conductor.source import find
+from conductor.run.source import find
 
 
 @pytest.fixture

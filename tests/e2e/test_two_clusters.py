@@ -11,7 +11,7 @@ from namespaces import hosts_in_a_row
 from processes import MARK, keys_of, outcomes, wait_for
 from slurm_cluster import SlurmCluster
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 from twin.fabric.discovery import find_conductor
 
 OTHER_DISK = ("sh", "-c", 'mount -t tmpfs none "$0" && exec "$@"')

@@ -10,7 +10,7 @@ from namespaces import hosts_in_a_row
 from processes import keys_of, outcomes, wait_for
 
 import conductor
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 from twin.fabric.discovery import find_conductor
 from twin.worker.announcement import me
 

@@ -7,8 +7,8 @@ import pytest
 from namespaces import hosts_in_a_row
 from processes import keys_of, wait_for
 
+from twin.base.errors import TwinError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError
 
 pytestmark = pytest.mark.network
 

@@ -15,12 +15,12 @@ from changed_campaigns import changed
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from processes import wait_for
 
-from conductor.chain import Chain
-from conductor.facts import Committed, Durable
-from conductor.manifest import listed, read_manifest, signed, write_manifest
-from conductor.signing import Signer, trusted_keys
-from conductor.verify import verify_run
-from schemas.wire import decode, encode
+from conductor.core.facts import Committed, Durable
+from conductor.journal.chain import Chain
+from conductor.trust.manifest import listed, read_manifest, signed, write_manifest
+from conductor.trust.signing import Signer, trusted_keys
+from conductor.trust.verify import verify_run
+from schemas.wire.codec import decode, encode
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ from processes import PATIENCE_S, Marked, committed, complete, nothing_left, out
 from recordings import begun, read_recording
 from served_campaign import ServedCampaign
 
-from twin.fabric.kpi_file import read_kpi
-from twin.worker.rig import RECORDERS_MAX
-from viewer import naming, native
+from twin.records.kpi_file import read_kpi
+from twin.worker.rig_process import RECORDERS_MAX
+from viewer.playback import native
+from viewer.recording import naming
 
 needs_vulkan = pytest.mark.skipif(
     not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
@@ -218,9 +219,9 @@ def test_the_recordings_of_a_campaign_as_a_table(marked, recorded, monkeypatch):
 
 @needs_vulkan
 def test_the_table_opens_in_the_viewer_with_every_case_at_its_moment(recorded):
-    from viewer.catalogue import read_catalogue
-    from viewer.replay import open_catalogue
-    from viewer.window import window
+    from viewer.playback.catalogue import read_catalogue
+    from viewer.playback.replay import open_catalogue
+    from viewer.playback.window import window
 
     catalogue = read_catalogue(recorded["folder"], "aeb")
     moments = {row.recording_id: row.moment.sim_time_ns for row in catalogue.rows}
@@ -262,7 +263,7 @@ def test_the_result_page_shows_what_the_camera_saw(marked, recorded, tmp_path):
 
 @needs_vulkan
 def test_running_cases_are_shown_live(marked, quiet, tmp_path):
-    from viewer.window import window
+    from viewer.playback.window import window
 
     folder = tmp_path / "c"
     case = "yolov3-1300-heavy_rain"

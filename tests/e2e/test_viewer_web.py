@@ -20,13 +20,13 @@ from test_hand_on_a_case import caught
 from unit.viewer.recorded_case import write
 from view_messages import thumbnail
 
-from schemas import topics
-from schemas.wire import encode
+from schemas.wire import topics
+from schemas.wire.codec import encode
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import find_target
-from twin.fabric.roles import Role
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import join
-from twin.worker.view_samples import jpeg
+from twin.view.samples import jpeg
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 expect = sync_api.expect

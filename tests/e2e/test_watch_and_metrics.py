@@ -12,8 +12,8 @@ import pytest
 import yaml
 from processes import PATIENCE_S, wait_for
 
+from twin.base.errors import UsageError
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import UsageError
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from processes import committed, outcomes, wait_for
 from test_bad_input import campaign_file
 from test_conductor_restart import committed_per_case, serve
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 
 HUNGRY = """\
 import time

@@ -8,7 +8,7 @@ import signal
 from processes import committed, outcomes, wait_for
 from served_campaign import ServedCampaign, read_ledger
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 
 
 def check(served, quiet):

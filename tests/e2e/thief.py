@@ -8,9 +8,6 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from schemas import SCHEMA_VERSION as V
-from schemas import topics
-from schemas.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
-from schemas.doors import door
 from schemas.messages import (
     Beat,
     Bye,
@@ -23,12 +20,15 @@ from schemas.messages import (
     Sealed,
     StatusRequest,
 )
-from schemas.wire import decode, encode
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
+from schemas.wire.rpc_routes import door
+from twin.base.software import software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
-from twin.fabric.roles import Role
+from twin.fabric.keys.roles import Role
 from twin.fabric.session import new_secret, seal
-from twin.fabric.software import software_digest
 from twin.fabric.zenoh_bus import join
 
 TIMEOUT_S = 10.0

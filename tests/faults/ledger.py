@@ -11,11 +11,11 @@ from pathlib import Path
 import yaml
 from fault_campaign import CAMPAIGN
 
-from conductor.facts import Committed, LateAttempt, Snapshot, Submitted
-from conductor.fingerprint import fingerprint
-from conductor.fold import agrees
-from conductor.journal import Journal
-from conductor.outcomes import read_outcomes
+from conductor.core.facts import Committed, LateAttempt, Snapshot, Submitted
+from conductor.core.fold import agrees
+from conductor.journal.store import Journal
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import read_outcomes
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from kinds import FAULTS
 from ledger import run_in_peace
 from pace import Pace, measure
 
-from twin.fabric.progress import progress
+from twin.base.progress import progress
 
 PROGRAMS = {"ip": "iproute2", "setpriv": "util-linux", "mount": "mount", "cc": "gcc libc6-dev"}
 """Command -> Debian package."""

@@ -8,8 +8,8 @@ from ledger import Quiet, count
 from name_server import answer
 from table import BEGIN, END, markdown, put_into, tabulate
 
-from conductor.facts import Committed, LateAttempt, Submitted
-from conductor.journal import Journal
+from conductor.core.facts import Committed, LateAttempt, Submitted
+from conductor.journal.store import Journal
 from schemas.messages import Result
 
 PEACE = Quiet("f" * 64, {"a": "1" * 64, "b": "2" * 64})

@@ -28,37 +28,37 @@ from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
 from tiny_networks import write_dark_spot_detector
 from wire_messages import case, control, drive_plane, result, steering, view_plane
 
-from conductor.engine import Engine, Message
-from conductor.facts import EpochRaised
-from conductor.journal import FILE_NAME as JOURNAL_FILE
-from conductor.journal import Journal
-from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from conductor.owner import this_process
-from conductor.report.autodrive_layout import Imported
-from conductor.report.cache import Cache
-from conductor.report.resources import RESOURCES_SCHEMA
-from conductor.state import Config
+from conductor.core.facts import EpochRaised
+from conductor.core.state import Config
+from conductor.journal.owner import this_process
+from conductor.journal.store import FILE_NAME as JOURNAL_FILE
+from conductor.journal.store import Journal
+from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.report.autodrive.layout import Imported
+from conductor.report.reading.cache import Cache
+from conductor.report.reading.resources import RESOURCES_SCHEMA
+from conductor.serve.engine import Engine, Message
 from devkit.darknet.weights import write_weights
 from schemas import SCHEMA_VERSION as V
-from schemas.delivery import SeenFolder
-from schemas.drive_record import RecordAnswer, RecordHead, RecordSeen
-from schemas.interventions import Intervention as Steered
-from schemas.interventions import (
+from schemas.files.drive_record import RecordAnswer, RecordHead, RecordSeen
+from schemas.files.kpi import KPI_COLUMNS
+from schemas.files.yaml_file import dump_yaml
+from schemas.messages import Command
+from schemas.wire.codec import encode
+from schemas.wire.delivery import SeenFolder
+from schemas.wire.interventions import Intervention as Steered
+from schemas.wire.interventions import (
     JournalEnd,
     JournalHead,
     SetLights,
 )
-from schemas.kpi import KPI_COLUMNS
-from schemas.messages import Command
-from schemas.wire import encode
-from schemas.yaml_file import dump_yaml
 from twin.dataset.recipe import parse_recipe
-from twin.fabric.authority import make_keys
 from twin.fabric.discovery import ConductorFile
-from twin.fabric.drive_record import RecordWriter, coded
-from twin.fabric.key_file import as_line
-from twin.fabric.kpi_file import kpi_table
-from twin.worker.pipe import Done, Progress, pack
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import as_line
+from twin.records.drive_record import RecordWriter, coded
+from twin.records.kpi_file import kpi_table
+from twin.rig.pipe import Done, Progress, pack
 from twin.worker.spool import pack as spooled
 
 

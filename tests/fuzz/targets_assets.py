@@ -12,15 +12,15 @@ from devkit.darknet.importer import _labels
 from devkit.darknet.network import Network
 from devkit.darknet.sections import parse_sections
 from devkit.darknet.weights import read_weights
-from devkit.detector import Detector
-from devkit.detector_description import read_description
-from devkit.parity import Parity, judge
-from schemas.assets import mesh_files
-from twin.fabric.errors import UsageError
-from twin.fabric.picture_file import read_picture
-from twin.world.mesh_file import load_mesh
+from devkit.detector.description import read_description
+from devkit.detector.detector import Detector
+from devkit.replaying.parity import Parity, judge
+from schemas.files.assets import mesh_files
+from twin.base.errors import UsageError
+from twin.base.picture_file import read_picture
+from twin.world.meshes.mesh_file import load_mesh
+from twin.world.meshes.terrain import load_heights
 from twin.world.scene import Terrain
-from twin.world.terrain import load_heights
 
 CFG = """[net]
 width=32

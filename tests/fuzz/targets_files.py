@@ -8,36 +8,39 @@ from typing import Any
 
 from fuzz_target import Target, of_file
 
-from conductor import fingerprint
-from conductor.engine import Engine
-from conductor.journal import FILE_NAME as JOURNAL_FILE
-from conductor.journal import FolderLockedError, Journal, JournalError
-from conductor.outcomes import read_outcomes
-from conductor.owner import FILE_NAME as OWNER_FILE
-from conductor.owner import Claim, Owner
-from conductor.report import autodrive_layout, autodrive_logs, cache, leases, resources
-from conductor.state import Config
-from conductor.timeline import FILE_NAME as TIMELINE_FILE
-from devkit.labelled_images import read_head
-from devkit.replay import sensor_messages
+from conductor.core.state import Config
+from conductor.journal.owner import FILE_NAME as OWNER_FILE
+from conductor.journal.owner import Claim, Owner
+from conductor.journal.store import FILE_NAME as JOURNAL_FILE
+from conductor.journal.store import FolderLockedError, Journal, JournalError
+from conductor.records import fingerprint
+from conductor.records.outcomes import read_outcomes
+from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
+from conductor.report.autodrive import layout as autodrive_layout
+from conductor.report.autodrive import logs as autodrive_logs
+from conductor.report.reading import cache, leases, resources
+from conductor.serve.engine import Engine
+from devkit.detector.labelled_images import read_head
+from devkit.replaying.replay import sensor_messages
 from hpc.site import load_site
-from schemas.assets import asset_digest
 from schemas.campaign import parse_cases
-from schemas.drive_record import DRIVE_FILE
-from schemas.yaml_file import YamlError, load_yaml
+from schemas.files.assets import asset_digest
+from schemas.files.drive_record import DRIVE_FILE
+from schemas.files.yaml_file import YamlError, load_yaml
+from twin.base.errors import InfrastructureError, TwinError, UsageError
 from twin.dataset.recipe import parse_recipe
-from twin.fabric import discovery, kpi_file
-from twin.fabric.autodrive_files import read_log_files
-from twin.fabric.drive_record import RecordReader
-from twin.fabric.errors import InfrastructureError, TwinError, UsageError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
-from twin.sensors.lidar import load_lidar_profile
+from twin.fabric import discovery
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
+from twin.records import kpi_file
+from twin.records.autodrive_files import read_log_files
+from twin.records.drive_record import RecordReader
+from twin.rig.interventions.journal import read_journal
+from twin.sensors.lidar.lidar import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.worker.steering_journal import read_journal
 from twin.world.scene import load_scene
-from viewer import folder as viewer_folder
-from viewer import naming
+from viewer.playback import folder as viewer_folder
+from viewer.recording import naming
 
 ROOT = Path(__file__).parents[2]
 MISTAKES_MAX = 500
@@ -145,7 +148,7 @@ TARGETS = {
     "yaml-lidar": Target(
         of_file("l.yaml", lambda path: load_lidar_profile(str(path))),
         (ValueError,),
-        tuple(sorted((ROOT / "twin/sensors/lidar_profiles").glob("*.yaml"))),
+        tuple(sorted((ROOT / "twin/sensors/lidar/profiles").glob("*.yaml"))),
         cost=10,
     ),
     "yaml-site": Target(of_file("site.yaml", load_site), (UsageError,), lines_max=MISTAKES_MAX),

@@ -10,11 +10,8 @@ from typing import Any
 
 from fuzz_target import Target
 
-from conductor.deliveries import Deliveries
+from conductor.serve.deliveries import Deliveries
 from devkit.bridges.socketio import SocketClient, SocketError
-from schemas.delivery import MESSAGE_BYTES_MAX as DELIVERY_BYTES_MAX
-from schemas.delivery import Delivered, Delivery
-from schemas.interventions import ControlReply, ControlRequest
 from schemas.messages import (
     Commands,
     Episode,
@@ -25,7 +22,11 @@ from schemas.messages import (
     Tick,
     command_mistake,
 )
-from schemas.view import (
+from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.wire.delivery import MESSAGE_BYTES_MAX as DELIVERY_BYTES_MAX
+from schemas.wire.delivery import Delivered, Delivery
+from schemas.wire.interventions import ControlReply, ControlRequest
+from schemas.wire.view import (
     CameraSample,
     CaseEnd,
     CaseStart,
@@ -36,14 +37,14 @@ from schemas.view import (
     StateSample,
     Thumbnail,
 )
-from schemas.wire import ATTACHMENT_BYTES_MAX, WireError, decode
+from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Sample
 from twin.fabric.drive import StackEnd
-from twin.fabric.errors import InfrastructureError
 from twin.fabric.memory_bus import Hub
-from twin.worker.pipe import Unpacker, Upward
+from twin.rig.pipe import Unpacker, Upward
 from twin.worker.spool import unpack
-from viewer import mosaic, scenery
+from viewer.live import mosaic
+from viewer.recording import scenery
 
 CONTROL: tuple[Any, ...] = (Request, Reply, Delivery, Delivered)
 DRIVE: tuple[Any, ...] = (Ready, Tick, Episode, Frame, Commands)

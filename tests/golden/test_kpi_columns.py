@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from kpi_columns import DRIVES, described, drive
 
-from twin.fabric.kpi_file import canonical, kpi_table
-from twin.fabric.software import device_class
+from twin.base.software import device_class
+from twin.records.kpi_file import canonical, kpi_table
 
 GOLDEN = json.loads(Path(__file__).with_name("kpi_columns.json").read_text())
 OTHER_PROCESSOR = 1e-6

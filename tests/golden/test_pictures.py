@@ -15,7 +15,7 @@ import pytest
 from schemas.campaign import Camera, expand, parse_campaign
 from schemas.messages import Lights
 from schemas.names import WEATHERS
-from twin.engine import Engine
+from twin.rig.engine import Engine
 from twin.snapshot import contact_sheet
 
 FILE = Path(__file__).with_name("pictures.png")

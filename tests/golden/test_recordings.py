@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from schemas import SCHEMA_VERSION
-from viewer import native
-from viewer.drawing import drawn
-from viewer.folder import find_moment, find_recording
-from viewer.frames import read_case
-from viewer.mosaic import decoded
-from viewer.scenery import RED
+from viewer.live.mosaic import decoded
+from viewer.playback import native
+from viewer.playback.drawing import drawn
+from viewer.playback.folder import find_moment, find_recording
+from viewer.playback.frames import read_case
+from viewer.recording.scenery import RED
 
 MADE = [1]
 HERE = Path(__file__).parent
@@ -63,7 +63,7 @@ def test_an_old_recording_says_what_it_said(folder):
 
 @needs_vulkan
 def test_an_old_recording_opens_in_the_viewer_without_warnings(folder, tmp_path):
-    from viewer.window import window
+    from viewer.playback.window import window
 
     found = find_recording(folder, "old")
     with window(["--window-size", "640x360", str(found.path)], headless=True) as shown:

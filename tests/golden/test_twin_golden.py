@@ -12,7 +12,7 @@ import pytest
 
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lights
-from twin.engine import Engine
+from twin.rig.engine import Engine
 
 FILE = Path(__file__).with_name("twin_engine.json")
 GRAY_TOLERANCE = 1.0  # of 255

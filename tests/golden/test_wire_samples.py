@@ -17,13 +17,14 @@ import pytest
 import wire_messages
 from conductor_bench import Bench
 
-from conductor.engine import Engine, Message
-from conductor.state import Config
-from schemas import SCHEMA_VERSION, delivery, interventions, messages, view
-from schemas.wire import WireError, decode, encode
+from conductor.core.state import Config
+from conductor.serve.engine import Engine, Message
+from schemas import SCHEMA_VERSION, messages
+from schemas.wire import delivery, interventions, view
+from schemas.wire.codec import WireError, decode, encode
+from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Sample
 from twin.fabric.drive import SimulatorEnd, StackEnd
-from twin.fabric.errors import InfrastructureError
 from twin.fabric.memory_bus import Hub
 
 MADE = ["0.1"]

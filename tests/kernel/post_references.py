@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.render.post_focus import Focus, taps, turns
-from twin.render.post_motion import Shutter
+from twin.render.post.focus import Focus, taps, turns
+from twin.render.post.motion import Shutter
 from twin.render.tone import TABLE_LEN, tone_table
 
 HALF = np.float16

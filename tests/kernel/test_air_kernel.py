@@ -7,19 +7,19 @@ import pytest
 import warp as wp
 
 from schemas.campaign import Camera
-from schemas.environment import Conditions
-from twin.render.air import sky_path
+from schemas.sections.environment import Conditions
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import begin_sky, fill_light, fill_sky
+from twin.render.light.air import sky_path
+from twin.render.light.light import begin_sky, fill_light, fill_sky
 from twin.render.tone import tone_table
-from twin.world import materials
+from twin.render.trace.geometry import Geometry
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.mesh import MeshBuilder
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Furniture
-from twin.world.street import World
-from twin.world.sun import daylight
-from twin.world.weather import parameters
+from twin.world.sky.sun import daylight
+from twin.world.sky.weather import parameters
+from twin.world.street.build import World
 
 prepare_kernels()
 wp.set_module_options({"enable_backward": False})

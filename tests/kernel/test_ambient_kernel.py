@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from twin.world import ambient, materials
-from twin.world.ambient import bake, baked, directions
-from twin.world.mesh import MeshBuilder
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street import ambient
+from twin.world.street.ambient import bake, baked, directions
+from twin.world.street.build import build_world
 
 GREY = (0.3, 0.3, 0.3)
 

@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from pictures import CPU, camera_in, flat, mesh_of, quad, states, world_of
 
-from schemas.lens import CameraMount, Lens
-from twin.render import bvh, traverse
+from schemas.sections.lens import CameraMount, Lens
+from twin.render.trace import bvh, traverse
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("embreex")

@@ -8,21 +8,21 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.messages import Lights
-from twin.render.air import through_air
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.air import through_air
+from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.noise import draw, normal
 from twin.render.tone import tone_table
+from twin.render.trace.geometry import Geometry
 from twin.sensors.boxes import BoxSensor
 from twin.snapshot import usual_lights
-from twin.world import materials
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.mesh import MeshBuilder
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Furniture
-from twin.world.street import World
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.sky.sun import daylight
+from twin.world.sky.weather import WEATHER
+from twin.world.street.build import World
 
 prepare_kernels()
 wp.set_module_options({"enable_backward": False})

@@ -5,8 +5,8 @@ import pytest
 from pictures import Script, box_mesh, camera_in, flat, joined, light_slot, mesh_of, quad, world_of
 
 from schemas.messages import Lights
-from twin.world import materials
-from twin.world.motion import ObjectKind
+from twin.actors.motion import ObjectKind
+from twin.world.meshes import materials
 
 ROAD = quad((-50, -300, -1.4), (600, -300, -1.4), (600, 300, -1.4), (-50, 300, -1.4))
 NIGHT = {"weather": "clear", "minute": 0, "lights": Lights()}

@@ -18,12 +18,12 @@ from pictures import (
 )
 
 from schemas.campaign import Camera
-from schemas.lens import CameraMount, Lens
-from schemas.lens_projection import project
+from schemas.sections.lens import CameraMount, Lens
+from schemas.sections.lens_projection import project
+from twin.actors.motion import ObjectKind
 from twin.render.camera import wanted_of
 from twin.render.outputs import bytes_per_pixel
 from twin.render.texture import pack_textures, srgb_to_linear
-from twin.world.motion import ObjectKind
 
 GROUND = quad((-50, -300, -1.5), (600, -300, -1.5), (600, 300, -1.5), (-50, 300, -1.5))
 
@@ -222,7 +222,7 @@ def test_bytes_do_not_depend_on_slot_batch_or_neighbours():
 def test_pictures_in_several_chunks(monkeypatch):
     world = moving_box()
     whole = camera_in(world, slots=5)
-    monkeypatch.setattr("twin.render.visibility.CHUNK_PIXELS", 2 * 64 * 36)
+    monkeypatch.setattr("twin.render.trace.visibility.CHUNK_PIXELS", 2 * 64 * 36)
     parts = camera_in(world, slots=5)
     assert parts._chunk == 2
     poses = flat(*((float(s), 0.0, 0.0) for s in range(5)))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pictures import Script, box_mesh, camera_in, flat, light_slot, mesh_of, states, world_of
 
-from schemas.lens import CameraMount, Lens
-from twin.world.motion import ObjectKind
+from schemas.sections.lens import CameraMount, Lens
+from twin.actors.motion import ObjectKind
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street.build import build_world
 
 LENSES = {
     "pinhole": Lens(near_m=0.2),

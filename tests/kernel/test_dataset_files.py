@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from schemas.messages import OBJECT_CLASSES
+from twin.base.errors import InfrastructureError, UsageError
 from twin.dataset.command import DatasetRequest, run_dataset, show_dataset
-from twin.dataset.making import make_dataset
+from twin.dataset.crew.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, Shares, Streets
-from twin.fabric.errors import InfrastructureError, UsageError
 
 RECIPE = Recipe(
     seed=6,

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 import warp as wp
 
-from schemas.lens import Lens
-from schemas.lens_projection import project
 from schemas.messages import SEMANTIC_CLASSES
-from twin.dataset.cameras import eyes_of
-from twin.dataset.cast import streets_of
-from twin.dataset.eyepoint import View, eyepoint_of, outlines_of
+from schemas.sections.lens import Lens
+from schemas.sections.lens_projection import project
+from twin.dataset.images.cameras import eyes_of
+from twin.dataset.images.cast import streets_of
+from twin.dataset.images.eyepoint import View, eyepoint_of, outlines_of
+from twin.dataset.images.pose import Pose, attitude
+from twin.dataset.images.shot import plan_shot
+from twin.dataset.images.studio import Studio
+from twin.dataset.images.traffic import Placed
 from twin.dataset.labels import contrast
-from twin.dataset.pose import Pose, attitude
 from twin.dataset.recipe import Recipe, Streets
-from twin.dataset.shot import plan_shot
-from twin.dataset.studio import Studio
-from twin.dataset.traffic import Placed
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.materials import SIGN
-from twin.world.mesh import DECAL
-from twin.world.weather import PRESETS
+from twin.world.meshes.materials import SIGN
+from twin.world.meshes.mesh import DECAL
+from twin.world.sky.weather import PRESETS
 
 RECIPE = Recipe(seed=4, cameras=4, streets=Streets(train=1, held_out=1))
 VEHICLE = load_vehicle("opencav")

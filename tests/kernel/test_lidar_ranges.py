@@ -25,13 +25,13 @@ from lidar_rigs import (
     yawed,
 )
 
-from schemas.lidar import Lidar, LidarMount
-from twin.sensors import lidar_cast
-from twin.sensors.lidar import LidarSensor
-from twin.world import materials
-from twin.world.mesh import MeshBuilder
-from twin.world.motion import ObjectKind, Placement
-from twin.world.street import World
+from schemas.sections.lidar import Lidar, LidarMount
+from twin.actors.motion import ObjectKind, Placement
+from twin.sensors.lidar import cast as lidar_cast
+from twin.sensors.lidar.lidar import LidarSensor
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
+from twin.world.street.build import World
 
 
 def test_a_wall_is_at_its_distance_over_the_cosine():

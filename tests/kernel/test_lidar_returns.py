@@ -18,12 +18,12 @@ from lidar_rigs import (
     world,
 )
 
-from schemas.lidar import Lidar
-from twin.render.geometry import Face
-from twin.sensors import lidar_scatter
-from twin.sensors.lidar import LidarWeather, load_lidar_profile
-from twin.sensors.lidar_surface import face_colors, face_returns
-from twin.world import materials
+from schemas.sections.lidar import Lidar
+from twin.render.trace.geometry import Face
+from twin.sensors.lidar import scatter as lidar_scatter
+from twin.sensors.lidar.lidar import LidarWeather, load_lidar_profile
+from twin.sensors.lidar.surface import face_colors, face_returns
+from twin.world.meshes import materials
 
 HEAVY_FOG = 2.996 / 120.0
 ONE_RAY = {"theta_min_deg": 0.0, "theta_max_deg": 0.2, "phi_min_deg": 0.0, "phi_max_deg": 0.0}

@@ -24,12 +24,12 @@ from lidar_rigs import (
     yawed,
 )
 
-from schemas.lidar import POINT_COLUMNS, TRUTH_COLUMNS, Lidar
-from twin.sensors import lidar_return
-from twin.sensors.lidar import LidarWeather, load_lidar_profile, point_table
-from twin.world import materials
-from twin.world.mesh import MeshBuilder
-from twin.world.street import World
+from schemas.sections.lidar import POINT_COLUMNS, TRUTH_COLUMNS, Lidar
+from twin.sensors.lidar import returns as lidar_return
+from twin.sensors.lidar.lidar import LidarWeather, load_lidar_profile, point_table
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import MeshBuilder
+from twin.world.street.build import World
 
 MOVING = Lidar(noise=False)
 DESKEWED = Lidar(noise=False, deskew=True)
@@ -194,7 +194,7 @@ def test_points_go_into_the_given_buffer():
 
 
 def _mount():
-    from schemas.lidar import LidarMount
+    from schemas.sections.lidar import LidarMount
 
     return LidarMount([1.5, 0.0, 1.9], profile="spinning_16")
 

@@ -9,14 +9,14 @@ import post_references as reference
 import pytest
 import warp as wp
 
-from schemas.lens import EFFECTS, Lens
+from schemas.sections.lens import EFFECTS, Lens
 from twin.bench.post import measure
-from twin.render import post_bloom
-from twin.render.light import SlotLight
-from twin.render.post import PostEffects, bytes_needed, effective
-from twin.render.post_film import falloff
-from twin.render.post_focus import FocusBlur, focus_of
-from twin.render.post_motion import MotionBlur
+from twin.render.light.light import SlotLight
+from twin.render.post import bloom as post_bloom
+from twin.render.post.chain import PostEffects, bytes_needed, effective
+from twin.render.post.film import falloff
+from twin.render.post.focus import FocusBlur, focus_of
+from twin.render.post.motion import MotionBlur
 from twin.render.tone import tone_table
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.mirror import Mirror

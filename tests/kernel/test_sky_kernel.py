@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from twin.render.light import SlotLight, advance_light, begin_sky, fill_light, fill_sky
-from twin.render.precipitation import cover
-from twin.render.sky import SKY_COLUMNS, SKY_ROWS, sky, smooth_sky, sun_through_clouds
-from twin.world import sky_table
+from twin.render.light.light import SlotLight, advance_light, begin_sky, fill_light, fill_sky
+from twin.render.light.precipitation import cover
+from twin.render.light.sky import SKY_COLUMNS, SKY_ROWS, sky, smooth_sky, sun_through_clouds
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.mirror import Mirror
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.sky import sky_table
+from twin.world.sky.sun import daylight
+from twin.world.sky.weather import WEATHER
 
 prepare_kernels()
 wp.set_module_options({"enable_backward": False})

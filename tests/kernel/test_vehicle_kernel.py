@@ -17,7 +17,7 @@ from twin.vehicle.state import COLUMN, columns
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street.build import build_world
 
 prepare_kernels()
 CPU = wp.get_device("cpu")

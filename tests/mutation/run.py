@@ -100,7 +100,7 @@ class Mutants:
         """Make all of them, without running any but the first one; their names."""
         # There is no command that only makes them.
         self.mutmut(
-            "run", "--max-children", str(self._jobs), "conductor.lease.x_token_of__mutmut_1"
+            "run", "--max-children", str(self._jobs), "conductor.core.lease.x_token_of__mutmut_1"
         )
         return sorted(self.results())
 
@@ -130,7 +130,7 @@ class Mutants:
 
 
 def function_of(name: str) -> str:
-    """``conductor.fold.x__late__mutmut_3`` -> ``conductor.fold._late``."""
+    """``conductor.core.fold.x__late__mutmut_3`` -> ``conductor.core.fold._late``."""
     module, _, last = name.rpartition("__mutmut_")[0].rpartition(".")
     parts = last.removeprefix("x").split("ǁ")  # methods: xǁClassǁmethod
     inner = last[2:] if len(parts) == 1 else ".".join(part for part in parts if part)

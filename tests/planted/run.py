@@ -27,7 +27,7 @@ from planting import Planted, PlantingError, load_catalogue, planted_source
 from rich.console import Console
 from rich.table import Table
 
-from twin.fabric.progress import progress
+from twin.base.progress import progress
 
 NAMED_S = 300
 """Longest run of a named test; one that hangs with the bug planted has noticed it [s]."""

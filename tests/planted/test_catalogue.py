@@ -46,11 +46,11 @@ def test_the_whole_run_stays_below_an_hour() -> None:
     ("symbol", "old", "new", "said"),
     [
         ("conductor.nowhere:x", "a", "b", "no such file"),
-        ("conductor.lease:nothing", "a", "b", "no symbol"),
-        ("conductor.lease:expired", "lease", "leases", "occurs 6 times"),
-        ("conductor.lease:expired", "no such text", "b", "occurs 0 times"),
-        ("conductor.lease:expired", "return []", "return [", "does not compile"),
-        ("conductor.lease:expired", "return []", "return [ ]", "changes no code"),
+        ("conductor.core.lease:nothing", "a", "b", "no symbol"),
+        ("conductor.core.lease:expired", "lease", "leases", "occurs 6 times"),
+        ("conductor.core.lease:expired", "no such text", "b", "occurs 0 times"),
+        ("conductor.core.lease:expired", "return []", "return [", "does not compile"),
+        ("conductor.core.lease:expired", "return []", "return [ ]", "changes no code"),
     ],
 )
 def test_an_entry_that_does_not_fit_says_why(symbol: str, old: str, new: str, said: str) -> None:

@@ -22,14 +22,14 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-import conductor.core
-import conductor.settle
-from conductor.core import worker_lost
-from conductor.facts import CaseEnded, Committed, Retried
-from conductor.state import Config
+import conductor.core.decisions
+import conductor.core.settle
+from conductor.core.decisions import worker_lost
+from conductor.core.facts import CaseEnded, Committed, Retried
+from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Next, Reply, Sealed
-from schemas.wire import encode
+from schemas.wire.codec import encode
 from twin.fabric.session import seal
 
 CASES = 5
@@ -292,15 +292,17 @@ TestConductorMachine.settings = _SETTINGS
 
 
 def test_planted_tokens_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
-    commit = conductor.settle.commit
+    commit = conductor.core.settle.commit
     monkeypatch.setattr(
-        conductor.core, "commit", lambda turn, result, worker: commit(turn, result, worker) or True
+        conductor.core.decisions,
+        "commit",
+        lambda turn, result, worker: commit(turn, result, worker) or True,
     )
     _must_fail()
 
 
 def test_planted_leases_never_expire(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.core, "expire", lambda turn: None)
+    monkeypatch.setattr(conductor.core.decisions, "expire", lambda turn: None)
     _must_fail()
 
 

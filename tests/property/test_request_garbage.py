@@ -18,18 +18,18 @@ from conductor_bench import S, campaign, hello, next_of, result, secret, submit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from conductor.engine import Engine, Message
-from conductor.facts import Committed
-from conductor.fold import fold
-from conductor.folders import Folders
-from conductor.invariants import check
-from conductor.journal import Journal
-from conductor.session import folder_for
-from conductor.state import Config
+from conductor.core.facts import Committed
+from conductor.core.fold import fold
+from conductor.core.invariants import check
+from conductor.core.session import folder_for
+from conductor.core.state import Config
+from conductor.journal.store import Journal
+from conductor.serve.engine import Engine, Message
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.delivery import Delivery
 from schemas.messages import Reply
-from schemas.wire import WireError, decode, encode
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.delivery import Delivery
 
 WORKER = "w1"
 """The honest one."""

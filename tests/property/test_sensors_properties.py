@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sensor_rows import CPU, case, on_device, readings, resting
 
 from schemas.messages import GNSS_COLUMNS
-from schemas.sensors import Gnss, Imu
+from schemas.sections.sensors import Gnss, Imu
 from schemas.validation import convert_all
 from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver

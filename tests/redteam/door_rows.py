@@ -16,11 +16,11 @@ from attacks import Found, attack, refused_if
 from processes import keys_of
 from theatre import Theatre, ask
 
-from schemas import topics
+from schemas.wire import topics
 from twin.fabric.discovery import find_conductor
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 GARBAGE_PER_S = 15
@@ -201,9 +201,9 @@ def command_in_a_record(theatre: Theatre) -> Found:
 
     from schemas import SCHEMA_VERSION
     from schemas.campaign import examine
-    from schemas.drive_record import RecordHead, RecordSeen
-    from schemas.foreign import Foreign
-    from twin.fabric.drive_record import RecordWriter
+    from schemas.files.drive_record import RecordHead, RecordSeen
+    from schemas.sections.foreign import Foreign
+    from twin.records.drive_record import RecordWriter
 
     ran = theatre.folder / "ran"
     _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})

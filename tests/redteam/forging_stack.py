@@ -41,11 +41,11 @@ def forge(state: str, keys: str, campaign: str) -> list[Any]:
     """Commit `pass` for all tokens that may be out, and for all cases that are left."""
     from theatre import ask
 
-    from schemas import topics
+    from schemas.wire import topics
+    from twin.base.software import software_digest
     from twin.fabric.discovery import find_conductor
-    from twin.fabric.key_file import load_key
-    from twin.fabric.roles import Role
-    from twin.fabric.software import software_digest
+    from twin.fabric.keys.key_file import load_key
+    from twin.fabric.keys.roles import Role
     from twin.fabric.zenoh_bus import open_bus
 
     endpoint = find_conductor(Path(state)).endpoint

@@ -15,14 +15,15 @@ from processes import keys_of
 from strangers import SILENCE_S, Stranger, options_of
 from theatre import Theatre, ask, noop
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.delivery import extras_sha256, files_sha256
-from twin.fabric.authority import load_authority
+from schemas import SCHEMA_VERSION
+from schemas.wire import topics
+from schemas.wire.delivery import extras_sha256, files_sha256
+from twin.base.software import software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import find_conductor
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
-from twin.fabric.software import software_digest
+from twin.fabric.keys.authority import load_authority
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 PATIENCE_S = 20.0

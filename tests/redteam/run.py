@@ -26,7 +26,7 @@ from attacks import ATTACKS, ROWS, Attack, Found
 from table import put_into
 from theatre import Theatre
 
-from twin.fabric.progress import progress
+from twin.base.progress import progress
 
 
 def options() -> argparse.Namespace:

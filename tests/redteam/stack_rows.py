@@ -20,8 +20,8 @@ from processes import keys_of, outcomes
 from test_need_to_know_spy import SEED, read, spied
 from theatre import Theatre
 
-from hpc.container import COMMANDS
-from schemas.autonomy import Autonomy
+from hpc.software.container import COMMANDS
+from schemas.sections.autonomy import Autonomy
 
 HERE = Path(__file__).parent
 MODES = ("default", "strict")

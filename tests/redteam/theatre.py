@@ -15,11 +15,11 @@ import msgpack
 from processes import Marked, keys_of, wait_for
 
 from schemas import SCHEMA_VERSION
+from twin.base.errors import TwinError
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import TwinError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 NOBODY = 65534

@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from conductor_bench import S, campaign
 from conductor_swarm_worker import Worker
 
-from conductor.engine import Engine, Message
-from conductor.facts import (
+from conductor.core.facts import (
     AttemptEnded,
     CaseEnded,
     Committed,
@@ -33,14 +32,15 @@ from conductor.facts import (
     WorkerLeft,
     is_durable,
 )
-from conductor.fold import fold
-from conductor.grant import broken
-from conductor.invariants import check
-from conductor.journal import JournalError
-from conductor.state import Config
+from conductor.core.fold import fold
+from conductor.core.grant import broken
+from conductor.core.invariants import check
+from conductor.core.state import Config
+from conductor.journal.store import JournalError
+from conductor.serve.engine import Engine, Message
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Control, Reply, Submit
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 
 MS = 1_000_000
 """One millisecond [ns]."""

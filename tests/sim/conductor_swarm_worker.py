@@ -9,7 +9,7 @@ from conductor_bench import S, beat_of, hello, result, secret, shown
 
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Bye, Ended, Lease, Next, Reply, Result, Sealed
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 from twin.fabric.session import seal
 
 if TYPE_CHECKING:

@@ -13,18 +13,18 @@ from typing import Any
 import pytest
 from conductor_swarm import Swarm
 
-import conductor.control
-import conductor.core
-import conductor.fold
-import conductor.grant
-import conductor.settle
-from conductor.engine import Engine, Turn
-from conductor.facts import SHARED, Committed, Fact, Retried, Snapshot, WorkerLeft
-from conductor.journal import JournalError
-from conductor.lease import Policy
-from conductor.session import issued_to
-from conductor.state import CaseState, LiveLease, State, WorkerState
-from conductor.turn import Turn as CoreTurn
+import conductor.core.control
+import conductor.core.decisions
+import conductor.core.fold
+import conductor.core.grant
+import conductor.core.settle
+from conductor.core.facts import SHARED, Committed, Fact, Retried, Snapshot, WorkerLeft
+from conductor.core.lease import Policy
+from conductor.core.session import issued_to
+from conductor.core.state import CaseState, LiveLease, State, WorkerState
+from conductor.core.turn import Turn as CoreTurn
+from conductor.journal.store import JournalError
+from conductor.serve.engine import Engine, Turn
 from schemas.messages import Result
 
 SEEDS = int(os.environ.get("SWARM_SEEDS", "1000"))
@@ -83,7 +83,7 @@ def _caught() -> str:
 
 
 def test_planted_a_stale_token_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    commit = conductor.settle.commit
+    commit = conductor.core.settle.commit
 
     def forgiving(turn: CoreTurn, result: Result, worker: WorkerState) -> bool:
         case = turn.state.case((result.campaign, result.case))
@@ -94,62 +94,62 @@ def test_planted_a_stale_token_is_accepted(monkeypatch: pytest.MonkeyPatch) -> N
         return commit(turn, result, worker)
 
     def committed(state: Any, fact: Committed) -> None:
-        campaign, case = conductor.fold._find(state, fact.result.campaign, fact.result.case)
-        conductor.fold._end(state, campaign, case, fact)
+        campaign, case = conductor.core.fold._find(state, fact.result.campaign, fact.result.case)
+        conductor.core.fold._end(state, campaign, case, fact)
         campaign.durations.add(fact.result.wall_s)
 
-    monkeypatch.setattr(conductor.core, "commit", forgiving)
-    monkeypatch.setitem(conductor.fold._FOLDS, Committed, committed)
+    monkeypatch.setattr(conductor.core.decisions, "commit", forgiving)
+    monkeypatch.setitem(conductor.core.fold._FOLDS, Committed, committed)
     assert "committed with a dead token" in _caught()
 
 
 def test_planted_leases_never_expire(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.core, "expire", lambda turn: None)
+    monkeypatch.setattr(conductor.core.decisions, "expire", lambda turn: None)
     assert "never ended" in _caught()
 
 
 def test_planted_suspects_are_charged(monkeypatch: pytest.MonkeyPatch) -> None:
     charged = Policy(charged=True, alone=True)
-    monkeypatch.setitem(conductor.settle.POLICIES, "suspect", charged)
+    monkeypatch.setitem(conductor.core.settle.POLICIES, "suspect", charged)
     assert "a suspect is charged" in _caught()
 
 
 def test_planted_suspects_are_not_separated(monkeypatch: pytest.MonkeyPatch) -> None:
     def together(turn: CoreTurn, leases: Sequence[LiveLease], reason: Any, detail: str) -> None:
         for lease in leases:
-            conductor.settle._emit_end(turn, lease, reason, detail, SHARED)
+            conductor.core.settle._emit_end(turn, lease, reason, detail, SHARED)
 
-    monkeypatch.setattr(conductor.core, "end_suspects", together)
-    monkeypatch.setattr(conductor.settle, "end_suspects", together)
+    monkeypatch.setattr(conductor.core.decisions, "end_suspects", together)
+    monkeypatch.setattr(conductor.core.settle, "end_suspects", together)
     assert "never ended" in _caught()
 
 
 def test_planted_halves_share_a_rig_with_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    fill = conductor.grant._fill
+    fill = conductor.core.grant._fill
 
     def generous(asker: Any, ranked: Any, rig: str, group: int, count: int) -> list[CaseState]:
         cases = fill(asker, ranked, rig, group, count)
         return cases + fill(asker, ranked, rig, SHARED, count - len(cases)) if group else cases
 
-    monkeypatch.setattr(conductor.grant, "_fill", generous)
+    monkeypatch.setattr(conductor.core.grant, "_fill", generous)
     assert "mixes groups" in _caught()
 
 
 def test_planted_a_case_that_kills_workers_is_never_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.settle, "_judge_loss", lambda turn, lease: None)
+    monkeypatch.setattr(conductor.core.settle, "_judge_loss", lambda turn, lease: None)
     assert "never ended" in _caught()
 
 
 def test_planted_the_loser_of_a_race_stays_alive(monkeypatch: pytest.MonkeyPatch) -> None:
     def committed(state: Any, fact: Committed) -> None:
-        campaign, case = conductor.fold._find(state, fact.result.campaign, fact.result.case)
+        campaign, case = conductor.core.fold._find(state, fact.result.campaign, fact.result.case)
         others = tuple(token for token in case.live if token != fact.result.token)
         case.live = (fact.result.token,)
-        conductor.fold._end(state, campaign, case, fact)
+        conductor.core.fold._end(state, campaign, case, fact)
         case.live = others
         campaign.durations.add(fact.result.wall_s)
 
-    monkeypatch.setitem(conductor.fold._FOLDS, Committed, committed)
+    monkeypatch.setitem(conductor.core.fold._FOLDS, Committed, committed)
     found = _caught()
     assert "ended and leased" in found or "contradicted itself" in found
 
@@ -165,7 +165,7 @@ def test_planted_a_race_has_no_end_of_runners(monkeypatch: pytest.MonkeyPatch) -
             iter(cases), None
         )
 
-    monkeypatch.setattr(conductor.core, "straggler", anyone)
+    monkeypatch.setattr(conductor.core.decisions, "straggler", anyone)
     assert "the core contradicted itself" in _caught()
 
 
@@ -174,8 +174,8 @@ def test_planted_a_snapshot_forgets_what_changed(monkeypatch: pytest.MonkeyPatch
         images = take(state).images
         return Snapshot(images=[image for image in images if not image.key.startswith("2/")])
 
-    take = conductor.core.take
-    monkeypatch.setattr(conductor.core, "take", short)
+    take = conductor.core.decisions.take
+    monkeypatch.setattr(conductor.core.decisions, "take", short)
     assert _caught()  # by whatever finds the contradiction first
 
 
@@ -185,7 +185,7 @@ def test_planted_a_result_is_retried(monkeypatch: pytest.MonkeyPatch) -> None:
             turn.emit(Retried(campaign="alpha", case=case.case.id))
         return "", 1
 
-    monkeypatch.setattr(conductor.control, "_retry", retry)
+    monkeypatch.setattr(conductor.core.control, "_retry", retry)
     assert "the core contradicted itself" in _caught()
 
 
@@ -213,20 +213,20 @@ def test_planted_a_repeated_request_is_decided_again(monkeypatch: pytest.MonkeyP
         for worker in state.workers.values():
             worker.replied = None
 
-    apply = conductor.fold.apply
-    monkeypatch.setattr("conductor.turn.apply", forget)
+    apply = conductor.core.fold.apply
+    monkeypatch.setattr("conductor.core.turn.apply", forget)
     monkeypatch.setattr("conductor_swarm.Swarm._compare", lambda self: None)
     assert "two answers" in _caught()
 
 
 def test_planted_a_broken_host_is_never_forgiven(monkeypatch: pytest.MonkeyPatch) -> None:
     def strict(state: State, campaign: Any, worker: Any, now_ns: int) -> bool:
-        return conductor.grant.broken(state, worker.joined.host)
+        return conductor.core.grant.broken(state, worker.joined.host)
 
-    monkeypatch.setattr(conductor.grant, "shunned", strict)
+    monkeypatch.setattr(conductor.core.grant, "shunned", strict)
     # Deaths that a commit does not clear: sooner or later every host is broken.
-    monkeypatch.setattr(conductor.fold, "_host", lambda state, token: "everywhere")
-    monkeypatch.setattr(conductor.grant, "broken", lambda state, host: len(state.deaths) > 0)
+    monkeypatch.setattr(conductor.core.fold, "_host", lambda state, token: "everywhere")
+    monkeypatch.setattr(conductor.core.grant, "broken", lambda state, host: len(state.deaths) > 0)
     assert "never ended" in _caught()
 
 
@@ -236,5 +236,5 @@ def test_planted_a_worker_with_leases_is_forgotten(monkeypatch: pytest.MonkeyPat
             if turn.now_ns - worker.seen_ns >= turn.state.config.ttl_ns // 4:
                 turn.emit(WorkerLeft(worker=name))
 
-    monkeypatch.setattr(conductor.core, "_forget", hasty)
+    monkeypatch.setattr(conductor.core.decisions, "_forget", hasty)
     assert "contradict" in _caught()

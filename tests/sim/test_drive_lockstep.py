@@ -11,8 +11,9 @@ import pytest
 from schemas import SCHEMA_VERSION
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
-from schemas.wire import MESSAGE_BYTES_MAX, encode
-from twin.fabric import cuda
+from schemas.wire.codec import MESSAGE_BYTES_MAX, encode
+from twin.base.errors import InfrastructureError, RefusedError
+from twin.base.gpu import cuda
 from twin.fabric.drive import (
     WAITING_BYTES_MAX,
     WAITING_MAX,
@@ -20,7 +21,6 @@ from twin.fabric.drive import (
     SimulatorEnd,
     StackEnd,
 )
-from twin.fabric.errors import InfrastructureError, RefusedError
 from twin.fabric.frames import Channel, FrameBuffer
 from twin.fabric.memory_bus import Faults, Hub
 from twin.fabric.rig_folder import RigFolder, frames_socket

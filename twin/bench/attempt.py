@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.judging import JudgeRecord
-from schemas.scenario import Scenario
-from twin.fabric.kpi_file import kpi_table
+from schemas.files.judging import JudgeRecord
+from schemas.sections.scenario import Scenario
 from twin.kpi.judge import TableRows
 from twin.kpi.judge_record import course_of, lane_record, state_of
 from twin.kpi.verdict import judge, names, scalars
-from twin.world.lane import straight
+from twin.records.kpi_file import kpi_table
+from twin.road.lane import straight
 
 TICKS = 200
 """Rows: 10 s at 20 Hz."""

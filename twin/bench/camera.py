@@ -19,14 +19,14 @@ from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
 from twin.render.build import Tuning
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.trace.geometry import Geometry
 from twin.snapshot import usual_lights
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
-from twin.world.street import World, build_world
-from twin.world.sun import daylight
-from twin.world.weather import WEATHER
+from twin.world.sky.sun import daylight
+from twin.world.sky.weather import WEATHER
+from twin.world.street.build import World, build_world
 
 HOURS_MIN: tuple[int, ...] = (360, 480, 600, 720, 840, 960, 1080, 1200)
 """Times of day of the views, one after another [min]."""

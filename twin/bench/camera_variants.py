@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from twin.actors.motion import Still
 from twin.bench.camera import (
     CAMERA,
     HFOV_DEG,
@@ -21,12 +22,11 @@ from twin.bench.camera import (
 )
 from twin.bench.lambert import LambertCamera, Way
 from twin.render.build import CUDA, Build, Tuning, tuning_for
-from twin.render.bvh import Shape
 from twin.render.picture import PARTS
+from twin.render.trace.bvh import Shape
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.motion import Still
 from twin.world.scene import load_scene
-from twin.world.street import World, build_world
+from twin.world.street.build import World, build_world
 
 WAYS: dict[str, Way] = {
     "warp leaf 2": Way(traversal="warp", leaf=2, registers=0),

@@ -1,7 +1,7 @@
 """A whole campaign by `conductor run`, and where its wall time goes.
 
 The real processes run: conductor, worker, simulator, stack. Simulators keep a profile of their loop
-(:mod:`twin.worker.profile`) in a folder that the bench reads.
+(:mod:`twin.rig.profile`) in a folder that the bench reads.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from typing import Any
 import msgspec
 
 from schemas.words import counted
-from twin.fabric.errors import (
+from twin.base.errors import (
     EXIT_FAILED,
     EXIT_PASS,
     EXIT_USAGE,
     InfrastructureError,
     UsageError,
 )
-from twin.worker.profile import FOLDER_VARIABLE, QUARTERS, LoopProfile, Quarter
+from twin.rig.profile import FOLDER_VARIABLE, QUARTERS, LoopProfile, Quarter
 from twin.worker.resources_gpu import Gpu
 
 GPU_PERIOD_S = 0.2

@@ -11,10 +11,10 @@ from pathlib import Path
 import typer
 
 from schemas.words import counted
+from twin.base.errors import UsageError
+from twin.base.progress import progress
+from twin.base.software import device_class
 from twin.bench.campaign import Request, Row, as_json, lines, measure
-from twin.fabric.errors import UsageError
-from twin.fabric.progress import progress
-from twin.fabric.software import device_class
 
 SLOTS_MAX = 4096
 USUAL_SLOTS = (1, 8, 64, 256)

@@ -11,8 +11,8 @@ import typer
 
 from schemas.campaign import Camera
 from schemas.validation import convert_all
-from twin.fabric.cli import Output, OutputOption
-from twin.fabric.errors import UsageError
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import UsageError
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Measure how fast parts of the simulator are."

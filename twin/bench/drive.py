@@ -22,10 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.foreign import BRIDGES
-from schemas.lens import Lens
-from schemas.lidar import POINT_COLUMNS
+from schemas import SCHEMA_VERSION
 from schemas.messages import (
     ENCODER_COLUMNS,
     IMU_COLUMNS,
@@ -37,12 +34,16 @@ from schemas.messages import (
     LidarSite,
     Tick,
 )
-from schemas.perception import GroundTruthPerception
+from schemas.sections.foreign import BRIDGES
+from schemas.sections.lens import Lens
+from schemas.sections.lidar import POINT_COLUMNS
+from schemas.sections.perception import GroundTruthPerception
+from schemas.wire import topics
+from twin.base.errors import InfrastructureError
+from twin.base.process import end, how_it_ended, last_lines, spawn
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.errors import InfrastructureError
 from twin.fabric.frames import Channel, FrameBuffer, lay_out
-from twin.fabric.process import end, how_it_ended, last_lines, spawn
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
 

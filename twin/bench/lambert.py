@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.render import bvh, traverse
-from twin.render.geometry import Geometry, Scene, occluded, ray_functions, trace
-from twin.world.street import World
+from twin.render.trace import bvh, traverse
+from twin.render.trace.geometry import Geometry, Scene, occluded, ray_functions, trace
+from twin.world.street.build import World
 
 wp.set_module_options({"enable_backward": False})
 

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from schemas.lidar import Lidar, LidarMount, LidarProfile
+from schemas.sections.lidar import Lidar, LidarMount, LidarProfile
 from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
-from twin.render.geometry import Geometry
-from twin.sensors.lidar import LidarSensor, LidarWeather, load_lidar_profile
-from twin.sensors.lidar_packet import PACKET
+from twin.render.trace.geometry import Geometry
+from twin.sensors.lidar.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.lidar.packet import PACKET
 from twin.sensors.truth import TRUTH
 from twin.world.scene import Scene, load_scene
-from twin.world.street import World, build_world
+from twin.world.street.build import World, build_world
 
 TARGETS = {"cpu": 6e6, "cuda": 3e9}
 """Rays per second with everything, on one core and on one H200 at 256 slots."""

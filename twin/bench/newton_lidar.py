@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from twin.world.mesh import Mesh
+from twin.world.meshes.mesh import Mesh
 
 PEER = "newton"
 MISS = -1.0

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.world.mesh import Mesh
+from twin.world.meshes.mesh import Mesh
 
 PEER = "newton"
 """Name of the package."""

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from schemas.lens import EFFECTS, Lens
-from twin.render.light import SlotLight
-from twin.render.post import PostEffects, bytes_needed
+from schemas.sections.lens import EFFECTS, Lens
+from twin.render.light.light import SlotLight
+from twin.render.post.chain import PostEffects, bytes_needed
 from twin.render.tone import tone_table
 from twin.world.mirror import Mirror
 

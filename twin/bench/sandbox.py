@@ -15,13 +15,13 @@ from pathlib import Path
 
 import psutil
 
-from schemas.yaml_file import load_yaml
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.sandbox.possible import why_not
-from twin.fabric.sandbox.reads import python_reads
-from twin.fabric.sandbox.start import Sandboxed
-from twin.fabric.sandbox.view import View
-from twin.fabric.software import package_folder
+from schemas.files.yaml_file import load_yaml
+from twin.base.errors import InfrastructureError
+from twin.base.software import package_folder
+from twin.sandbox.possible import why_not
+from twin.sandbox.reads import python_reads
+from twin.sandbox.start import Sandboxed
+from twin.sandbox.view import View
 
 START_MS_MAX = 50.0
 """Target: what a sandbox may add to the start of a rig [ms]."""

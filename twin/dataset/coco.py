@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 
 from schemas.messages import OBJECT_CLASSES
-from twin.dataset.cameras import Eye
-from twin.dataset.cast import Street
+from twin.base.files import write_atomic
 from twin.dataset.folder import Folder
+from twin.dataset.images.cameras import Eye
+from twin.dataset.images.cast import Street
+from twin.dataset.images.studio import Taken
 from twin.dataset.labels import CATEGORIES
 from twin.dataset.recipe import Recipe
-from twin.dataset.studio import Taken
-from twin.fabric.files import write_atomic
 
 
 def part_of(taken: Taken, recipe: Recipe, street: Street, eye: Eye) -> dict[str, Any]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.base.errors import UsageError
+from twin.base.progress import progress
+from twin.dataset.crew.making import make_dataset
 from twin.dataset.folder import Folder
-from twin.dataset.making import make_dataset
 from twin.dataset.recipe import SPLITS, Recipe, parse_recipe
 from twin.dataset.sheet import check_sheet, write_sheet
 from twin.dataset.tally import print_tally, tally
-from twin.fabric.errors import UsageError
-from twin.fabric.progress import progress
 
 _GPU_JOBS = 4
 _BATCH = {True: (1 << 20, 16), False: (1 << 24, 64)}

@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import yaml
 
-from schemas.json_text import JsonError, decode_json
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.yaml_file import load_yaml
+from schemas.files.json_text import JsonError, decode_json
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.files.yaml_file import load_yaml
+from twin.base.errors import InfrastructureError, UsageError
+from twin.base.files import sync_files, write_atomic
+from twin.base.folder_lock import after_all_writers, one_of_the_writers
 from twin.dataset.recipe import Recipe, parse_recipe
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.files import sync_files, write_atomic
-from twin.fabric.folder_lock import after_all_writers, one_of_the_writers
 
 HEAD = "dataset.yaml"
 _PARTS = ".parts"
@@ -28,7 +28,7 @@ class Maker:
     """Who made a dataset; both decide its bytes."""
 
     software: str
-    """:func:`twin.fabric.software.software_digest`."""
+    """:func:`twin.base.software.software_digest`."""
     device_class: str
 
 

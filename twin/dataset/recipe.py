@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, field
 
 from schemas.validation import convert_all
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 SPLITS = ("train", "held_out", "other_scene")
 """In the order in which images are numbered."""

@@ -9,11 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from twin.base.errors import UsageError
+from twin.base.files import write_atomic
+from twin.base.picture_file import read_picture
 from twin.dataset.chance import generator
-from twin.fabric.errors import UsageError
-from twin.fabric.files import write_atomic
-from twin.fabric.picture_file import read_picture
 
 _COLORS = {
     "car": (80, 220, 80),

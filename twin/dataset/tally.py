@@ -12,9 +12,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.messages import OBJECT_CLASSES
 from schemas.names import WEATHERS
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
 
 HEIGHTS_PX = (8, 16, 32, 64)
 """Limits between groups of box heights [px]."""

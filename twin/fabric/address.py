@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import socket
 
+from twin.base.errors import UsageError
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.errors import UsageError
 
 IN_USE = (
     "address already in use; stop the program that listens there or choose another port with "

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.json_text import JsonError, decode_json
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.files.json_text import JsonError, decode_json
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from twin.base.errors import UnreachableError, UsageError
+from twin.base.own_folder import VARIABLE
 from twin.fabric.endpoint import is_tls
-from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import Key, UnfitKeyError, load_key
-from twin.fabric.own_folder import VARIABLE, fabric_folder
-from twin.fabric.roles import Role
+from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.keys.own_keys import fabric_folder
+from twin.fabric.keys.roles import Role
 
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""

@@ -20,17 +20,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas import DRIVE_MINOR, SCHEMA_VERSION, topics
+from schemas import DRIVE_MINOR, SCHEMA_VERSION
 from schemas.messages import Commands, Episode, Frame, Ready, Tick
-from schemas.wire import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire import topics
+from schemas.wire.codec import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
+from twin.base.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.endpoint import is_socket
-from twin.fabric.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
 from twin.fabric.link import LinkWatch, ReadingWatch
 
 if TYPE_CHECKING:
-    from twin.fabric.cuda import DeviceFrame, DeviceMemory, SharedProbe
+    from twin.base.gpu.cuda import DeviceFrame, DeviceMemory, SharedProbe
 
 READY_PERIOD_S = 0.05
 """Each side repeats ``ready`` this often until answered [s]."""
@@ -508,7 +509,7 @@ class StackEnd:
         if offer.frames and self._map is None:
             self._map = open_frames(offer.frames, offer.frames_bytes, offer.nonce)
         if offer.gpu and self.takes_device_frames and not self._gpu:
-            from twin.fabric import cuda
+            from twin.base.gpu import cuda
 
             if cuda.proves(offer.gpu_handle, offer.gpu_nonce, offer.gpu):
                 self._gpu = offer.gpu
@@ -530,7 +531,7 @@ class StackEnd:
             raise WireError("frame lies in a GPU's memory that this side did not open")
         memory = self._opened.get(frame.handle)
         if memory is None:
-            from twin.fabric import cuda
+            from twin.base.gpu import cuda
 
             if len(self._opened) >= DEVICES_MAX:
                 raise WireError(f"more than {DEVICES_MAX} arrays in GPU memory")

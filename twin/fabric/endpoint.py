@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 PROTOCOLS = ("tcp", "tls")
 """``tcp`` is plain, see :func:`allow_plain` and :func:`demand_keys`; ``tls`` needs a key."""

@@ -13,10 +13,10 @@ import ssl
 from collections.abc import Iterator
 from typing import Any
 
+from twin.base.errors import UnreachableError
 from twin.fabric.endpoint import check_protected, host_and_port, is_tls
-from twin.fabric.errors import UnreachableError
-from twin.fabric.key_file import Key, UnfitKeyError
-from twin.fabric.roles import Role, rig_of, split_name
+from twin.fabric.keys.key_file import Key, UnfitKeyError
+from twin.fabric.keys.roles import Role, rig_of, split_name
 
 _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 
-from twin.fabric.errors import UnfinishedError
+from twin.base.errors import UnfinishedError
 
 TURN_VARIABLE = "TWIN_BRIDGE_TURN"
 """Environment variable of a stack's host: the port whose turn its worker has taken for it."""

@@ -12,8 +12,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from twin.base.process import spawn
 from twin.fabric.endpoint import SOCKET
-from twin.fabric.process import spawn
 
 PATH_BYTES_MAX = 90
 """Longest path of a socket in it [bytes]; Zenoh puts a lock file of a longer name beside it."""

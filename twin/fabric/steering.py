@@ -12,8 +12,11 @@ import secrets
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.interventions import (
+from schemas import SCHEMA_VERSION
+from schemas.messages import Explain, Reply, StatusRequest
+from schemas.wire import topics
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.interventions import (
     Action,
     ControlReply,
     ControlRequest,
@@ -23,10 +26,8 @@ from schemas.interventions import (
     Together,
     parts_of,
 )
-from schemas.messages import Explain, Reply, StatusRequest
-from schemas.wire import WireError, decode, encode
+from twin.base.errors import InfrastructureError, UnreachableError, UsageError
 from twin.fabric.bus import Bus
-from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
 
 ANSWER_S = 5.0
 """How long a simulator may take to answer: until its next tick [s]."""

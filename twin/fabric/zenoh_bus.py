@@ -12,14 +12,14 @@ from typing import Any, Literal
 import psutil
 import zenoh
 
+from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.endpoint import SOCKET, check_protected, is_socket, is_tls
-from twin.fabric.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import Key, WrongRoleError
-from twin.fabric.roles import Act, Role, access_control, may, refusal
+from twin.fabric.keys.key_file import Key, WrongRoleError
+from twin.fabric.keys.roles import Act, Role, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.kpi.recorder import CaseRows
-from twin.world.lane import LanePath
+from twin.road.lane import LanePath
 
 if TYPE_CHECKING:  # who judges what is written needs no world
     from twin.vehicle.vehicle_file import Vehicle
-    from twin.world.street import World
+    from twin.world.street.build import World
 
 _CORNERS = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
 _PLACED_ROWS = 2

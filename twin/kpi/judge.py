@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from schemas import SCHEMA_VERSION
-from schemas.judging import (
+from schemas.files.judging import (
     RECORD_BYTES_MAX,
     RECORD_FILE,
     Claim,
@@ -21,14 +21,14 @@ from schemas.judging import (
     JudgeRecord,
     attempt_digest,
 )
-from schemas.regular_file import read_regular
-from schemas.scenario import Scenario
+from schemas.files.regular_file import read_regular
+from schemas.sections.scenario import Scenario
 from schemas.words import plain
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.kpi_file import kpi_sha256, read_kpi
+from twin.base.errors import InfrastructureError
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import course_of, hit_of, state_of
 from twin.kpi.lane_progress import LaneProgress
+from twin.records.kpi_file import kpi_sha256, read_kpi
 
 LOG_BYTES_MAX = 1 << 30
 _NUMBER = re.compile(r"\d+\.\d+")

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.json_text import JsonError, decode_json
-from schemas.judging import CLAIMED, Claim, Judgement
+from schemas.files.json_text import JsonError, decode_json
+from schemas.files.judging import CLAIMED, Claim, Judgement
 from schemas.words import counted
+from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.discovery import OUTCOMES_NAME
-from twin.fabric.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
-from twin.fabric.scenarios import scenarios_in
 from twin.kpi.judge import examine
+from twin.records.scenarios import scenarios_in
 
 _PR_SET_NO_NEW_PRIVS = 38
 SHOWN_MAX = 50

@@ -6,10 +6,10 @@ import numpy as np
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
-from schemas.judging import HitRecord, JudgeRecord, LaneRecord
+from schemas.files.judging import HitRecord, JudgeRecord, LaneRecord
 from twin.kpi.course import Course
+from twin.road.lane import LanePath
 from twin.vehicle.columns import COLUMN, TELEMETRY
-from twin.world.lane import LanePath
 from twin.world.things import Thing
 
 

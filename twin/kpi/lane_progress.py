@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.world.lane import LanePath
+from twin.road.lane import LanePath
 
 
 class LaneProgress:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
+from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
 from schemas.messages import Command, Lights
 from twin.kpi.table import Detections, KpiColumn, KpiTable
 from twin.vehicle.columns import COLUMN

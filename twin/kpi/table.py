@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from schemas.kpi import DETECTION_FIELDS, KPI_COLUMNS
+from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Detections:
 
 @dataclass(frozen=True, slots=True)
 class KpiTable:
-    """Columns in the order of :data:`schemas.kpi.KPI_COLUMNS`; ``detections`` stands apart."""
+    """Columns in the order of :data:`schemas.files.kpi.KPI_COLUMNS`, without ``detections``."""
 
     rows: int
     columns: dict[str, KpiColumn]

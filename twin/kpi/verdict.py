@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.campaign import Scenario
-from schemas.kpi import SCALARS
+from schemas.files.kpi import SCALARS
 from twin.kpi.course import Course
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import CaseRows
@@ -74,7 +74,7 @@ def has_left(scenario: Scenario, lane: LaneProgress) -> bool:
 def scalars(
     recorder: CaseRows, state: np.ndarray, lane: LaneProgress | None, hit: Thing | None = None
 ) -> Scalars:
-    """Scalars of :data:`schemas.kpi.SCALARS` from the rows; None where missing."""
+    """Scalars of :data:`schemas.files.kpi.SCALARS` from the rows; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
     measured = bool(recorder.valid("dtc_m").all())
@@ -114,7 +114,7 @@ def scalars(
 
 
 def names(recorder: CaseRows, state: np.ndarray, hit: Thing | None) -> dict[str, str]:
-    """Scalars of :data:`schemas.kpi.NAMES`; a missing one is left out."""
+    """Scalars of :data:`schemas.files.kpi.NAMES`; a missing one is left out."""
     found = {}
     for name, column in (
         ("nearest_object", "nearest_m"),

@@ -8,27 +8,28 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
-from schemas.lens import CameraMount
-from schemas.lens_projection import vehicle_from_camera
-from twin.render import lamps, raster, rays, visibility
+from schemas.sections.lens import CameraMount
+from schemas.sections.lens_projection import vehicle_from_camera
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import Build, Tuning, tuning_for
-from twin.render.geometry import Geometry
-from twin.render.lamps import BEAMS_MAX, Beams
 from twin.render.lens import ray_table
-from twin.render.light import SlotLight
+from twin.render.light import lamps
+from twin.render.light.lamps import BEAMS_MAX, Beams
+from twin.render.light.light import SlotLight
+from twin.render.light.sky import SKY_COLUMNS, SKY_ROWS
+from twin.render.light.street_lamps import street_lamps
 from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted
 from twin.render.picture import picture_kernel
-from twin.render.post import PostEffects, needs_depth, needs_flow
-from twin.render.raster import raster_of
-from twin.render.rays import Optics, SlotPose
-from twin.render.sky import SKY_COLUMNS, SKY_ROWS
-from twin.render.street_lamps import street_lamps
+from twin.render.post.chain import PostEffects, needs_depth, needs_flow
 from twin.render.tone import tone_table
+from twin.render.trace import raster, rays, visibility
+from twin.render.trace.geometry import Geometry
+from twin.render.trace.raster import raster_of
+from twin.render.trace.rays import Optics, SlotPose
 from twin.world.mirror import Mirror
 from twin.world.scene import Furniture
-from twin.world.street import World
+from twin.world.street.build import World
 
 _FAR = np.iinfo(np.int32).max
 _POSE_COLUMNS = 3
@@ -37,8 +38,8 @@ _POSE_COLUMNS = 3
 class RayCamera:
     """One camera of all slots, with its lens, outputs and effects.
 
-    ``lights`` (host mirror of :class:`~twin.render.light.SlotLight` [S]) and ``sky_table`` are
-    written by the engine.
+    ``lights`` (host mirror of :class:`~twin.render.light.light.SlotLight` [S]) and ``sky_table``
+    are written by the engine.
     """
 
     def __init__(

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.lens import Lens
-from schemas.lens_curve import Intrinsics, check_lens, curve, intrinsics, radial
-from schemas.lens_projection import distorted, distortion
+from schemas.sections.lens import Lens
+from schemas.sections.lens_curve import Intrinsics, check_lens, curve, intrinsics, radial
+from schemas.sections.lens_projection import distorted, distortion
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ def ray_table(lens: Lens, width: int, height: int, hfov_deg: float) -> NDArray[n
     """Unit directions through the pixel centres, float32 [H, W, 3]; zero: the lens sees nothing.
 
     Raises:
-        ValueError: the lens does not fit the image (:func:`schemas.lens_curve.check_lens`).
+        ValueError: it does not fit the image (:func:`schemas.sections.lens_curve.check_lens`).
     """
     check_lens(lens, width, height, hfov_deg)
     inner = intrinsics(lens, width, height, hfov_deg)

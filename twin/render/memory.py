@@ -16,10 +16,10 @@ import warp as wp
 
 from schemas.campaign import Camera
 from twin.render.camera import wanted_of
-from twin.render.light import SlotLight
+from twin.render.light.light import SlotLight
 from twin.render.outputs import bytes_per_pixel
-from twin.render.post import bytes_needed
-from twin.render.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
+from twin.render.post.chain import bytes_needed
+from twin.render.trace.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
 
 SLOTS_MAX = 1_000_000
 """Largest number of slots that is looked for."""

@@ -10,16 +10,16 @@ from functools import cache
 
 import warp as wp
 
-from twin.render.air import through_air
 from twin.render.build import Build
-from twin.render.geometry import Scene, occluded, trace
-from twin.render.lamps import Beams, StreetLamps
-from twin.render.light import SlotLight
+from twin.render.light.air import through_air
+from twin.render.light.lamps import Beams, StreetLamps
+from twin.render.light.light import SlotLight
+from twin.render.light.sky import smooth_sky, sun_through_clouds
 from twin.render.noise import value_noise
-from twin.render.rays import Optics, SlotPose
 from twin.render.shading import PI_INVERSE, Place, fresnel_of, matt_light, place_of, surface_of
-from twin.render.sky import smooth_sky, sun_through_clouds
-from twin.render.visibility import MIRRORED, Seen, pixel_of
+from twin.render.trace.geometry import Scene, occluded, trace
+from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.visibility import MIRRORED, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,21 +6,21 @@ from functools import cache
 
 import warp as wp
 
-from twin.render.air import sky_path, through_air
 from twin.render.boxes import gather_box
 from twin.render.build import Build
-from twin.render.geometry import DECAL_TAG, Scene, turned
-from twin.render.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
-from twin.render.light import SlotLight
+from twin.render.light.air import sky_path, through_air
+from twin.render.light.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
+from twin.render.light.light import SlotLight
+from twin.render.light.precipitation import cover
+from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
 from twin.render.outputs import Buffers, Wanted
-from twin.render.precipitation import cover
-from twin.render.rays import Optics, SlotPose
 from twin.render.sensor_noise import sensor_noise
 from twin.render.shading import Place, fresnel_of, matt_light, place_of, surface_of
-from twin.render.sky import sky, smooth_sky, sun_through_clouds
 from twin.render.surface import Surface
 from twin.render.tone import tone
-from twin.render.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
+from twin.render.trace.geometry import DECAL_TAG, Scene, turned
+from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render import traverse
-from twin.render.geometry import Face, Scene, turned
-from twin.render.lamps import (
+from twin.render.light.lamps import (
     SODIUM,
     WARM_WHITE,
     Beams,
@@ -15,13 +13,15 @@ from twin.render.lamps import (
     street_lamp_lux,
     vehicles_lux,
 )
-from twin.render.light import SlotLight
-from twin.render.rays import Optics, SlotPose
+from twin.render.light.light import SlotLight
 from twin.render.surface import Surface, surface_at
 from twin.render.texture import texture_at
-from twin.render.visibility import LIT, OBJECT_MASK, Seen
-from twin.world import materials
-from twin.world.mesh import UV_METRES
+from twin.render.trace import traverse
+from twin.render.trace.geometry import Face, Scene, turned
+from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.visibility import LIT, OBJECT_MASK, Seen
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import UV_METRES
 
 _UV_METRES = wp.constant(UV_METRES)
 _FOLIAGE = wp.constant(materials.FOLIAGE)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.geometry import Face
-from twin.render.light import SlotLight
+from twin.render.light.light import SlotLight
 from twin.render.noise import lattice, value_noise
-from twin.world import materials
+from twin.render.trace.geometry import Face
+from twin.world.meshes import materials
 
 _PLAIN = wp.constant(materials.PLAIN)
 _ASPHALT = wp.constant(materials.ASPHALT)

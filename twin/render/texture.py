@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from twin.world.srgb import linear, srgb
+from twin.world.meshes.srgb import linear, srgb
 
 
 @wp.struct

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from twin.world.srgb import srgb
+from twin.world.meshes.srgb import srgb
 
 TABLE_LEN = 8192
 """Entries of the tone table."""

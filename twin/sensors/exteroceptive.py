@@ -12,24 +12,24 @@ import warp as wp
 
 from schemas.campaign import Camera, Case
 from schemas.identity import stream_key
-from schemas.lidar import lidar_columns
 from schemas.messages import CameraSite, LidarSite, Lights
+from schemas.sections.lidar import lidar_columns
+from twin.actors.motion import Placement
 from twin.fabric.frames import Channel
 from twin.render.camera import RayCamera
-from twin.render.geometry import Geometry
-from twin.render.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.memory import check_free, free_bytes
+from twin.render.trace.geometry import Geometry
 from twin.sensors.boxes import BoxSensor
 from twin.sensors.data import SensorData
-from twin.sensors.lidar import LidarSensor, LidarWeather, mounted_profile
+from twin.sensors.lidar.lidar import LidarSensor, LidarWeather, mounted_profile
 from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.mirror import Mirror
-from twin.world.motion import Placement
 from twin.world.scene import Scene
-from twin.world.street import World
-from twin.world.sun import Daylight
-from twin.world.weather import WeatherParameters
+from twin.world.sky.sun import Daylight
+from twin.world.sky.weather import WeatherParameters
+from twin.world.street.build import World
 
 HAZARD_PERIOD_NS = 666_000_000
 """Blink period of hazard lamps: 90 per minute (UN R48 asks for 60 to 120) [ns]."""

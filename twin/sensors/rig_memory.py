@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from schemas.campaign import Case
-from schemas.lidar import lidar_columns
+from schemas.sections.lidar import lidar_columns
 from twin.render.memory import LidarLoad, MemoryPlan, plan
-from twin.sensors.lidar import mounted_profile
+from twin.sensors.lidar.lidar import mounted_profile
 from twin.vehicle.vehicle_file import Vehicle
-from twin.world.street import World
+from twin.world.street.build import World
 
 
 def rig_memory(case: Case, vehicle: Vehicle, world: World, slots: int) -> MemoryPlan:

@@ -11,8 +11,8 @@ import msgspec
 import typer
 
 from schemas.campaign import Campaign, expand
-from twin.fabric.cli import Output, OutputOption
-from twin.fabric.errors import EXIT_PASS, EXIT_USAGE, UsageError
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
 
 app = typer.Typer(
     no_args_is_help=True,

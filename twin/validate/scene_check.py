@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import msgspec
 
-from schemas.objects import ObjectVariation
-from schemas.yaml_file import YamlError
-from twin.world.actors import script_of
-from twin.world.motion import Motion, Still
+from schemas.files.yaml_file import YamlError
+from schemas.sections.objects import ObjectVariation
+from twin.actors.motion import Motion, Still
+from twin.actors.objects import script_of
+from twin.actors.variations import Variations
 from twin.world.scene import Scene, load_scene
-from twin.world.standing import overlaps
-from twin.world.variations import Variations
+from twin.world.street.standing import overlaps
 
 
 class Variant(NamedTuple):

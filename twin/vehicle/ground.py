@@ -6,10 +6,10 @@ import numpy as np
 import warp as wp
 
 from schemas.messages import SEMANTIC_CLASSES
-from twin.world import materials
 from twin.world.content import DRIVABLE
-from twin.world.mesh import DECAL
-from twin.world.street import World
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import DECAL
+from twin.world.street.build import World
 
 _GRIP = {materials.PAVING: 0.9}
 """Friction of a surface over that of asphalt; wet paving stones are a little smoother [-]."""

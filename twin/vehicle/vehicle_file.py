@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
-from schemas.assets import is_path
-from schemas.lens import CameraMount
-from schemas.lidar import LidarMount
+from schemas.files.assets import is_path
 from schemas.names import Name
+from schemas.sections.lens import CameraMount
+from schemas.sections.lidar import LidarMount
 from schemas.validation import suggest
 from twin.world.scene import load_named, named_path
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.json_text import JsonError, decode_json
-from twin.fabric.files import write_atomic
-from twin.fabric.rig_keys import RigKeys
+from schemas.files.json_text import JsonError, decode_json
+from twin.base.files import write_atomic
+from twin.fabric.keys.rig_keys import RigKeys
 
 OWNER = ".owner"
 

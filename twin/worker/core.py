@@ -10,10 +10,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
-from schemas.bounds import SEALED_MAX
 from schemas.campaign import Case
 from schemas.identity import rig_key
-from schemas.interventions import JOURNAL_FILE
 from schemas.messages import (
     Beat,
     Bye,
@@ -29,6 +27,8 @@ from schemas.messages import (
     Touch,
     noop_result,
 )
+from schemas.wire.bounds import SEALED_MAX
+from schemas.wire.interventions import JOURNAL_FILE
 from schemas.words import agree, counted
 from twin.worker.spool import pack, unpack
 
@@ -39,7 +39,7 @@ IDLE_NS = SECOND_NS // 2
 """Wait before asking again when there was nothing to lease [ns]."""
 RESULTS_MAX = 512
 """Most results in one request: after a long silence they go in portions, see
-:data:`schemas.doors.WORKER_BYTES_MAX`."""
+:data:`schemas.wire.rpc_routes.WORKER_BYTES_MAX`."""
 BROKEN_PAUSE_MAX_NS = 10 * SECOND_NS
 """Longest pause after rigs that died one after the other [ns]."""
 GOODBYE_TRIES = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 
 def stay_on(text: str) -> None:

@@ -17,8 +17,12 @@ from pathlib import Path
 
 import msgspec
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.delivery import (
+from schemas import SCHEMA_VERSION
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.messages import Ended, Lease, Result
+from schemas.wire import topics
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.delivery import (
     EXTRAS,
     FILES_BYTES_MAX,
     AttemptFiles,
@@ -27,12 +31,9 @@ from schemas.delivery import (
     extras_sha256,
     files_sha256,
 )
-from schemas.messages import Ended, Lease, Result
-from schemas.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.wire import WireError, decode, encode
+from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
-from twin.fabric.errors import InfrastructureError
 
 PREFIX = "twin-attempts-"
 """Of the scratch folder's name, below ``TMPDIR``."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from twin.base.software import device_class
 from twin.fabric.frames import offer_frames, open_frames
 from twin.fabric.rig_folder import RigFolder, frames_socket
-from twin.fabric.software import device_class
 
 
 def explanation(device: str) -> list[str]:
@@ -17,7 +17,7 @@ def explanation(device: str) -> list[str]:
 
     prepare_kernels()  # before Warp
 
-    from twin.fabric import cuda
+    from twin.base.gpu import cuda
 
     kind = device_class(device)
     mapped = _can_map()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from schemas.campaign import Case
-from twin.fabric.memory_count import MemoryCount
+from twin.base.gpu.slot_count import MemoryCount
 
 GPU_SLOTS = 128
 """Slots of a worker on a GPU unless the user says otherwise, where they fit: with more it gets

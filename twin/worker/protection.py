@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from schemas.autonomy import SANDBOX, UNPROTECTED, open_by_nature
 from schemas.campaign import Case
-from schemas.foreign import Image
-from twin.fabric.gpu_start import PIPES_VARIABLE
-from twin.fabric.sandbox.possible import why_not
-from twin.fabric.sandbox.reads import python_reads, script_folder, stack_reads
-from twin.fabric.sandbox.view import View
+from schemas.sections.autonomy import SANDBOX, UNPROTECTED, open_by_nature
+from schemas.sections.foreign import Image
+from twin.base.gpu.first_use import PIPES_VARIABLE
+from twin.sandbox.possible import why_not
+from twin.sandbox.reads import python_reads, script_folder, stack_reads
+from twin.sandbox.view import View
 
 
 @dataclass(frozen=True, slots=True)

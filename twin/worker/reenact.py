@@ -12,15 +12,15 @@ from typing import Any
 
 from msgspec import structs
 
-from schemas.interventions import JournalEnd, JournalHead
 from schemas.messages import Lease, Result
-from schemas.view_mode import ViewMode
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
-from twin.fabric.software import device_class, software_digest
-from twin.worker.pipe import Broken, Built, Done, Listening, Progress
-from twin.worker.rig import RigDied, RigProcess
+from schemas.sections.view_mode import ViewMode
+from schemas.wire.interventions import JournalEnd, JournalHead
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
+from twin.base.software import device_class, software_digest
+from twin.rig.interventions.journal import read_journal
+from twin.rig.pipe import Broken, Built, Done, Listening, Progress
+from twin.worker.rig_process import RigDied, RigProcess
 from twin.worker.shell import WorkerOptions
-from twin.worker.steering_journal import read_journal
 
 
 def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> int:

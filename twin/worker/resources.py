@@ -1,4 +1,4 @@
-"""What a worker's processes, its node and its GPU use at this moment (see schemas.resources)."""
+"""What a worker's processes, its node and its GPU use now; see schemas.files.resources."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import psutil
 
-from schemas.resources import ProcessUse, Sample
+from schemas.files.resources import ProcessUse, Sample
 from twin.worker.resources_gpu import Gpu
 
 _ROLES = {

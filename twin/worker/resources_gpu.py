@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from twin.fabric.nvml import gpu_handle, library
+from twin.base.gpu.nvml import gpu_handle, library
 
 T = TypeVar("T")
 

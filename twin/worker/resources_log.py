@@ -13,9 +13,9 @@ from pathlib import Path
 
 import msgspec
 
+from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, PERIOD_S, Sample
 from schemas.messages import Lease
-from schemas.resources import PART_SUFFIX, PARTS_FOLDER, PERIOD_S, Sample
-from twin.fabric.errors import storage_error
+from twin.base.errors import storage_error
 from twin.worker.resources import Meter, Work
 
 PERIOD_NS = PERIOD_S * 1_000_000_000

@@ -6,7 +6,7 @@ import subprocess
 from dataclasses import dataclass
 from typing import IO
 
-from twin.fabric.process import end
+from twin.base.process import end
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,27 +19,23 @@ from typing import Any
 
 from msgspec import structs
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.doors import door
-from schemas.foreign import lacking_bridges
+from schemas import SCHEMA_VERSION
 from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result, Share
-from schemas.view import ViewMode
-from schemas.wire import WireError, decode, encode
+from schemas.sections.foreign import lacking_bridges
+from schemas.wire import topics
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.rpc_routes import door
+from schemas.wire.view import ViewMode
+from twin.base.errors import TwinError, UsageError, storage_error
+from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
-from twin.fabric.errors import TwinError, UsageError, storage_error
-from twin.fabric.key_file import Key
+from twin.fabric.keys.key_file import Key
 from twin.fabric.port_turn import await_turn, turn_at
 from twin.fabric.session import new_secret
-from twin.fabric.software import device_class, software_digest
 from twin.fabric.zenoh_bus import open_bus
-from twin.worker import core as decisions
-from twin.worker.ahead import Loading
-from twin.worker.announcement import sweep
-from twin.worker.attempt_log import failure, write_failure, write_log
-from twin.worker.delivery import Delivery
-from twin.worker.fitting import fitting
-from twin.worker.pipe import (
+from twin.rig.attempt_log import failure, write_failure, write_log
+from twin.rig.pipe import (
     Broken,
     Built,
     Done,
@@ -50,9 +46,14 @@ from twin.worker.pipe import (
     Steered,
     Touched,
 )
+from twin.worker import core as decisions
+from twin.worker.announcement import sweep
+from twin.worker.delivery import Delivery
+from twin.worker.fitting import fitting
+from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
-from twin.worker.rig import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
+from twin.worker.rig_process import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
 
 REQUEST_TIMEOUT_S = 3.0

@@ -13,7 +13,7 @@ import msgspec
 
 from schemas import SCHEMA_VERSION
 from schemas.messages import Hello, Result, Sealed
-from schemas.wire import WireError, decode, encode
+from schemas.wire.codec import WireError, decode, encode
 from twin.fabric.session import seal
 
 _DIGEST_BYTES = 32

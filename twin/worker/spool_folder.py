@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from twin.fabric.files import write_atomic
+from twin.base.files import write_atomic
 
 
 class SpoolFolder:

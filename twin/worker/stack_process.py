@@ -17,10 +17,10 @@ from typing import IO
 from msgspec import json
 
 from schemas.campaign import Case
-from twin.fabric.ahead import LATER
-from twin.fabric.process import spawn
-from twin.fabric.sandbox.start import Entering, spawn_inside
-from twin.fabric.sandbox.view import View, encode
+from twin.base.process import spawn
+from twin.base.worker_start import LATER
+from twin.sandbox.start import Entering, spawn_inside
+from twin.sandbox.view import View, encode
 from twin.worker.protection import protection
 from twin.worker.rig_child import RigChild
 

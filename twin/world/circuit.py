@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from twin.world.lane import LanePath, Piece, end_of, trace
+from twin.road.lane import LanePath, Piece, end_of, trace
 from twin.world.spec import Length, Spec
 
 SEGMENTS_MAX = 64

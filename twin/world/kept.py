@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 
 import warp as wp
 
-from twin.fabric.files import write_atomic
-from twin.fabric.software import software_digest
+from twin.base.files import write_atomic
+from twin.base.software import software_digest
 from twin.world.kernel_cache import kept_folder, prepare_kernels
 
 ENTRIES_MAX = 8

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.fabric import cuda
+from twin.base.gpu import cuda
 
 
 class Mirror:

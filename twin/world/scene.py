@@ -8,9 +8,10 @@ from typing import Annotated, Literal, TypeVar
 from msgspec import Meta, field
 from msgspec.structs import replace
 
-from schemas.assets import is_path
+from schemas.files.assets import is_path
+from schemas.files.yaml_file import load_yaml
 from schemas.validation import convert_all
-from schemas.yaml_file import load_yaml
+from twin.road.lane import LanePath, straight
 from twin.world.circuit import SEGMENTS_MAX, Segment, closed_lane
 from twin.world.content import (
     DRIVABLE,
@@ -20,7 +21,6 @@ from twin.world.content import (
     SceneObject,
     Terrain,
 )
-from twin.world.lane import LanePath, straight
 from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"

@@ -10,9 +10,9 @@ import urllib.request
 from dataclasses import dataclass
 from functools import cached_property
 
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.process import end, spawn
-from viewer import native
+from twin.base.errors import InfrastructureError
+from twin.base.process import end, spawn
+from viewer.playback import native
 
 NAMES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm"}
 """Files of the web viewer, and their types."""

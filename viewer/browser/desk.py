@@ -10,14 +10,14 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.interventions import Action
-from schemas.json_text import decode_json
+from schemas.files.json_text import decode_json
 from schemas.settings import Value, actions_of
+from schemas.wire.interventions import Action
+from twin.base.errors import TwinError, UsageError
 from twin.fabric.bus import Bus
-from twin.fabric.errors import TwinError, UsageError
 from twin.fabric.steering import Attempt, carry_out, running
 from twin.fabric.zenoh_bus import join
-from viewer.live import LiveOptions
+from viewer.live.command import LiveOptions
 
 CONNECT_S = 2.0
 """How long the conductor may take to open a session [s]."""

@@ -24,13 +24,13 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from schemas.regular_file import open_below
-from twin.fabric.errors import TwinError, UsageError
+from schemas.files.regular_file import open_below
+from twin.base.errors import TwinError, UsageError
 from twin.fabric.loopback import is_ours, is_own_name
 from viewer.browser.assets import Asset
 from viewer.browser.desk import Desk, refusal
-from viewer.catalogue import read_catalogue, read_row
-from viewer.folder import find_recording
+from viewer.playback.catalogue import read_catalogue, read_row
+from viewer.playback.folder import find_recording
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from twin.fabric.errors import TwinError
-from twin.fabric.process import end, spawn
-from viewer import native
+from twin.base.errors import TwinError
+from twin.base.process import end, spawn
 from viewer.browser.assets import web_viewer
 from viewer.browser.desk import Desk
 from viewer.browser.front import Front, Site
-from viewer.folder import Moment
-from viewer.live import LiveOptions
+from viewer.live.command import LiveOptions
+from viewer.playback import native
+from viewer.playback.folder import Moment
 
 LAPTOP_PORT = 9300
 """Port of the laptop's end of a tunnel in the lines we print."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started
 
-from conductor import fold as folding
-from conductor.facts import CaseEnded, Committed, LateAttempt
-from conductor.fold import fold
-from conductor.outcomes import outcomes_of
-from conductor.snapshot import take
-from conductor.state import CaseState
+from conductor.core import fold as folding
+from conductor.core.facts import CaseEnded, Committed, LateAttempt
+from conductor.core.fold import fold
+from conductor.core.snapshot import take
+from conductor.core.state import CaseState
+from conductor.records.outcomes import outcomes_of
 from schemas.messages import Lease
 
 LIMIT = 4

@@ -19,7 +19,7 @@ from conductor_bench import (
     submit,
 )
 
-from conductor.facts import (
+from conductor.core.facts import (
     AttemptEnded,
     CaseEnded,
     Committed,
@@ -28,13 +28,13 @@ from conductor.facts import (
     WorkerJoined,
     WorkerLeft,
 )
-from conductor.fold import fold
-from conductor.session import folder_for
-from conductor.snapshot import restore, take
-from conductor.state import Issued, State
-from schemas.delivery import AttemptFiles, SeenFolder
+from conductor.core.fold import fold
+from conductor.core.session import folder_for
+from conductor.core.snapshot import restore, take
+from conductor.core.state import Issued, State
 from schemas.messages import Beat, Bye, Hello, Lease, Next, Request, Result, Sealed
-from schemas.wire import encode
+from schemas.wire.codec import encode
+from schemas.wire.delivery import AttemptFiles, SeenFolder
 from twin.fabric.session import (
     SECRET_BYTES,
     hash_of,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from conductor_bench import Bench, ended, hello, result, started, submit
 
-from conductor.core import worker_lost
-from conductor.facts import (
+from conductor.core.decisions import worker_lost
+from conductor.core.facts import (
     AttemptEnded,
     CaseEnded,
     EpochRaised,
@@ -16,9 +16,9 @@ from conductor.facts import (
     Paused,
     Submitted,
 )
-from conductor.fold import apply
-from conductor.settle import LOSSES_ANYWAY
-from conductor.state import Config
+from conductor.core.fold import apply
+from conductor.core.settle import LOSSES_ANYWAY
+from conductor.core.state import Config
 
 
 @pytest.mark.parametrize(("silent_ns", "storm"), [(0, False), (1, True)])

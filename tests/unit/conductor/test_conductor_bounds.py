@@ -12,22 +12,22 @@ import msgspec
 import pytest
 from conductor_bench import CONFIG, S, campaign, hello, result, shown, submit
 
-import conductor.admit
-import conductor.engine
+import conductor.core.admit
+import conductor.serve.engine
 import schemas.campaign
-from conductor.admit import CASES_HELD_MAX, OUT_CHARS_MAX, PART_BYTES_MAX, admit
-from conductor.engine import Engine, Message
-from conductor.facts import Replied, WorkerLeft
-from conductor.fold import apply
-from conductor.folders import Folders
-from conductor.journal import Journal
-from conductor.state import Config, State
+from conductor.core.admit import CASES_HELD_MAX, OUT_CHARS_MAX, PART_BYTES_MAX, admit
+from conductor.core.facts import Replied, WorkerLeft
+from conductor.core.fold import apply
+from conductor.core.state import Config, State
+from conductor.journal.store import Journal
+from conductor.serve.engine import Engine, Message
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.bounds import COUNT_MAX, ENTRIES_MAX, INT64_MAX, TICKS_MAX
 from schemas.campaign import CASES_MAX, parse_cases
 from schemas.messages import Next, Reply, Request, Submit
 from schemas.validation import MISTAKES_MAX
-from schemas.wire import WireError, decode, encode
+from schemas.wire.bounds import COUNT_MAX, ENTRIES_MAX, INT64_MAX, TICKS_MAX
+from schemas.wire.codec import WireError, decode, encode
 
 TOKEN_MAX = 10**18 - 1
 RESULT = {"campaign": "c", "case": "a", "token": 1, "outcome": "verdict", "verdict": "pass"}
@@ -188,7 +188,7 @@ def test_a_mistake_of_ours_before_anything_changed_costs_no_reading(
     def mistaken(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(conductor.engine, "decide", mistaken)
+    monkeypatch.setattr(conductor.serve.engine, "decide", mistaken)
     state = engine.state
     with caplog.at_level(logging.CRITICAL):
         first, second = _ask(engine, hello("w2"), hello("w3"))
@@ -228,7 +228,7 @@ def test_too_many_cases_are_refused_before_they_are_expanded(
     def expanded(*_: object) -> None:
         raise AssertionError("it takes 4 s for a hundred thousand cases")
 
-    monkeypatch.setattr(conductor.admit, "parse_cases", expanded)
+    monkeypatch.setattr(conductor.core.admit, "parse_cases", expanded)
     fact, (error,) = admit(_full(), Submit(V, {"campaign": "c", **given}))
     assert fact is None
     assert f"{count} more given, at most {CASES_HELD_MAX}" in error

@@ -11,11 +11,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from conductor.chain import Chain
-from conductor.facts import CaseEnded, Fact, Image, Replied, Snapshot, WorkerLeft
-from conductor.journal import Journal, JournalError, TakenOverError, read_journal
-from conductor.owner import FILE_NAME as OWNER_FILE
-from conductor.owner import Owner
+from conductor.core.facts import CaseEnded, Fact, Image, Replied, Snapshot, WorkerLeft
+from conductor.journal.chain import Chain
+from conductor.journal.owner import FILE_NAME as OWNER_FILE
+from conductor.journal.owner import Owner
+from conductor.journal.store import Journal, JournalError, TakenOverError, read_journal
 from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
 

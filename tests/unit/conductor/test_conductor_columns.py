@@ -7,9 +7,9 @@ import random
 import msgspec
 import pytest
 
-from conductor.backlog import LOOK_MAX, Backlog
-from conductor.case_table import CaseTable, pack, unpack
-from conductor.durations import BUCKET_MAX, Durations
+from conductor.core.backlog import LOOK_MAX, Backlog
+from conductor.core.case_table import CaseTable, pack, unpack
+from conductor.core.durations import BUCKET_MAX, Durations
 from schemas.campaign import Case, parse_cases
 
 

@@ -6,14 +6,14 @@ import msgspec
 import pytest
 from conductor_bench import Bench, campaign, ended, hello, result, started, submit
 
-from conductor.core import UNKNOWN_WORKER
-from conductor.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Leased, Pinned
-from conductor.state import Config
+from conductor.core.decisions import UNKNOWN_WORKER
+from conductor.core.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Leased, Pinned
+from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Next, Submit
-from schemas.realtime import Realtime
-from schemas.view_mode import ViewMode
-from schemas.wire import encode
+from schemas.sections.view_mode import ViewMode
+from schemas.wire.codec import encode
+from schemas.wire.realtime import Realtime
 
 
 def test_a_token_is_the_epoch_and_a_count() -> None:

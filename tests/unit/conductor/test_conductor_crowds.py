@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from conductor_bench import Bench, S, hello, result, started
 
-from conductor import core
-from conductor import fold as folding
-from conductor.facts import WorkerJoined, WorkerLeft
-from conductor.fold import fold
-from conductor.snapshot import take
+from conductor.core import decisions as core
+from conductor.core import fold as folding
+from conductor.core.facts import WorkerJoined, WorkerLeft
+from conductor.core.fold import fold
+from conductor.core.snapshot import take
 
 LIMIT = 5
 

@@ -5,9 +5,10 @@ import os
 import msgpack
 import pytest
 
-from conductor.deliveries import Deliveries
+from conductor.serve.deliveries import Deliveries
 from schemas import SCHEMA_VERSION as V
-from schemas.delivery import (
+from schemas.wire.codec import decode, encode
+from schemas.wire.delivery import (
     FILES_BYTES_MAX,
     AttemptFiles,
     Delivered,
@@ -15,7 +16,6 @@ from schemas.delivery import (
     extras_sha256,
     files_sha256,
 )
-from schemas.wire import decode, encode
 
 
 @pytest.fixture

@@ -9,14 +9,14 @@ import msgpack
 import pytest
 from conductor_bench import CONFIG, S, hello, result, shown, submit
 
-import conductor.engine
-from conductor.engine import Engine, Message
-from conductor.facts import Committed, Fact, Leased, is_durable
-from conductor.fold import fold
-from conductor.journal import JournalError
+import conductor.serve.engine
+from conductor.core.facts import Committed, Fact, Leased, is_durable
+from conductor.core.fold import fold
+from conductor.journal.store import JournalError
+from conductor.serve.engine import Engine, Message
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Beat, Next, Reply, Request, Stop
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 
 
 class Store:
@@ -142,7 +142,7 @@ def test_time_never_runs_backwards(engine: Engine) -> None:
 def test_a_mistake_of_ours_costs_one_request_only(
     engine: Engine, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    decide = conductor.engine.decide
+    decide = conductor.serve.engine.decide
 
     def mistaken(state: object, request: Request, now_ns: int) -> object:
         answer = decide(state, request, now_ns)  # type: ignore[arg-type]
@@ -150,7 +150,7 @@ def test_a_mistake_of_ours_costs_one_request_only(
             raise ZeroDivisionError
         return answer
 
-    monkeypatch.setattr(conductor.engine, "decide", mistaken)
+    monkeypatch.setattr(conductor.serve.engine, "decide", mistaken)
     with caplog.at_level(logging.CRITICAL):
         replies = ask(
             engine,
@@ -172,14 +172,14 @@ def test_a_group_that_is_decided_one_by_one_still_tells_all_its_facts(
     engine: Engine, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The timeline and the metrics are made from a turn's facts, not from the journal."""
-    decide = conductor.engine.decide
+    decide = conductor.serve.engine.decide
 
     def mistaken(state: object, request: Request, now_ns: int) -> object:
         if isinstance(request, Beat):
             raise ZeroDivisionError
         return decide(state, request, now_ns)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(conductor.engine, "decide", mistaken)
+    monkeypatch.setattr(conductor.serve.engine, "decide", mistaken)
     before = len(store.facts)
     asked = (hello("w2"), Beat(v=V, worker="w1", held={}), Next(v=V, worker="w2", seq=1, k=1))
     with caplog.at_level(logging.CRITICAL):

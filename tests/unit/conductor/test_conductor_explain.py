@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from conductor_bench import S, ended, hello, result, started
 
-from conductor.core import worker_lost
+from conductor.core.decisions import worker_lost
 from schemas import SCHEMA_VERSION
 from schemas.messages import StatusRequest
 

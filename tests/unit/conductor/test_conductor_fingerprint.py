@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from conductor.cli import app
-from conductor.fingerprint import Fingerprinter, fingerprint
-from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from schemas.kpi import KPI_COLUMNS
-from twin.fabric.errors import InfrastructureError, UnfinishedError, UsageError
-from twin.fabric.files import write_atomic
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, write_kpi
+from conductor.records.fingerprint import Fingerprinter, fingerprint
+from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from schemas.files.kpi import KPI_COLUMNS
+from twin.base.errors import InfrastructureError, UnfinishedError, UsageError
+from twin.base.files import write_atomic
+from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 _VALUES = {
     "bool": True,

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
-from conductor.facts import CaseEnded, WorkerLeft
-from conductor.folders import Folders
-from conductor.snapshot import take
+from conductor.core.facts import CaseEnded, WorkerLeft
+from conductor.core.snapshot import take
+from conductor.serve.folders import Folders
 
 
 @pytest.mark.parametrize(

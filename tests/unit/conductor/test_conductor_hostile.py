@@ -13,21 +13,21 @@ import msgpack
 import pytest
 from conductor_bench import Bench, ended, hello, result, submit
 
-from conductor.admit import CAMPAIGNS_MAX, admit
-from conductor.attempts import attempt_folder, leads_away
-from conductor.deliveries import Deliveries
-from conductor.folders import Folders
-from conductor.outcomes import CaseOutcome
-from conductor.report.recorded import _inside
-from conductor.state import CampaignState, Config, State
-from conductor.timeline import FILE_NAME, append_events, mark_start
+from conductor.core.admit import CAMPAIGNS_MAX, admit
+from conductor.core.state import CampaignState, Config, State
+from conductor.records.attempts import attempt_folder, leads_away
+from conductor.records.outcomes import CaseOutcome
+from conductor.records.timeline import FILE_NAME, append_events, mark_start
+from conductor.report.reading.recorded import _inside
+from conductor.serve.deliveries import Deliveries
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import ID_CHARS_MAX, parse_cases
-from schemas.delivery import AttemptFiles, files_sha256
+from schemas.files.yaml_file import YamlError, parse_yaml
 from schemas.messages import Next, Request, Result, Submit
-from schemas.wire import CONTAINERS_MAX, WireError, decode, encode
-from schemas.yaml_file import YamlError, parse_yaml
-from twin.fabric.errors import InfrastructureError
+from schemas.wire.codec import CONTAINERS_MAX, WireError, decode, encode
+from schemas.wire.delivery import AttemptFiles, files_sha256
+from twin.base.errors import InfrastructureError
 
 MEMORY_BYTES = 400 << 20
 """What a child may take above what Python and the libraries need themselves [bytes]."""
@@ -67,7 +67,7 @@ def test_messages_that_swell_are_refused_before_they_do() -> None:
     program = (
         "import msgpack\n"
         "from schemas.messages import Request\n"
-        "from schemas.wire import WireError, decode\n"
+        "from schemas.wire.codec import WireError, decode\n"
         "bomb = msgpack.packb({'v': 1, 'verb': 'submit', 'campaign': {}})[:-1]\n"
         "bomb += b'\\x81\\xa1a\\xdd' + (15_000_000).to_bytes(4, 'big') + b'\\x80' * 15_000_000\n"
         "try:\n"

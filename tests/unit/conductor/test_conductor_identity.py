@@ -6,15 +6,15 @@ from typing import Any
 
 from conductor_bench import CONFIG, Bench, ended, hello, result, started, submit
 
-from conductor.admit import admit
-from conductor.facts import CaseEnded, Relocated, Snapshot
-from conductor.fold import fold
-from conductor.snapshot import take
-from conductor.state import State
+from conductor.core.admit import admit
+from conductor.core.facts import CaseEnded, Relocated, Snapshot
+from conductor.core.fold import fold
+from conductor.core.snapshot import take
+from conductor.core.state import State
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key
 from schemas.messages import Reply
-from schemas.stack_identity import StackIdentity
+from schemas.sections.stack_identity import StackIdentity
 
 ONE = {"digest": "1" * 64, "parts": {"mine.py": "a" * 12, "near.py": "b" * 12}}
 TWO = {"digest": "2" * 64, "parts": {"mine.py": "a" * 12, "near.py": "c" * 12}}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from conductor.inbox import GROUP_MAX, Inbox
+from conductor.serve.inbox import GROUP_MAX, Inbox
 from schemas.messages import Reply
-from schemas.wire import MESSAGE_BYTES_MAX, decode
+from schemas.wire.codec import MESSAGE_BYTES_MAX, decode
 
 
 def filled(count: int, payload: bytes = b"x") -> tuple[Inbox, list[Reply]]:
@@ -23,7 +23,7 @@ def test_a_transaction_takes_so_many_messages_and_no_more() -> None:
 
 
 def test_what_was_taken_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conductor.inbox.WAITING_BYTES_MAX", 100)
+    monkeypatch.setattr("conductor.serve.inbox.WAITING_BYTES_MAX", 100)
     inbox, replies = filled(3, b"x" * 40)
     assert [reply.error for reply in replies] == ["busy: too many requests are waiting; retry"]
     assert replies[0].retry_after_s == 1.0

@@ -16,20 +16,20 @@ import msgspec
 import pytest
 from conductor_bench import Bench, hello, result, submit
 
-from conductor.core import start
-from conductor.facts import CaseEnded, Draining, EpochRaised, Fact, Seen
-from conductor.fold import fold
-from conductor.journal import FolderLockedError, Journal, JournalError, TakenOverError
-from conductor.owner import FILE_NAME as OWNER_FILE
-from conductor.owner import Owner
-from conductor.state import State
-from twin.fabric.errors import UsageError
+from conductor.core.decisions import start
+from conductor.core.facts import CaseEnded, Draining, EpochRaised, Fact, Seen
+from conductor.core.fold import fold
+from conductor.core.state import State
+from conductor.journal.owner import FILE_NAME as OWNER_FILE
+from conductor.journal.owner import Owner
+from conductor.journal.store import FolderLockedError, Journal, JournalError, TakenOverError
+from twin.base.errors import UsageError
 
 _APPENDER = """
 import sys
 from pathlib import Path
-from conductor.facts import CaseEnded
-from conductor.journal import Journal
+from conductor.core.facts import CaseEnded
+from conductor.journal.store import Journal
 
 journal = Journal(Path(sys.argv[1]))
 print("open", flush=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from conductor_bench import Bench, S, result, started
 
-from conductor.core import worker_lost
-from conductor.facts import AttemptEnded, Committed
-from conductor.fold import apply
-from conductor.lease import TOKENS_PER_EPOCH, next_expiry_ns, token_of
-from conductor.state import FAR_NS
+from conductor.core.decisions import worker_lost
+from conductor.core.facts import AttemptEnded, Committed
+from conductor.core.fold import apply
+from conductor.core.lease import TOKENS_PER_EPOCH, next_expiry_ns, token_of
+from conductor.core.state import FAR_NS
 
 
 def test_a_lease_that_expires_now_has_expired() -> None:

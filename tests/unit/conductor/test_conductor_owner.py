@@ -16,11 +16,11 @@ import msgspec
 import pytest
 from conductor_bench import CONFIG, S, hello, submit
 
-from conductor.engine import Engine, Message
-from conductor.facts import CaseEnded, Fact
-from conductor.journal import FolderLockedError, Journal, TakenOverError
-from conductor.owner import FILE_NAME, Owner, obstacle, this_process
-from schemas.wire import encode
+from conductor.core.facts import CaseEnded, Fact
+from conductor.journal.owner import FILE_NAME, Owner, obstacle, this_process
+from conductor.journal.store import FolderLockedError, Journal, TakenOverError
+from conductor.serve.engine import Engine, Message
+from schemas.wire.codec import encode
 
 HERE = Owner(id="a", host="here", pid=1)
 THERE = Owner(id="b", host="there", pid=2)
@@ -28,7 +28,7 @@ THERE = Owner(id="b", host="there", pid=2)
 
 @pytest.fixture(autouse=True)
 def _short_watch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conductor.owner.WATCH_S", 0.3)
+    monkeypatch.setattr("conductor.journal.owner.WATCH_S", 0.3)
 
 
 def _some(number: int) -> Fact:
@@ -144,7 +144,7 @@ def test_an_idle_ghost_notices_too(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ghost = Engine(_open(tmp_path, THERE), CONFIG, 0)
     _age(tmp_path, 46.0)
     successor = _open(tmp_path, HERE)
-    monkeypatch.setattr("conductor.owner.BEAT_S", 0.0)  # as long as that ago
+    monkeypatch.setattr("conductor.journal.owner.BEAT_S", 0.0)  # as long as that ago
     with pytest.raises(TakenOverError):
         ghost.tick(S)
     successor.close()
@@ -153,7 +153,7 @@ def test_an_idle_ghost_notices_too(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_the_heartbeat_is_renewed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = _open(tmp_path, HERE)
     _age(tmp_path, 100.0)
-    monkeypatch.setattr("conductor.owner.BEAT_S", 0.0)
+    monkeypatch.setattr("conductor.journal.owner.BEAT_S", 0.0)
     journal.append([])
     assert time.time() - (tmp_path / FILE_NAME).stat().st_mtime < 50
     journal.close()
@@ -163,8 +163,8 @@ def test_a_crash_on_the_same_host_is_no_obstacle(tmp_path: Path) -> None:
     program = (
         "import os, signal\n"
         "from pathlib import Path\n"
-        "from conductor.journal import Journal\n"
-        "from conductor.owner import Owner\n"
+        "from conductor.journal.store import Journal\n"
+        "from conductor.journal.owner import Owner\n"
         f"Journal(Path({str(tmp_path)!r}), owner=Owner('a', 'here', 1))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )

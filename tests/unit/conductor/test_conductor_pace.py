@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from conductor.durations import Durations
-from conductor.pace import WINDOW_S, Pace, shown_time
+from conductor.commands.pace import WINDOW_S, Pace, shown_time
+from conductor.core.durations import Durations
 
 
 def test_the_pace_is_that_of_the_last_minute() -> None:

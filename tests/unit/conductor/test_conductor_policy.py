@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
-from conductor.backlog import Backlog
-from conductor.facts import (
+from conductor.core.backlog import Backlog
+from conductor.core.facts import (
     CaseEnded,
     Committed,
     LateAttempt,
@@ -19,9 +19,9 @@ from conductor.facts import (
     Replied,
     WorkerDraining,
 )
-from conductor.grant import SPREAD_MAX, _preferred, _spread
-from conductor.lease import token_of
-from conductor.state import Config
+from conductor.core.grant import SPREAD_MAX, _preferred, _spread
+from conductor.core.lease import token_of
+from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Lease, Share, Submit
 
@@ -415,7 +415,7 @@ def test_a_case_that_was_paused_when_it_was_cancelled_waits_after_a_retry() -> N
 def test_the_cases_of_all_campaigns_count_against_the_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("conductor.admit.CASES_HELD_MAX", 6)
+    monkeypatch.setattr("conductor.core.admit.CASES_HELD_MAX", 6)
     bench = started(cases=4)
     assert not bench.ask(submit("beta", cases=2)).error
     error = bench.ask(submit("gamma", cases=1)).error

@@ -13,23 +13,23 @@ import pytest
 from conductor_bench import hello, next_of, result, submit
 from waiting import PATIENCE_S
 
-import conductor.folders
-import conductor.inbox
-import conductor.shell
-from conductor.outcomes import read_outcomes
-from conductor.report.leases import read_leases
-from conductor.shell import Conductor
-from conductor.state import Config
+import conductor.serve.folders
+import conductor.serve.inbox
+import conductor.serve.shell
+from conductor.core.state import Config
+from conductor.records.outcomes import read_outcomes
+from conductor.report.reading.leases import read_leases
+from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION as V
-from schemas import topics
 from schemas.campaign import Campaign
-from schemas.doors import door
+from schemas.files.yaml_file import load_yaml
 from schemas.messages import Reply, StatusRequest, Stop
-from schemas.wire import decode, encode
-from schemas.yaml_file import load_yaml
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.rpc_routes import door
+from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.discovery import find_conductor
-from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.memory_bus import Hub
 
 
@@ -90,8 +90,8 @@ def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> Non
 def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
     tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(conductor.folders, "REFRESH_S", 0.0)
-    monkeypatch.setattr(conductor.folders, "REFRESH_SHARE", 1.0)
+    monkeypatch.setattr(conductor.serve.folders, "REFRESH_S", 0.0)
+    monkeypatch.setattr(conductor.serve.folders, "REFRESH_SHARE", 1.0)
     with serving(tmp_path, hub) as served:
         served.request(submit())
         served.request(hello())
@@ -194,7 +194,7 @@ def test_outcomes_that_a_crash_lost_are_written_at_the_next_start(tmp_path: Path
 
 
 def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.shell, "LINGER_S", 0.0)
+    monkeypatch.setattr(conductor.serve.shell, "LINGER_S", 0.0)
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     thread = threading.Thread(target=served.serve)
     thread.start()
@@ -314,7 +314,7 @@ def test_too_many_requests_are_refused_at_once(
 ) -> None:
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     replies: list[bytes] = []
-    for _ in range(conductor.inbox.WAITING_MAX + 1):
+    for _ in range(conductor.serve.inbox.WAITING_MAX + 1):
         served._inbox.receive(b"", replies.append)
     assert len(replies) == 1
     assert "busy" in decode(replies[0], Reply).error

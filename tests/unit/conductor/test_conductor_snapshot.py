@@ -13,14 +13,14 @@ import msgspec
 import pytest
 from conductor_bench import Bench, ended, hello, next_of, result, started, submit
 
-from conductor.core import close, decide, start
-from conductor.facts import Fact, Image, Snapshot
-from conductor.fold import fold, revive
-from conductor.invariants import check
-from conductor.journal import Journal
-from conductor.outcomes import Outcomes, encode_campaign, encode_outcomes, outcomes_of
-from conductor.snapshot import take
-from conductor.state import IMAGE_CASES, Config, State
+from conductor.core.decisions import close, decide, start
+from conductor.core.facts import Fact, Image, Snapshot
+from conductor.core.fold import fold, revive
+from conductor.core.invariants import check
+from conductor.core.snapshot import take
+from conductor.core.state import IMAGE_CASES, Config, State
+from conductor.journal.store import Journal
+from conductor.records.outcomes import Outcomes, encode_campaign, encode_outcomes, outcomes_of
 
 DATA = Path(__file__).parent / "data"
 

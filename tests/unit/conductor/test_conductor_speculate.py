@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started
 
-from conductor.facts import CaseEnded, Committed, LateAttempt, Leased
+from conductor.core.facts import CaseEnded, Committed, LateAttempt, Leased
 from schemas.messages import Lease
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from conductor_bench import S, ended, result, started
 
-from conductor.facts import AttemptEnded, CaseEnded, Intervention, Snapshot
-from conductor.fold import fold
-from conductor.folders import Folders
-from conductor.outcomes import outcomes_of
-from conductor.settle import STEERED_MAX
-from conductor.snapshot import take
+from conductor.core.facts import AttemptEnded, CaseEnded, Intervention, Snapshot
+from conductor.core.fold import fold
+from conductor.core.settle import STEERED_MAX
+from conductor.core.snapshot import take
+from conductor.records.outcomes import outcomes_of
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION
 from schemas.messages import Beat, Touch
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
-from conductor.core import worker_lost
-from conductor.facts import AttemptEnded, CaseEnded, Committed
-from conductor.settle import LOSSES_ANYWAY
-from conductor.state import Config
+from conductor.core.decisions import worker_lost
+from conductor.core.facts import AttemptEnded, CaseEnded, Committed
+from conductor.core.settle import LOSSES_ANYWAY
+from conductor.core.state import Config
 from schemas.messages import Lease
 
 

@@ -11,20 +11,20 @@ import pytest
 from conductor_bench import Bench, hello, result, started, submit
 from prometheus_client.core import GaugeMetricFamily
 
-from conductor.core import close
-from conductor.explain import explain
-from conductor.fold import fold
-from conductor.invariants import check
-from conductor.journal import Journal
-from conductor.metrics import ConductorCollector
-from conductor.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
-from conductor.run import count_outcomes
-from conductor.state import Config
-from conductor.status import status
-from schemas.bounds import Token
+from conductor.core.decisions import close
+from conductor.core.explain import explain
+from conductor.core.fold import fold
+from conductor.core.invariants import check
+from conductor.core.state import Config
+from conductor.core.status import status
+from conductor.journal.store import Journal
+from conductor.records.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
+from conductor.run.command import count_outcomes
+from conductor.serve.metrics import ConductorCollector
 from schemas.messages import Result
 from schemas.verdict import is_pass, no_collision
-from schemas.view import CaseEnd, Thumbnail
+from schemas.wire.bounds import Token
+from schemas.wire.view import CaseEnd, Thumbnail
 
 DATA = Path(__file__).parent / "data"
 EVERY = ("pass", "collision", "false_braking", "time_up", "lane_departure")

@@ -1,7 +1,7 @@
 """Failures on the terminal: one group per reason, the last frames, and where the log is."""
 
-from conductor.failures import FRAME_LINES_MAX, GROUPS_MAX, told
-from conductor.outcomes import CaseOutcome, Outcomes
+from conductor.records.failures import FRAME_LINES_MAX, GROUPS_MAX, told
+from conductor.records.outcomes import CaseOutcome, Outcomes
 
 TRACEBACK = """printed before
 Traceback (most recent call last):

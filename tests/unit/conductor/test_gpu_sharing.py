@@ -1,4 +1,4 @@
-"""conductor.gpu_sharing: a service of the run's own, and its end. The real one needs a GPU
+"""conductor.run.gpu_sharing: a service of the run's own, and its end. The real one needs a GPU
 (``tests/device/campaign_check.py``); here a script with its name notes what it is told."""
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 from waiting import wait_for
 
-from conductor.gpu_sharing import LOGS_VARIABLE, PROGRAM, side_by_side
-from twin.fabric.gpu_start import PIPES_VARIABLE
+from conductor.run.gpu_sharing import LOGS_VARIABLE, PROGRAM, side_by_side
+from twin.base.gpu.first_use import PIPES_VARIABLE
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_processes_find_the_service_while_it_lasts(service, tmp_path, monkeypatc
 
 def test_it_ends_with_a_run_that_is_killed(service, tmp_path):
     code = (
-        "import time\nfrom conductor.gpu_sharing import side_by_side\n"
+        "import time\nfrom conductor.run.gpu_sharing import side_by_side\n"
         "with side_by_side('cuda:0'):\n    print('on', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as run:

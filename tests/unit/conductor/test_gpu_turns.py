@@ -1,4 +1,4 @@
-"""conductor.gpu_turns: who may begin to use a GPU, and that nobody waits for the dead."""
+"""conductor.run.gpu_turns: who may begin to use a GPU, and that nobody waits for the dead."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from functools import partial
 import pytest
 from waiting import wait_for
 
-from conductor.gpu_turns import TURNS, Queue, turns
-from twin.fabric.gpu_start import TURNS_VARIABLE, _turn
+from conductor.run.gpu_turns import TURNS, Queue, turns
+from twin.base.gpu.first_use import TURNS_VARIABLE, _turn
 
 
 class Guest:
@@ -115,7 +115,7 @@ def test_at_the_end_nobody_waits_any_more(guest):
 
 def test_a_killed_run_lets_everybody_go(guest):
     code = (
-        "import os, time\nfrom conductor.gpu_turns import turns\n"
+        "import os, time\nfrom conductor.run.gpu_turns import turns\n"
         f"with turns('cuda:0'):\n    print(os.environ['{TURNS_VARIABLE}'], flush=True)\n"
         "    time.sleep(600)\n"
     )

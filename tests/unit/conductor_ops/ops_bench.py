@@ -10,7 +10,7 @@ from typing import Any
 
 from waiting import PATIENCE_S
 
-from conductor.shell import Conductor
+from conductor.serve.shell import Conductor
 from twin.fabric.memory_bus import Hub
 
 

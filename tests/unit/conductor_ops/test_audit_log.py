@@ -13,19 +13,19 @@ from ops_bench import running_hub, serving
 from typer.testing import CliRunner
 from waiting import PATIENCE_S
 
-import conductor.audit
-from conductor.audit import ALL_LINES_MAX, FILE_NAME, LINES_MAX, OLD_NAME, PERIOD_S, Audit
+import conductor.serve.audit
 from conductor.cli import app
-from conductor.shell import SUBMISSIONS_PER_MINUTE
+from conductor.serve.audit import ALL_LINES_MAX, FILE_NAME, LINES_MAX, OLD_NAME, PERIOD_S, Audit
+from conductor.serve.shell import SUBMISSIONS_PER_MINUTE
 from schemas import SCHEMA_VERSION as V
-from schemas import topics
-from schemas.doors import WORDS_BYTES_MAX, door
 from schemas.messages import Control, Reply, Request, StatusRequest, Stop
-from schemas.wire import decode, encode
-from twin.fabric.authority import make_keys
-from twin.fabric.front import Event
-from twin.fabric.key_file import read_certificate
-from twin.fabric.revoked import read_revoked
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
+from twin.fabric.front.process import Event
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import read_certificate
+from twin.fabric.keys.revoked import read_revoked
 
 
 def lines(folder: Path, name: str = FILE_NAME) -> list[dict[str, Any]]:
@@ -97,7 +97,7 @@ def test_many_addresses_are_bounded_too(tmp_path: Path) -> None:
 
 
 def test_a_full_file_makes_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.audit, "FILE_BYTES_MAX", 300)
+    monkeypatch.setattr(conductor.serve.audit, "FILE_BYTES_MAX", 300)
     audit = Audit(tmp_path, Clock())
     for _ in range(10):
         audit.heard(Event("opened", "10.0.0.7", "worker", "a1"))
@@ -186,6 +186,6 @@ def test_what_is_no_key_of_the_fabric_is_not_withdrawn(tmp_path: Path) -> None:
 def test_how_many_sessions_were_cut_is_read_from_the_log(tmp_path: Path) -> None:
     audit = Audit(tmp_path)
     audit.heard(Event("cut", "", "worker", "a1", "withdrawn", 7))
-    wait = conductor.audit.await_cut(tmp_path, 0xA1)
+    wait = conductor.serve.audit.await_cut(tmp_path, 0xA1)
     threading.Timer(0.2, audit.heard, [Event("cut", "", "worker", "a1", "withdrawn", 3)]).start()
     assert wait() == 3, "not that of another time"

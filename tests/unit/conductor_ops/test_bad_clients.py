@@ -12,13 +12,13 @@ from conductor_bench import beat_of, hello, next_of, result, submit
 from ops_bench import running_hub, serving
 from waiting import PATIENCE_S
 
-import conductor.inbox
-from conductor.shell import Conductor
+import conductor.serve.inbox
+from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION as V
-from schemas import topics
-from schemas.doors import WORDS_BYTES_MAX, door
 from schemas.messages import Reply, Request, StatusRequest, Stop
-from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire import topics
+from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
 
 Ask = Callable[..., Reply]
 
@@ -111,7 +111,7 @@ def test_waiting_bytes_are_bounded(
     served: tuple[Conductor, Ask], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     conductor_, ask = served
-    monkeypatch.setattr(conductor.inbox, "WAITING_BYTES_MAX", 10)
+    monkeypatch.setattr(conductor.serve.inbox, "WAITING_BYTES_MAX", 10)
     reply = ask(encode(StatusRequest(v=V)))
     assert reply.error.startswith("busy")
     assert reply.retry_after_s == 1.0

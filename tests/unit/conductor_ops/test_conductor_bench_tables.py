@@ -12,9 +12,9 @@ from conductor.bench.compare import SCHEDULERS, TARGETS, Comparison
 from conductor.bench.own import Measured, check_disk, measure, noop_campaign
 from conductor.bench.peers import PACKAGES, missing
 from conductor.bench.scale import POINTS, Scale, large_campaign
-from conductor.judge_feed import Judged
+from conductor.trust.judge_feed import Judged
 from schemas.campaign import expand
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError
 
 
 def comparison(**rates: list[float]) -> Comparison:

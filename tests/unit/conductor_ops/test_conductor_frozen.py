@@ -8,12 +8,12 @@ import pytest
 from conductor_bench import CONFIG, S, hello, next_of, submit
 from ops_bench import running_hub, serving
 
-import conductor.shell
-from conductor.engine import Engine, Message
-from conductor.journal import Journal
-from conductor.state import Config
+import conductor.serve.shell
+from conductor.core.state import Config
+from conductor.journal.store import Journal
+from conductor.serve.engine import Engine, Message
 from schemas.messages import Reply
-from schemas.wire import decode, encode
+from schemas.wire.codec import decode, encode
 
 
 def test_leases_get_a_full_time_to_live_after_waking_up(tmp_path: Path) -> None:
@@ -35,8 +35,8 @@ def test_the_loop_notices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Every turn counts as frozen: leases never expire, and the log says why."""
-    monkeypatch.setattr(conductor.shell, "FROZEN_MIN_S", -1.0)
-    monkeypatch.setattr(conductor.shell, "IDLE_S", 0.01)
+    monkeypatch.setattr(conductor.serve.shell, "FROZEN_MIN_S", -1.0)
+    monkeypatch.setattr(conductor.serve.shell, "IDLE_S", 0.01)
     with running_hub() as hub, serving(tmp_path, hub, config=Config(ttl_ns=0)) as served:
         served.request(submit())
     assert "stood still for" in caplog.text

@@ -10,8 +10,8 @@ import pytest
 from conductor_bench import hello, next_of, result, submit
 from ops_bench import running_hub, serving
 
-from conductor.metrics import parse_address, serving_metrics
-from twin.fabric.errors import UsageError
+from conductor.serve.metrics import parse_address, serving_metrics
+from twin.base.errors import UsageError
 
 
 def scrape(url: str) -> dict[str, float]:

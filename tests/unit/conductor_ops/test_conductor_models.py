@@ -12,14 +12,14 @@ from msgspec import structs
 from tiny_networks import write_dark_spot_detector
 from waiting import PATIENCE_S
 
-from conductor import good_networks, models
-from conductor.good_networks import BYTES_MAX, KEPT_MAX, remember, remembered, unchanged
-from conductor.models import check_models, models_checked
-from conductor.source import load
-from schemas.assets import file_digest
+from conductor.run import good_networks, models
+from conductor.run.good_networks import BYTES_MAX, KEPT_MAX, remember, remembered, unchanged
+from conductor.run.models import check_models, models_checked
+from conductor.run.source import load
 from schemas.campaign import Campaign, parse_campaign
-from schemas.perception import NetworkPerception
-from twin.fabric.errors import InfrastructureError, UsageError
+from schemas.files.assets import file_digest
+from schemas.sections.perception import NetworkPerception
+from twin.base.errors import InfrastructureError, UsageError
 
 
 def campaign(perception: dict[str, dict[str, object]], used: list[str]) -> Campaign:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from conductor.places import (
+from conductor.run.places import (
     GPU_SLOTS_MAX,
     Asked,
     Place,
@@ -13,7 +13,7 @@ from conductor.places import (
     ranges,
 )
 from schemas.messages import Share
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 
 def test_what_the_option_says():

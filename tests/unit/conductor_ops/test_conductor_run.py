@@ -1,9 +1,9 @@
-"""conductor.run: what the command is made of."""
+"""conductor.run.command: what the command is made of."""
 
 from __future__ import annotations
 
-from conductor.places import Asked
-from conductor.run import RunOptions, local_workers, run_campaign
+from conductor.run.command import RunOptions, local_workers, run_campaign
+from conductor.run.places import Asked
 from schemas.campaign import parse_campaign
 
 

@@ -11,11 +11,11 @@ import pytest
 from ops_bench import found, row
 from rich.console import Console
 
-import conductor.watch
-from conductor.pace import WINDOW_S, Pace, shown_time
-from conductor.tables import alarms, running_table, status_view
-from conductor.watch import Watched, watch
-from twin.fabric.errors import InfrastructureError
+import conductor.commands.watch
+from conductor.commands.pace import WINDOW_S, Pace, shown_time
+from conductor.commands.tables import alarms, running_table, status_view
+from conductor.commands.watch import Watched, watch
+from twin.base.errors import InfrastructureError
 
 
 class Source:
@@ -37,8 +37,8 @@ class Source:
 
 @pytest.fixture(autouse=True)
 def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conductor.watch, "POLL_S", 0.0)
-    monkeypatch.setattr(conductor.watch, "HASTE_S", 0.0)
+    monkeypatch.setattr(conductor.commands.watch, "POLL_S", 0.0)
+    monkeypatch.setattr(conductor.commands.watch, "HASTE_S", 0.0)
 
 
 def text(renderable: object) -> str:

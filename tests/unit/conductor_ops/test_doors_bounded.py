@@ -10,13 +10,19 @@ from conductor_bench import hello
 from ops_bench import running_hub, serving
 from waiting import PATIENCE_S
 
-import schemas.doors
-from conductor.inbox import GROUP_MAX, OTHERS_WAITING_MAX, Inbox
+import schemas.wire.rpc_routes
+from conductor.serve.inbox import GROUP_MAX, OTHERS_WAITING_MAX, Inbox
 from schemas import SCHEMA_VERSION as V
-from schemas import topics
-from schemas.doors import DOORS, PEEK_BYTES, WORDS_BYTES_MAX, WORKER_BYTES_MAX, read_request
 from schemas.messages import Beat, Reply, StatusRequest
-from schemas.wire import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire import topics
+from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.rpc_routes import (
+    DOORS,
+    PEEK_BYTES,
+    WORDS_BYTES_MAX,
+    WORKER_BYTES_MAX,
+    read_request,
+)
 
 STATUS, WORKER, SUBMIT, ADMIN = (
     topic.key
@@ -61,7 +67,7 @@ def test_a_flood_of_giants_by_a_viewer_is_never_decoded(
         read.append(len(payload))
         return decode(payload, *rest)
 
-    monkeypatch.setattr(schemas.doors, "decode", counting)
+    monkeypatch.setattr(schemas.wire.rpc_routes, "decode", counting)
     giant = beat_of(MESSAGE_BYTES_MAX - 4096)
     with running_hub() as hub, serving(tmp_path / "state", hub) as conductor:
         viewer, worker = hub.open(), hub.open()
@@ -100,7 +106,7 @@ def test_what_belongs_elsewhere_is_known_by_its_name_alone(
     request = {"verb": "beat", "v": "no number", "worker": 7, "held": "x" * size}
     payload = msgpack.packb(request)
     if size > PEEK_BYTES:  # then nothing else looks at it
-        monkeypatch.setattr(schemas.doors, "decode", lambda *_: pytest.fail("decoded"))
+        monkeypatch.setattr(schemas.wire.rpc_routes, "decode", lambda *_: pytest.fail("decoded"))
     with pytest.raises(WireError, match=f"Beat came on {SUBMIT}; send it to {WORKER}"):
         read_request(payload, SUBMIT)
 

@@ -11,19 +11,20 @@ from pathlib import Path
 import psutil
 from waiting import wait_for
 
-from conductor.facts import WorkerJoined
-from conductor.journal import Journal
-from conductor.local_workers import LocalWorkers
-from conductor.places import Place
+from conductor.core.facts import WorkerJoined
+from conductor.journal.store import Journal
+from conductor.run.local_workers import LocalWorkers
+from conductor.run.places import Place
 from schemas.messages import Share
-from twin.fabric.gpu_start import PLACE_VARIABLE
+from twin.base.gpu.first_use import PLACE_VARIABLE
 
 SHARES = [Share(stretch, 2, 0, 1) for stretch in range(2)]
 
 RUN = """
 import sys
-from conductor import cli, run
-from conductor.places import Place
+from conductor.cli import app as cli
+from conductor.run import command as run
+from conductor.run.places import Place
 from schemas.messages import Share
 run._places = lambda options, left: [Place("cpu", (), Share(n, 2, 0, 1)) for n in range(2)]
 sys.exit(cli.main())

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from conductor.metrics import checked_address, serving_metrics
+from conductor.serve.metrics import checked_address, serving_metrics
+from twin.base.errors import UsageError
 from twin.fabric import endpoint
-from twin.fabric.errors import UsageError
 
 
 def ask(url: str, host: str) -> tuple[int, str]:

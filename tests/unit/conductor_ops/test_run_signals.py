@@ -1,4 +1,4 @@
-"""conductor.run: a signal that comes at any moment of a run stops it."""
+"""conductor.run.command: a signal that comes at any moment of a run stops it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import threading
 
 import pytest
 
-import conductor.run
-from conductor.places import Asked
-from conductor.run import RunOptions, local_workers, run_campaign
-from conductor.shell import Conductor
+import conductor.run.command
+from conductor.run.command import RunOptions, local_workers, run_campaign
+from conductor.run.places import Asked
+from conductor.serve.shell import Conductor
 from schemas.campaign import parse_campaign
 
 LINES_MAX = 500
@@ -29,7 +29,7 @@ class SignalAtLine:
     def __call__(self, frame, event, _argument):
         """For sys.settrace."""
         code = frame.f_code
-        if code.co_filename != conductor.run.__file__:
+        if code.co_filename != conductor.run.command.__file__:
             return None
         if event == "call" and code.co_name == "_execute":
             self.inside = True
@@ -62,7 +62,7 @@ def ended(tmp_path, monkeypatch):
         assert run_campaign(campaign, options, workers) == 0
     finally:
         workers.stop()
-    monkeypatch.setattr(conductor.run, "Conductor", Remembered)
+    monkeypatch.setattr(conductor.run.command, "Conductor", Remembered)
     yield campaign, options
     for found in conductors:
         found.stop()

@@ -1,11 +1,11 @@
-"""conductor.scene_check: scene files and varied objects are checked before a case is leased."""
+"""conductor.run.scene_check: scene files and varied objects are checked before a case is leased."""
 
 from __future__ import annotations
 
 import pytest
 import yaml
 
-from conductor.source import check
+from conductor.run.source import check
 
 CAR = {"kind": "car", "name": "broken", "waypoints": [[60.0, -2.9]]}
 VAN = {"kind": "van", "waypoints": [[62.0, -2.4]], "yaw_deg": 30}

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-import conductor.stack_check
-from conductor.source import check, load, shipped
-from schemas.autonomy import Autonomy
+import conductor.run.stack_check
+from conductor.run.source import check, load, shipped
+from schemas.sections.autonomy import Autonomy
 
 STACK = """
 from devkit.stack import Stack
@@ -121,9 +121,11 @@ def test_the_shipped_stacks_pass():
 
 
 def test_a_missing_package_of_a_bridge_is_one_line(monkeypatch):
-    real = conductor.stack_check.locate
+    real = conductor.run.stack_check.locate
     monkeypatch.setattr(
-        conductor.stack_check, "locate", lambda name: None if name == "websockets" else real(name)
+        conductor.run.stack_check,
+        "locate",
+        lambda name: None if name == "websockets" else real(name),
     )
     autonomy = {"command": ["python", "script.py"], "bridge": "autodrive"}
     sensors = {name: {} for name in ("encoders", "imu", "pose")}

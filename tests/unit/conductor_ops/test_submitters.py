@@ -15,16 +15,17 @@ from waiting import PATIENCE_S
 
 from conductor.bench.own import noop_campaign
 from conductor.cli import app
-from conductor.client import Client
-from conductor.shell import Conductor
-from schemas import SCHEMA_VERSION, topics
+from conductor.commands.client import Client
+from conductor.serve.shell import Conductor
+from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
 from schemas.messages import Reply, Submit
-from schemas.wire import decode, encode
-from twin.fabric.authority import make_keys
-from twin.fabric.errors import UsageError
-from twin.fabric.key_file import LINE_MARK, load_key
-from twin.fabric.roles import IN_WORDS, INVITED, Role
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from twin.base.errors import UsageError
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import LINE_MARK, load_key
+from twin.fabric.keys.roles import IN_WORDS, INVITED, Role
 from twin.fabric.zenoh_bus import open_bus
 
 SILENCE_S = 0.5

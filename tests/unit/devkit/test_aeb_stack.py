@@ -11,14 +11,14 @@ from camera_sites import camera_site
 from lane_pictures import LanePainter
 
 from devkit.aeb import AebStack
-from devkit.control import Controller
-from devkit.lights import LightsSwitch
-from devkit.planning import Planner
+from devkit.lane.lateral import Steering
+from devkit.reference.control import Controller
+from devkit.reference.lights import LightsSwitch
+from devkit.reference.planning import Planner
 from devkit.stack import Observation
-from devkit.steering import Steering
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import BOXES_MAX, Command, Episode
-from twin.world.lane import straight
+from twin.road.lane import straight
 
 WIDTH, HEIGHT = 160, 90
 AHEAD = (0.0, 66.0, 38.0, 30.0, 22.0, 600.0, 12.0)

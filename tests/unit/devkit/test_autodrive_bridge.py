@@ -22,14 +22,14 @@ from devkit.bridges.autodrive_fields import (
     euler,
     telemetry,
 )
-from devkit.foreign import Script
-from devkit.foreign_place import placed
+from devkit.hosting.foreign import Script
+from devkit.hosting.foreign_place import placed
 from devkit.stack import Observation
 from schemas.campaign import expand, parse_campaign
-from schemas.foreign import BRIDGE_PACKAGES, Foreign, lacking_bridges
 from schemas.messages import CameraSite, Episode, Pose
-from schemas.perception import GroundTruthPerception
-from twin.fabric.errors import InfrastructureError, UnfinishedError
+from schemas.sections.foreign import BRIDGE_PACKAGES, Foreign, lacking_bridges
+from schemas.sections.perception import GroundTruthPerception
+from twin.base.errors import InfrastructureError, UnfinishedError
 from twin.fabric.port_turn import TURN_VARIABLE, await_turn, take_turn, turn_at
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "e2e"))
@@ -174,7 +174,7 @@ def test_a_script_that_answers_at_once_is_counted_as_well(monkeypatch):
     try:
         bridge.attach(script)
         bridge.reset(0, EPISODE)
-        monkeypatch.setattr("devkit.foreign.PROCESSES_MAX", 0)
+        monkeypatch.setattr("devkit.hosting.foreign.PROCESSES_MAX", 0)
 
         def drive_on():
             for tick in range(10_000):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from devkit.check import campaign_of
-from twin.fabric.errors import UsageError
+from devkit.checking.check import campaign_of
+from twin.base.errors import UsageError
 
 
 def test_a_command_line_may_end_with_a_file_of_its_own():

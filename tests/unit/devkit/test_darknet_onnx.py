@@ -16,7 +16,7 @@ from devkit.darknet.network import Network, Route
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import ARCHITECTURES, architecture_network, coco_names
-from devkit.detector_description import METADATA_KEY, DetectorDescription
+from devkit.detector.description import METADATA_KEY, DetectorDescription
 
 TOLERANCE = 1e-4
 """Largest deviation, in standard deviations of the layer's output."""

@@ -13,8 +13,8 @@ import pytest
 DECODE = """
 import hashlib, sys
 import numpy as np
-from devkit.detector_decode import Selection, decode
-from devkit.detector_description import DetectorDescription, GridHead
+from devkit.detector.decode import Selection, decode
+from devkit.detector.description import DetectorDescription, GridHead
 
 heads = [
     GridHead("a", [(20.0, 30.0), (50.0, 24.0)], "softmax"),

@@ -1,4 +1,4 @@
-"""devkit.detector: the same for any batch and thread count, and what a bad file is told."""
+"""devkit.detector.detector: the same for any batch and thread count; bad files."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from onnx import TensorProto, helper
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.detector import MODEL_BYTES_MAX, Detector, ModelError
-from devkit.detector_decode import Selection, decode
-from devkit.detector_description import (
+from devkit.detector.decode import Selection, decode
+from devkit.detector.description import (
     METADATA_KEY,
     BoxHead,
     DetectorDescription,
     GridHead,
     read_description,
 )
-from twin.fabric.errors import UsageError
+from devkit.detector.detector import MODEL_BYTES_MAX, Detector, ModelError
+from twin.base.errors import UsageError
 
 NAMES = ["car", "truck", "pedestrian", "traffic_sign"]
 

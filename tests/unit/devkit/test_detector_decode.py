@@ -1,4 +1,4 @@
-"""devkit.detector_decode: against plain loops over the papers' formulas, and at its limits."""
+"""devkit.detector.decode: against plain loops over the papers' formulas, and at its limits."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from devkit import detector_decode
-from devkit.detector_decode import Selection, decode, suppress
-from devkit.detector_description import BoxHead, DetectorDescription, GridHead
+from devkit.detector import decode as detector_decode
+from devkit.detector.decode import Selection, decode, suppress
+from devkit.detector.description import BoxHead, DetectorDescription, GridHead
 
 NAMES = ["car", "truck", "sign"]
 REGION = GridHead("a", [(20.0, 30.0), (50.0, 24.0)], "softmax")

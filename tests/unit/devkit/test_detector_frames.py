@@ -1,4 +1,4 @@
-"""devkit.detector_frames: pictures where they lie, in constant batches; here on the CPU, on a GPU
+"""devkit.detector.frames: pictures where they lie, in constant batches; here on the CPU, on a GPU
 by ``tests/device/network_check.py``."""
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from msgspec.structs import astuple
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import architecture_network
-from devkit.detector import Detector, ModelError
-from devkit.detector_decode import Selection
-from devkit.detector_frames import MICRO_BATCH
-from devkit.detector_resize import ONE, NetworkInput, taps
+from devkit.detector.decode import Selection
+from devkit.detector.detector import Detector, ModelError
+from devkit.detector.frames import MICRO_BATCH
+from devkit.detector.resize import ONE, NetworkInput, taps
 from devkit.images import Images, as_images
 from schemas.messages import Detection
 

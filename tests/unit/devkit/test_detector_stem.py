@@ -1,4 +1,4 @@
-"""devkit.detector_stem and devkit.detector_thin: the first layers of a network, cut off and
+"""devkit.detector.stem and devkit.detector.thin: the first layers of a network, cut off and
 computed by kernels, here on the CPU and beside ONNX Runtime."""
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import pytest
 import warp as wp
 from onnx import TensorProto, helper, numpy_helper
 
-from devkit.detector_stem import IN_MAX, OUT_MAX, cut
-from devkit.detector_thin import ThinLayers
-from devkit.model_files import shipped_models
+from devkit.detector.model_files import shipped_models
+from devkit.detector.stem import IN_MAX, OUT_MAX, cut
+from devkit.detector.thin import ThinLayers
 from twin.world.kernel_cache import prepare_kernels
 
 LEAKY = {"alpha": 0.1}

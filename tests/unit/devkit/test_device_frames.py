@@ -1,7 +1,7 @@
 """Which stacks get their frames in a GPU's memory."""
 
 from devkit.aeb import AebStack
-from devkit.host import takes_device_frames
+from devkit.hosting.host import takes_device_frames
 
 
 class Derived(AebStack):

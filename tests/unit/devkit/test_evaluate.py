@@ -1,4 +1,4 @@
-"""devkit.evaluate: cases computed by hand, and both methods against plain loops."""
+"""devkit.detector.evaluate: cases computed by hand, and both methods against plain loops."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from detection_rows import detections_of
 
-from devkit.detector_decode import Detections
-from devkit.evaluate import Truth, average_precision, evaluate, overlaps, table
+from devkit.detector.decode import Detections
+from devkit.detector.evaluate import Truth, average_precision, evaluate, overlaps, table
 
 NAMES = ("car", "truck")
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from schemas.foreign import Repository
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.fetch import fetch
-from twin.fabric.process import end, spawn
-from twin.worker.rig import runs_fetch
+from schemas.sections.foreign import Repository
+from twin.base.errors import InfrastructureError
+from twin.base.fetch import fetch
+from twin.base.process import end, spawn
+from twin.worker.rig_process import runs_fetch
 
 
 def ended(pid):

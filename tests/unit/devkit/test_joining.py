@@ -8,8 +8,14 @@ import sys
 import pytest
 from waiting import PATIENCE_S
 
-from devkit.joining import FILE_BYTES_MAX, Announcements, UnfitError, read_announcement, run_join
-from twin.fabric.errors import UsageError
+from devkit.hosting.joining import (
+    FILE_BYTES_MAX,
+    Announcements,
+    UnfitError,
+    read_announcement,
+    run_join,
+)
+from twin.base.errors import UsageError
 from twin.worker.announcement import Announcement
 
 GOOD = ["--connect", "tcp/127.0.0.1:1", "--rig", "r1", "--stack", "devkit.aeb:AebStack"]

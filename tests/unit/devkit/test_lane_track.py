@@ -9,12 +9,12 @@ import pytest
 from camera_sites import camera_site
 from lane_pictures import LanePainter
 
-from devkit.lane_curve import PRIOR, LaneCurve, fit
-from devkit.lane_lines import find_points
-from devkit.lane_track import Chassis, LaneTrack, Motion
-from devkit.lane_view import LaneView
-from devkit.steering import Steering
-from twin.world.lane import Piece, straight, trace
+from devkit.lane.curve import PRIOR, LaneCurve, fit
+from devkit.lane.lateral import Steering
+from devkit.lane.lines import find_points
+from devkit.lane.track import Chassis, LaneTrack, Motion
+from devkit.lane.view import LaneView
+from twin.road.lane import Piece, straight, trace
 
 LINES = Steering().lines_m
 STIFF = Chassis(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""devkit.lane_view: pixels of road places through any mount and lens, and leaning cars."""
+"""devkit.lane.view: pixels of road places through any mount and lens, and leaning cars."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from camera_sites import camera_site
 
-from devkit.lane_view import PITCH_M, LaneView, left_of, point_of
-from devkit.view import View
-from schemas.lens import Lens
-from schemas.lens_projection import project, vehicle_from_camera
+from devkit.lane.view import PITCH_M, LaneView, left_of, point_of
+from devkit.reference.view import View
 from schemas.messages import Detection
+from schemas.sections.lens import Lens
+from schemas.sections.lens_projection import project, vehicle_from_camera
 
 SITES = {
     "ahead": camera_site(),

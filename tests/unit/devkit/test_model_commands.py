@@ -14,8 +14,8 @@ from waiting import PATIENCE_S
 
 from devkit.darknet.build import read_network
 from devkit.darknet.weights import write_weights
-from devkit.detector import Detector
-from devkit.model_files import shipped_models
+from devkit.detector.detector import Detector
+from devkit.detector.model_files import shipped_models
 
 
 def devkit(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -15,9 +15,9 @@ from camera_sites import camera_site
 from darknet_oracle import random_weights
 from tiny_networks import write_dark_spot_detector
 
-import devkit.detector
-import devkit.model_files
-import devkit.network_perception
+import devkit.detector.detector
+import devkit.detector.model_files
+import devkit.detector.network_perception
 from devkit.aeb import AebStack
 from devkit.darknet.build import build_network
 from devkit.darknet.importer import darknet_model
@@ -25,21 +25,21 @@ from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.sections import to_text
 from devkit.darknet.variant import architecture, architecture_network
 from devkit.darknet.weights import write_weights
-from devkit.detector import Detector
-from devkit.detector_decode import Selection
-from devkit.eyes import Eyes
-from devkit.host import expect, serve
+from devkit.detector.decode import Selection
+from devkit.detector.detector import Detector
+from devkit.detector.model_files import open_detector, runtime_of, shipped_models
+from devkit.detector.network_perception import REPORTED_MAX, _most_confident
+from devkit.hosting.host import expect, serve
 from devkit.images import Images
-from devkit.model_files import open_detector, runtime_of, shipped_models
-from devkit.network_perception import REPORTED_MAX, _most_confident
 from devkit.perception import Setting, build_perception
+from devkit.reference.eyes import Eyes
 from devkit.stack import Observation
-from schemas.assets import file_digest
-from schemas.expected import Expected
+from schemas.files.assets import file_digest
 from schemas.messages import BOXES_MAX, Command, Commands, Detection, Episode, Tick
-from schemas.perception import GroundTruthPerception, NetworkPerception
+from schemas.sections.perception import GroundTruthPerception, NetworkPerception
+from schemas.wire.expected import Expected
+from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.drive import Incoming
-from twin.fabric.errors import InfrastructureError, UsageError
 
 WIDTH, HEIGHT = 96, 64
 NAMES = ["car", "person", "stop sign", "kite"]
@@ -154,8 +154,10 @@ def test_a_network_is_loaded_once_for_all_that_select_from_it(models, monkeypatc
     path = tmp_path / "own.onnx"
     path.write_bytes(models[0].read_bytes())
     loaded = []
-    real = devkit.detector._read_model
-    monkeypatch.setattr(devkit.detector, "_read_model", lambda p: (loaded.append(p), real(p))[1])
+    real = devkit.detector.detector._read_model
+    monkeypatch.setattr(
+        devkit.detector.detector, "_read_model", lambda p: (loaded.append(p), real(p))[1]
+    )
     stack = AebStack(3)
     for token in range(12):
         changes = {"confidence_min": 0.1 + 0.05 * (token % 3), "across_classes": token % 2 == 0}
@@ -177,8 +179,8 @@ class OnDevice:
 @pytest.mark.parametrize("runtime", ["opencv", "frames"])
 def test_variants_that_share_a_network_do_not_disturb_each_other(models, monkeypatch, runtime):
     place = ("onnxruntime", "cpu") if runtime == "frames" else ("opencv", "")
-    monkeypatch.setattr(devkit.model_files, "runtime_of", lambda *_: place)
-    devkit.network_perception._network.cache_clear()
+    monkeypatch.setattr(devkit.detector.model_files, "runtime_of", lambda *_: place)
+    devkit.detector.network_perception._network.cache_clear()
     pictures, slots = frames(8), list(range(8))
     eyes = Eyes(8)
     for slot in slots:
@@ -188,21 +190,21 @@ def test_variants_that_share_a_network_do_not_disturb_each_other(models, monkeyp
     together = observe(OnDevice(pictures), slots)
     for _ in range(10):
         assert eyes.look(slots, together) == one_by_one
-    devkit.network_perception._network.cache_clear()
+    devkit.detector.network_perception._network.cache_clear()
 
 
 def test_what_is_expected_is_loaded_once_and_what_cannot_be_is_told_by_the_case(
     models, tmp_path, monkeypatch
 ):
     opened = []
-    real = devkit.model_files.open_detector
+    real = devkit.detector.model_files.open_detector
 
     def open_detector(given, *rest):
         opened.append(given.model)
         return real(given, *rest)
 
-    monkeypatch.setattr(devkit.model_files, "open_detector", open_detector)
-    devkit.network_perception._network.cache_clear()
+    monkeypatch.setattr(devkit.detector.model_files, "open_detector", open_detector)
+    devkit.detector.network_perception._network.cache_clear()
     near, gone = variant(models[0]), variant(tmp_path / "gone.onnx")
     first, second = episode(0, 1, near), episode(1, 2, gone)
     text = msgspec.json.encode(

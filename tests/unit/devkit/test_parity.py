@@ -1,4 +1,4 @@
-"""devkit.parity: the AutoDRIVE rules on their published logs, and rows that say too little."""
+"""devkit.replaying.parity: the AutoDRIVE rules on their published logs; poor rows."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from devkit.parity import Parity, judge, run_parity
-from twin.fabric.errors import UsageError
+from devkit.replaying.parity import Parity, judge, run_parity
+from twin.base.errors import UsageError
 
 PUBLISHED = Path(__file__).parents[4] / "shared" / "data" / "autodrive_opencav_aeb"
 """Beside the project, not in it."""

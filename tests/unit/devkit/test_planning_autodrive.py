@@ -8,9 +8,9 @@ import msgspec
 import pytest
 from camera_sites import camera_site
 
-from devkit.planning import Brake, Cruise, Plan, Planner, React, plan
-from devkit.planning_autodrive import trigger
-from devkit.view import View
+from devkit.reference.planning import Brake, Cruise, Plan, Planner, React, plan
+from devkit.reference.planning_autodrive import trigger
+from devkit.reference.view import View
 from schemas.messages import Detection
 
 VIEW = View.of_site(camera_site())

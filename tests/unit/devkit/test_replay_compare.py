@@ -5,9 +5,9 @@ import math
 import msgspec
 import pytest
 
-from devkit.replay_compare import FIELDS, compared, parse_tolerances
+from devkit.replaying.compare import FIELDS, compared, parse_tolerances
 from schemas.messages import Command, Detection, Lights, Pose, SensorErrors
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 PLAIN = Command(slot=0, token=5, tick=3, throttle=0.3, brake=0.0, steering_rad=0.1)
 BOX = Detection("car", 0.5, 1.0, 2.0, 3.0, 4.0)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from devkit.replay import find_records
-from twin.fabric.errors import UsageError
+from devkit.replaying.replay import find_records
+from twin.base.errors import UsageError
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ import pytest
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import examine
-from schemas.drive_record import RecordHead, RecordSeen
-from schemas.foreign import Foreign, Repository
-from twin.fabric.drive_record import RecordWriter
+from schemas.files.drive_record import RecordHead, RecordSeen
+from schemas.sections.foreign import Foreign, Repository
+from twin.records.drive_record import RecordWriter
 
 SECONDS = ["--deadline-s", "5"]
 

@@ -9,16 +9,25 @@ import numpy as np
 import pytest
 from detection_rows import detections_of
 
-from devkit.labelled_images import (
+from devkit.detector.labelled_images import (
     NO_CLASS,
     DetectorClass,
     LabelledImages,
     classes_for,
     parse_classes,
 )
-from devkit.score_tables import failures, joint_table, merit_line, recall_tables, report
-from devkit.scoring import NIGHT, Scorecard, block_of, joined, plain, renamed, score, shifted
-from twin.fabric.errors import UsageError
+from devkit.detector.score_tables import failures, joint_table, merit_line, recall_tables, report
+from devkit.detector.scoring import (
+    NIGHT,
+    Scorecard,
+    block_of,
+    joined,
+    plain,
+    renamed,
+    score,
+    shifted,
+)
+from twin.base.errors import UsageError
 
 NAMES = ("car", "pedestrian")
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from devkit.host import _key_of_script
-from schemas.foreign import Foreign
-from twin.fabric.key_file import load_key
-from twin.fabric.rig_keys import RigKeys
-from twin.fabric.roles import Role
+from devkit.hosting.host import _key_of_script
+from schemas.sections.foreign import Foreign
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.rig_keys import RigKeys
+from twin.fabric.keys.roles import Role
 
 
 def foreign(**more):

@@ -1,11 +1,11 @@
-"""devkit.control: cruise and full brake."""
+"""devkit.reference.control: cruise and full brake."""
 
 from __future__ import annotations
 
 import pytest
 
-from devkit.control import Actuation, Controller, control
-from devkit.planning import Plan
+from devkit.reference.control import Actuation, Controller, control
+from devkit.reference.planning import Plan
 
 CONTROLLER = Controller()
 CRUISE = Plan(speed_mps=8.0, aeb=False)

@@ -4,11 +4,11 @@ import errno
 
 import pytest
 
-from devkit.faults import is_machines, refusal, told
-from devkit.host import Inline
+from devkit.hosting.faults import is_machines, refusal, told
+from devkit.hosting.host import Inline
 from schemas.messages import Episode
-from schemas.stack_identity import StackSource
-from twin.fabric.errors import InfrastructureError, StackFaultError, UsageError
+from schemas.sections.stack_identity import StackSource
+from twin.base.errors import InfrastructureError, StackFaultError, UsageError
 
 
 class OutOfMemoryError(RuntimeError):

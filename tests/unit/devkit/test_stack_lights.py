@@ -1,4 +1,4 @@
-"""devkit.lights: the table and its hysteresis, on the thresholds exactly."""
+"""devkit.reference.lights: the table and its hysteresis, on the thresholds exactly."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ import math
 
 import pytest
 
-from devkit.lights import LightsSwitch, Surroundings, choose, code_of, name_of, of_code, sense
+from devkit.reference.lights import (
+    LightsSwitch,
+    Surroundings,
+    choose,
+    code_of,
+    name_of,
+    of_code,
+    sense,
+)
 from schemas.messages import Lights
 
 SWITCH = LightsSwitch()

@@ -11,9 +11,9 @@ import pytest
 import devkit.stack
 from devkit.aeb import AebStack
 from devkit.stack import Observation, Stack, StackError, load_stack
-from schemas.autonomy import Autonomy
 from schemas.messages import Command, Episode
-from schemas.perception import GroundTruthPerception
+from schemas.sections.autonomy import Autonomy
+from schemas.sections.perception import GroundTruthPerception
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""devkit.planning: the state machine at its exact limits, and the ego's path."""
+"""devkit.reference.planning: the state machine at its exact limits, and the ego's path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from camera_sites import camera_site
 
-from devkit.planning import (
+from devkit.reference.planning import (
     SHAPES,
     Brake,
     Cruise,
@@ -21,7 +21,7 @@ from devkit.planning import (
     nearest,
     plan,
 )
-from devkit.view import View
+from devkit.reference.view import View
 from schemas.messages import Detection
 
 

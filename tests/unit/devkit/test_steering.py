@@ -1,4 +1,4 @@
-"""devkit.steering: keeps a painted lane in closed loop, and lets go gently when there is none."""
+"""devkit.lane.lateral: keeps a painted lane in closed loop, lets go gently without one."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 from camera_sites import camera_site
 from lane_pictures import LanePainter
 
-from devkit.lane_curve import LaneCurve
-from devkit.lane_track import LaneTrack, Motion
-from devkit.lane_view import LaneView
-from devkit.steering import Steering, Wheel, steer
-from twin.world.lane import Piece, trace
+from devkit.lane.curve import LaneCurve
+from devkit.lane.lateral import Steering, Wheel, steer
+from devkit.lane.track import LaneTrack, Motion
+from devkit.lane.view import LaneView
+from twin.road.lane import Piece, trace
 
 PERIOD_S = 0.05
 STEERING = Steering(

@@ -17,13 +17,13 @@ import yaml
 from waiting import PATIENCE_S
 
 from devkit.darknet.build import read_network
-from devkit.detector import Detector
-from devkit.labelled_images import parse_classes, read_labelled
-from devkit.scoring import SELECTION, score_detector
+from devkit.detector.detector import Detector
+from devkit.detector.labelled_images import parse_classes, read_labelled
+from devkit.detector.scoring import SELECTION, score_detector
 from devkit.training import folder as training_folder
 from devkit.training.command import Trained, TrainingRequest, run_training
+from twin.base.errors import UnfinishedError, UsageError
 from twin.dataset.command import DatasetRequest, run_dataset
-from twin.fabric.errors import UnfinishedError, UsageError
 
 CLASSES = "car,pedestrian"
 
@@ -481,8 +481,7 @@ def test_without_torch_it_says_what_to_install(data, tmp_path):
 
 
 def test_devkit_itself_needs_no_torch():
-    code = (
-        "import sys, devkit.cli, devkit.scoring, devkit.score_tables; print('torch' in sys.modules)"
-    )
+    names = "devkit.cli, devkit.detector.scoring, devkit.detector.score_tables"
+    code = f"import sys, {names}; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "False\n"

@@ -15,7 +15,7 @@ from darknet_oracle import random_weights, small_network
 from devkit.darknet.network import IMAGE, Head, Network
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.detector import Detector
+from devkit.detector.detector import Detector
 from devkit.training.network import TorchNetwork
 
 TOLERANCE = 1e-4

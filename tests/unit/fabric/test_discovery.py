@@ -6,7 +6,7 @@ import threading
 import msgspec
 import pytest
 
-from twin.fabric.authority import load_authority, make_keys
+from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import (
     FILE_NAME,
     OUTCOMES_NAME,
@@ -17,8 +17,8 @@ from twin.fabric.discovery import (
     find_conductor,
     refuse_ended,
 )
-from twin.fabric.errors import UnreachableError, UsageError
-from twin.fabric.roles import Role
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.roles import Role
 
 
 def announce(folder, port):

@@ -6,7 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from twin.fabric.errors import EXIT_USAGE
+from twin.base.errors import EXIT_USAGE
 
 COMMANDS = ("twin", "devkit", "conductor", "viewer", "hpc")
 
@@ -33,7 +33,7 @@ def test_every_duration_has_an_end():
     assert {("twin worker", "--drain-s"), ("conductor serve", "--ttl-s")} <= set(found)
     assert len(found) >= 8
     endless = [name for name, option in found.items() if option.max is None or option.min is None]
-    assert not endless, "take twin.fabric.cli.duration"
+    assert not endless, "take twin.base.cli.duration"
 
 
 @pytest.mark.parametrize("given", ["nan", "inf", "-inf", "1e400"])

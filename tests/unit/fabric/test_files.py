@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.fabric.files import sync_files, write_atomic
+from twin.base.files import sync_files, write_atomic
 
 
 def test_a_file_takes_the_place_of_the_one_before(tmp_path: Path) -> None:

@@ -14,18 +14,18 @@ import psutil
 import pytest
 from waiting import PATIENCE_S, wait_for
 
-from schemas import topics
-from twin.fabric.authority import load_authority, make_keys
+from schemas.wire import topics
+from twin.base.errors import TwinError
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.errors import TwinError
-from twin.fabric.front import Event
-from twin.fabric.front_rules import SHAKING_PER_ADDRESS_MAX
-from twin.fabric.fronted import Fronted
+from twin.fabric.front.process import Event
+from twin.fabric.front.router import Fronted
+from twin.fabric.front.rules import SHAKING_PER_ADDRESS_MAX
 from twin.fabric.handshake import in_memory
-from twin.fabric.key_file import Key, UnfitKeyError, load_key, read_certificate
-from twin.fabric.revoked import revoke
-from twin.fabric.roles import Role
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key, read_certificate
+from twin.fabric.keys.revoked import revoke
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 STATUS = topics.RPC_STATUS.key
@@ -166,7 +166,7 @@ def fronts() -> list[psutil.Process]:
     found = []
     for each in psutil.Process().children():
         with suppress(psutil.Error):  # it ends
-            if "twin.fabric.front" in each.cmdline():
+            if "twin.fabric.front.process" in each.cmdline():
                 found.append(each)
     return found
 

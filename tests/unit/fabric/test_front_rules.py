@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from twin.fabric.front_rules import (
+from twin.fabric.front.rules import (
     BURST_S,
     OTHERS,
     QUOTAS,
@@ -17,7 +17,7 @@ from twin.fabric.front_rules import (
     Slots,
     quota_of,
 )
-from twin.fabric.roles import Role
+from twin.fabric.keys.roles import Role
 
 
 def test_a_bucket_gives_its_burst_and_then_its_rate() -> None:

@@ -1,5 +1,5 @@
-"""twin.fabric.gpu_start: a process begins to use a GPU once, in its turn. A library that notes what
-it is asked stands for the driver, which is not on every machine."""
+"""twin.base.gpu.first_use: a process begins to use a GPU once, in its turn. A library that notes
+what it is asked stands for the driver, which is not on every machine."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import sys
 import pytest
 from c_library import compiled
 
-from conductor.gpu_turns import turns
-from twin.fabric.gpu_start import begin, begun
+from conductor.run.gpu_turns import turns
+from twin.base.gpu.first_use import begin, begun
 
 DRIVER = """
 #include <stdio.h>
@@ -28,7 +28,7 @@ int cuDevicePrimaryCtxRetain(void **context, int device) { return note("retain",
 """
 
 BEGIN = """
-from twin.fabric.gpu_start import begin, begun
+from twin.base.gpu.first_use import begin, begun
 for _ in range(2):
     begin("{device}")
     begun("{device}")

@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from schemas.kpi import KPI_COLUMNS
-from twin.fabric.errors import InfrastructureError
-from twin.fabric.kpi_file import (
+from schemas.files.kpi import KPI_COLUMNS
+from twin.base.errors import InfrastructureError
+from twin.records.kpi_file import (
     COLUMNS_MIN,
     KPI_SCHEMA,
     kpi_sha256,

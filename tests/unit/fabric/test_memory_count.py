@@ -1,11 +1,11 @@
-"""twin.fabric.memory_count: asks a real `twin memory`, and waits for none that is not needed."""
+"""twin.base.gpu.slot_count: asks a real `twin memory`, and waits for none that is not needed."""
 
 import msgspec
 import psutil
 import pytest
 
-from conductor.source import load
-from twin.fabric.memory_count import MemoryCount
+from conductor.run.source import load
+from twin.base.gpu.slot_count import MemoryCount
 
 CAMPAIGN = msgspec.json.encode(load("chaos-16"))
 

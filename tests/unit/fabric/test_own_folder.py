@@ -8,19 +8,13 @@ import subprocess
 import msgspec
 import pytest
 
-from twin.fabric.authority import load_or_make, make_keys
+from twin.base.errors import UsageError
+from twin.base.own_folder import VARIABLE, own_folder
 from twin.fabric.discovery import FILE_NAME, ConductorFile, find_target
-from twin.fabric.errors import UsageError
-from twin.fabric.key_file import ExpiredKeyError, UnfitKeyError, load_key
-from twin.fabric.own_folder import (
-    MADE_FOR,
-    SWEPT_MAX,
-    VARIABLE,
-    fabric_folder,
-    fabric_name,
-    own_folder,
-)
-from twin.fabric.roles import MEMBERS, Role
+from twin.fabric.keys.authority import load_or_make, make_keys
+from twin.fabric.keys.key_file import ExpiredKeyError, UnfitKeyError, load_key
+from twin.fabric.keys.own_keys import MADE_FOR, SWEPT_MAX, fabric_folder, fabric_name
+from twin.fabric.keys.roles import MEMBERS, Role
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from twin.fabric import picture_file
-from twin.fabric.errors import UsageError
-from twin.fabric.picture_file import read_picture
+from twin.base import picture_file
+from twin.base.errors import UsageError
+from twin.base.picture_file import read_picture
 
 SEEDS = Path(__file__).parents[2] / "fuzz/seeds/picture"
 NOISE = np.random.default_rng(3).integers(0, 256, (5, 7, 4), np.uint8)

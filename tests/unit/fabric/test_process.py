@@ -4,7 +4,7 @@ import os
 import sys
 import tempfile
 
-from twin.fabric.process import bound_log, end, last_lines, spawn
+from twin.base.process import bound_log, end, last_lines, spawn
 
 MAX_BYTES, PART_BYTES = 6 << 20, 1 << 20
 
@@ -26,8 +26,8 @@ def disk_bytes(log):
 
 def test_a_log_without_end_fills_no_disk(monkeypatch):
     """Its head and its tail stay, and what is printed next comes behind."""
-    monkeypatch.setattr("twin.fabric.process.LOG_BYTES_MAX", MAX_BYTES)
-    monkeypatch.setattr("twin.fabric.process.LOG_PART_BYTES", PART_BYTES)
+    monkeypatch.setattr("twin.base.process.LOG_BYTES_MAX", MAX_BYTES)
+    monkeypatch.setattr("twin.base.process.LOG_PART_BYTES", PART_BYTES)
     with tempfile.TemporaryFile() as log:
         child = spawn([sys.executable, "-c", WORDS], log=log)
         try:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from waiting import wait_for
 
-from twin.fabric.errors import InfrastructureError
+from twin.base.errors import InfrastructureError
 from twin.fabric.rig_folder import PATH_BYTES_MAX, RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
 

@@ -5,8 +5,8 @@ That Zenoh keeps to it is in ``test_security_roles``.
 
 import pytest
 
-from schemas import topics
-from twin.fabric.roles import (
+from schemas.wire import topics
+from twin.fabric.keys.roles import (
     MAY,
     Act,
     Role,

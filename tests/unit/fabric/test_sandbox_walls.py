@@ -16,11 +16,11 @@ import psutil
 import pytest
 from waiting import PATIENCE_S, wait_for
 
-from twin.fabric.process import end
-from twin.fabric.sandbox.possible import why_not
-from twin.fabric.sandbox.reads import python_reads, stack_reads
-from twin.fabric.sandbox.start import Sandboxed, own_code, spawn_inside
-from twin.fabric.sandbox.view import SCRATCH, SCRATCH_BYTES_MAX, View
+from twin.base.process import end
+from twin.sandbox.possible import why_not
+from twin.sandbox.reads import python_reads, stack_reads
+from twin.sandbox.start import Sandboxed, own_code, spawn_inside
+from twin.sandbox.view import SCRATCH, SCRATCH_BYTES_MAX, View
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not())
 
@@ -259,7 +259,7 @@ def test_it_takes_on_limits_that_it_cannot_raise():
     found = inside(
         """
         import resource
-        from twin.fabric.sandbox.inside import LIMITS, limit_self
+        from twin.sandbox.inside import LIMITS, limit_self
         limit_self()
         said = [resource.getrlimit(limit)[1] for limit in LIMITS] == list(LIMITS.values())
         try:

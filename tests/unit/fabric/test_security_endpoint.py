@@ -5,6 +5,7 @@ import socket
 
 import pytest
 
+from twin.base.errors import UsageError
 from twin.fabric import endpoint as endpoints
 from twin.fabric.address import check_free
 from twin.fabric.endpoint import (
@@ -16,7 +17,6 @@ from twin.fabric.endpoint import (
     is_loopback,
     to_listen,
 )
-from twin.fabric.errors import UsageError
 
 HERE = ["tcp/127.0.0.1:0", "tcp/127.8.9.1:7447", "tcp/[::1]:0", "tcp/localhost:7447"]
 BEYOND = [

@@ -8,11 +8,11 @@ import traceback
 import pytest
 from cryptography import x509
 
-from twin.fabric import key_file
-from twin.fabric.authority import load_authority, make_keys
-from twin.fabric.errors import UsageError
-from twin.fabric.key_file import UnfitKeyError, as_line, load_key, shared
-from twin.fabric.roles import MEMBERS, Role
+from twin.base.errors import UsageError
+from twin.fabric.keys import key_file
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.key_file import UnfitKeyError, as_line, load_key, shared
+from twin.fabric.keys.roles import MEMBERS, Role
 
 
 @pytest.fixture

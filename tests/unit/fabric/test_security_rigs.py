@@ -9,12 +9,12 @@ import pytest
 import zenoh
 from unit.fabric.test_security_roles import lawless
 
-from schemas import topics
-from twin.fabric.authority import load_authority, make_keys
-from twin.fabric.errors import UsageError
-from twin.fabric.key_file import UnfitKeyError, load_key
-from twin.fabric.rig_keys import RigKeys
-from twin.fabric.roles import MEMBERS, Role, rig_of
+from schemas.wire import topics
+from twin.base.errors import UsageError
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.key_file import UnfitKeyError, load_key
+from twin.fabric.keys.rig_keys import RigKeys
+from twin.fabric.keys.roles import MEMBERS, Role, rig_of
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]

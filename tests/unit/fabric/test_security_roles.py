@@ -15,11 +15,11 @@ import pytest
 import zenoh
 from waiting import PATIENCE_S
 
-from schemas import topics
-from twin.fabric import roles
-from twin.fabric.authority import load_authority, make_keys
-from twin.fabric.key_file import UnfitKeyError, WrongRoleError, load_key
-from twin.fabric.roles import MAY, Act, Role, may, pattern
+from schemas.wire import topics
+from twin.fabric.keys import roles
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.key_file import UnfitKeyError, WrongRoleError, load_key
+from twin.fabric.keys.roles import MAY, Act, Role, may, pattern
 from twin.fabric.zenoh_bus import open_bus
 
 NAMESPACE = "twin/rig"

@@ -14,14 +14,14 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from waiting import PATIENCE_S
 
-from schemas import topics
-from twin.fabric.authority import load_authority, make_keys
+from schemas.wire import topics
+from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
-from twin.fabric.errors import UnreachableError, UsageError
 from twin.fabric.handshake import greet
-from twin.fabric.key_file import Key, UnfitKeyError, load_key
-from twin.fabric.rig_keys import RigKeys
-from twin.fabric.roles import MEMBERS, Role
+from twin.fabric.keys.authority import load_authority, make_keys
+from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.keys.rig_keys import RigKeys
+from twin.fabric.keys.roles import MEMBERS, Role
 from twin.fabric.zenoh_bus import open_bus
 
 LISTEN = ["tls/127.0.0.1:0"]

@@ -1,6 +1,6 @@
 """The software digest: which files and versions are part of it."""
 
-from twin.fabric import software
+from twin.base import software
 
 
 def test_files_that_decide_a_result_are_part_of_it(monkeypatch, tmp_path):

@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
-from schemas.stack_identity import StackIdentity, StackSource, difference
-from twin.fabric.errors import RefusedError
-from twin.fabric.stack_identity.content import tree_digest
-from twin.fabric.stack_identity.identity import (
+from schemas.sections.stack_identity import StackIdentity, StackSource, difference
+from twin.base.errors import RefusedError
+from twin.stack_identity.content import tree_digest
+from twin.stack_identity.identity import (
     PARTS_MAX,
     Named,
     confirm,
@@ -18,7 +18,7 @@ from twin.fabric.stack_identity.identity import (
     identity_of,
     named_files,
 )
-from twin.fabric.stack_identity.loaded import LoadedModules
+from twin.stack_identity.loaded import LoadedModules
 
 
 def sha(number):
@@ -93,7 +93,7 @@ def test_modules_loaded_beside_import_statements_are_noticed(stack):
     loaded = LoadedModules(find_stack(Named("stack_of_mine:X")), "stack stack_of_mine:X")
     importlib.import_module("stack_of_mine")
     importlib.import_module("wsgiref.headers")
-    importlib.import_module("schemas.stack_identity")
+    importlib.import_module("schemas.sections.stack_identity")
     loaded.check()
     importlib.import_module("uncounted")
     with pytest.raises(RefusedError, match=r"it loads .*/uncounted.py otherwise .* autonomy.files"):

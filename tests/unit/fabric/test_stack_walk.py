@@ -8,11 +8,11 @@ import textwrap
 
 import pytest
 
-from schemas.foreign import Foreign, Image, Repository
-from twin.fabric.errors import UsageError
-from twin.fabric.stack_identity import content
-from twin.fabric.stack_identity.identity import Named, find_stack, named_files
-from twin.fabric.stack_identity.imports import locate
+from schemas.sections.foreign import Foreign, Image, Repository
+from twin.base.errors import UsageError
+from twin.stack_identity import content
+from twin.stack_identity.identity import Named, find_stack, named_files
+from twin.stack_identity.imports import locate
 
 
 @pytest.fixture
@@ -195,7 +195,7 @@ def test_a_huge_folder_is_one_line(tmp_path, monkeypatch, limit, value):
 
 
 def test_standard_library_and_own_packages_do_not_count_and_a_local_module_of_its_name_does(write):
-    write(mine_py="import json, os.path, twin.engine, devkit.aeb, statistics", statistics_py="")
+    write(mine_py="import json, os.path, twin.rig.engine, devkit.aeb, statistics", statistics_py="")
     assert names("mine:X") == ["mine.py", "statistics.py"]
     assert find_stack(Named("devkit.aeb:AebStack")).identity.digest == ""
 

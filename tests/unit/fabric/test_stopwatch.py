@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.fabric import stopwatch
-from twin.fabric.stopwatch import Stopwatch
+from twin.base import stopwatch
+from twin.base.stopwatch import Stopwatch
 
 
 @pytest.fixture

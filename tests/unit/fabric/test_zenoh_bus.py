@@ -11,9 +11,9 @@ import psutil
 import pytest
 from waiting import PATIENCE_S, wait_for
 
+from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric import zenoh_bus
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.errors import InfrastructureError, UsageError
 from twin.fabric.zenoh_bus import open_bus
 
 LOOPBACK = ["tcp/127.0.0.1:0"]

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hpc.inputs import Repository, fetch_image, fetch_repository
-from twin.fabric.cache import check_cache, is_trusted
-from twin.fabric.errors import UsageError
-from twin.fabric.stack_identity import content
+from twin.base.cache import check_cache, is_trusted
+from twin.base.errors import UsageError
+from twin.stack_identity import content
 
 
 @pytest.fixture

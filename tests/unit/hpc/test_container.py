@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from hpc.container import Container, mounted, prefix, preparation, removal, shell_lines
-from twin.fabric.errors import UsageError
+from hpc.software.container import Container, mounted, prefix, preparation, removal, shell_lines
+from twin.base.errors import UsageError
 
 FOLDERS = ("/work/me", "/work/me/runs/aeb", "/scratch/job 7")
 

@@ -15,12 +15,12 @@ from hpc.array import render as render_array
 from hpc.doctor import Address, Facts, Partition, judge
 from hpc.interactive import shell_command
 from hpc.look import filesystem, parse_queues, parse_sinfo
-from hpc.pbs_commands import Pbs
-from hpc.pbs_commands import parse_job as parse_pbs
+from hpc.pbs.commands import Pbs
+from hpc.pbs.commands import parse_job as parse_pbs
 from hpc.pull import pull_command
 from hpc.scheduler import JobStatus
-from hpc.slurm_commands import Slurm, minutes, parse_account, parse_job
-from twin.fabric.errors import UsageError
+from hpc.slurm.commands import Slurm, minutes, parse_account, parse_job
+from twin.base.errors import UsageError
 
 FACTS = Facts(
     scheduler="slurm",

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from test_hpc_slurm import GOLDEN, REQUESTS
 
-from hpc.pbs import render
-from hpc.pbs_lint import lint
+from hpc.pbs.job_script import render
+from hpc.pbs.lint import lint
 
 PBS = {
     "two_cpu_workers": REQUESTS["two_cpu_workers"],

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hpc.pbs_lint import lint
+from hpc.pbs.lint import lint
 
 GOOD = """\
 #!/bin/bash

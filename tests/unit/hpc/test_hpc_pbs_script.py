@@ -6,7 +6,7 @@ import pytest
 from test_hpc_script_logic import STUBS, Job
 from waiting import PATIENCE_S, wait_for
 
-from hpc.pbs import render
+from hpc.pbs.job_script import render
 from hpc.request import JobRequest
 
 PBS_STUBS = {

@@ -3,7 +3,7 @@
 import pytest
 
 from hpc.request import JobRequest, hours_minutes, parse_walltime
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 
 def request(**changes):

@@ -7,7 +7,7 @@ import pytest
 from waiting import PATIENCE_S, wait_for
 
 from hpc.request import JobRequest
-from hpc.slurm import render
+from hpc.slurm.job_script import render
 
 STUBS = {
     # Announces itself as the real one does, then ends as the test says.

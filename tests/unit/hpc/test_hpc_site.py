@@ -7,7 +7,7 @@ import pytest
 from waiting import PATIENCE_S
 
 from hpc.site import Site, load_site
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 
 FULL = """\
 scheduler: pbs

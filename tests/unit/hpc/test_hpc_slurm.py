@@ -8,7 +8,7 @@ import pytest
 
 from hpc.request import JobRequest
 from hpc.script import job_name
-from hpc.slurm import render
+from hpc.slurm.job_script import render
 
 GOLDEN = Path(__file__).parent
 HOSTILE = '/data/a b/it\'s "quoted" $(touch pwned) `id` ; & | * \\ é'

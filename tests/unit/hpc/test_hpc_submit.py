@@ -11,9 +11,9 @@ from test_hpc_slurm import REQUESTS
 
 import hpc.submit
 from hpc.scheduler import JobStatus, scheduler
-from hpc.slurm import render
+from hpc.slurm.job_script import render
 from hpc.submit import check_walltime, job_of, p95_s, submit
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError
 
 
 class Ledger:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from hpc.bundle import install_script, write_bundle
-from hpc.image import build, default_base, definition
-from hpc.wheels import own_wheel, source_folder
-from twin.fabric.errors import InfrastructureError, UsageError
+from hpc.software.bundle import install_script, write_bundle
+from hpc.software.image import build, default_base, definition
+from hpc.software.wheels import own_wheel, source_folder
+from twin.base.errors import InfrastructureError, UsageError
 
 GOLDEN = Path(__file__).with_name("drivetwin.def")
 
@@ -32,7 +32,7 @@ def test_other_bases_are_refused(base):
 
 
 def test_the_checkout_is_found_or_asked_for(tmp_path):
-    assert (source_folder() / "hpc" / "image.py").exists()
+    assert (source_folder() / "pyproject.toml").exists()
     with pytest.raises(UsageError, match="--source"):
         source_folder(tmp_path)
 

@@ -13,7 +13,7 @@ import pytest
 
 from hpc import inputs
 from hpc.inputs import Repository, fetch_image, fetch_repository
-from twin.fabric.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from schemas.autodrive_log import COLUMNS, log_name
+from schemas.files.autodrive_log import COLUMNS, log_name
 
 SIZE = 4
 """Instances of a batch, said in the configuration."""

@@ -8,16 +8,16 @@ from typing import Any
 
 import msgspec
 
-from conductor.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from conductor.report.content import read_content
-from conductor.report.dossier import open_dossier
-from conductor.report.page import render
-from conductor.report.recorded import failures
+from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.report.pages.content import read_content
+from conductor.report.pages.page import render
+from conductor.report.reading.dossier import open_dossier
+from conductor.report.reading.recorded import failures
 from schemas.campaign import Campaign, Case, expand, parse_campaign
+from schemas.files.kpi import SCALARS
+from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.kpi import SCALARS
-from schemas.yaml_file import dump_yaml
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 
 TICK_S = 0.05
 _SIGHT = {"heavy_fog": 0.45, "light_fog": 0.8, "heavy_rain": 0.7, "heavy_snow": 0.65}

@@ -13,15 +13,15 @@ import pytest
 from unit.report.autodrive_logs import write_logs
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 from conductor.report import report_json
-from conductor.report.autodrive_export import export_autodrive
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.autodrive_layout import STEERING_MAX_RAD
-from schemas.autodrive_log import COLUMNS
-from schemas.kpi import DETECTION_FIELDS
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+from conductor.report.autodrive.export import export_autodrive
+from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.autodrive.layout import STEERING_MAX_RAD
+from schemas.files.autodrive_log import COLUMNS
+from schemas.files.kpi import DETECTION_FIELDS
+from twin.base.errors import InfrastructureError, UsageError
+from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 
 replace = msgspec.structs.replace
 BOTH_HOLD = (

@@ -13,17 +13,18 @@ from typing import Any
 import pytest
 from unit.report.autodrive_logs import MODELS, config, drive, text, write_logs
 
-from conductor.fingerprint import fingerprint
-from conductor.report import autodrive_import, make_report, report_json, write_result_page
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.autodrive_kpi import judge, kpi_columns
-from conductor.report.autodrive_layout import IMPORT_FILE, Instance
-from conductor.report.autodrive_logs import read_log
-from conductor.report.dossier import open_dossier
-from conductor.report.losses import kind_of
-from schemas.autodrive_log import COLUMNS
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.kpi_file import kpi_sha256, kpi_table, read_kpi
+from conductor.records.fingerprint import fingerprint
+from conductor.report import make_report, report_json, write_result_page
+from conductor.report.analysis.losses import kind_of
+from conductor.report.autodrive import importing as autodrive_import
+from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.autodrive.kpi import judge, kpi_columns
+from conductor.report.autodrive.layout import IMPORT_FILE, Instance
+from conductor.report.autodrive.logs import read_log
+from conductor.report.reading.dossier import open_dossier
+from schemas.files.autodrive_log import COLUMNS
+from twin.base.errors import InfrastructureError, UsageError
+from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi
 
 PUBLISHED = Path(__file__).parents[4] / "shared" / "data" / "autodrive_opencav_aeb"
 FIRST = "batch_1/aeb_metrics_sim_inst_1.csv"

@@ -13,9 +13,9 @@ import pytest
 from unit.report.autodrive_logs import MODELS, Rows, config, drive, text, write_logs
 
 from conductor.report import make_report, report_json
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.content import first_screen
-from conductor.report.dossier import Dossier, open_dossier
+from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.pages.content import first_screen
+from conductor.report.reading.dossier import Dossier, open_dossier
 
 PUBLISHED = Path(__file__).parents[4] / "shared" / "data" / "autodrive_opencav_aeb"
 published = pytest.mark.skipif(

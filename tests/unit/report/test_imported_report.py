@@ -15,13 +15,13 @@ from unit.report.autodrive_logs import MODELS, Rows, config, drive, write_logs
 from unit.report.synthetic_campaign import campaign_data, make_campaign, rested
 
 from conductor.cli import app
+from conductor.commands.report_commands import compare_folders
 from conductor.report import make_report, report_json, write_result_page
-from conductor.report.autodrive_export import export_autodrive
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.compare_page import as_html, as_json, as_markdown
-from conductor.report.dossier import open_dossier
-from conductor.report_commands import compare_folders
-from twin.fabric.errors import UsageError
+from conductor.report.autodrive.export import export_autodrive
+from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.compare.page import as_html, as_json, as_markdown
+from conductor.report.reading.dossier import open_dossier
+from twin.base.errors import UsageError
 
 NEVER = (
     *("real-time", "Real-time", "Workers", "run it again", "not recorded", "Speed-up", "Leases"),

@@ -9,13 +9,13 @@ import msgspec
 import pyarrow.parquet as pq
 from unit.report.synthetic_campaign import make_campaign
 
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import encode_outcomes, read_outcomes
+from conductor.commands.report_commands import compare_folders
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import encode_outcomes, read_outcomes
 from conductor.report import make_report, report_json
-from conductor.report.autodrive_export import export_autodrive
-from conductor.report_commands import compare_folders
-from schemas.kpi import NAMES
-from twin.fabric.kpi_file import COLUMNS_MIN, canonical, read_kpi
+from conductor.report.autodrive.export import export_autodrive
+from schemas.files.kpi import NAMES
+from twin.records.kpi_file import COLUMNS_MIN, canonical, read_kpi
 
 
 def _older(folder: Path) -> None:

@@ -10,13 +10,14 @@ from unit.report.synthetic_campaign import make_campaign
 from unit.report.test_report_cache import CASE, kpi, restore, text_of
 from waiting import wait_for
 
-from conductor import report_ahead
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import CaseOutcome
-from conductor.report import make_report, reading
-from conductor.report_ahead import ReportAhead
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.kpi_file import read_kpi, write_kpi
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import CaseOutcome
+from conductor.report import make_report
+from conductor.report.reading import kpi_files as reading
+from conductor.run import report_preload as report_ahead
+from conductor.run.report_preload import ReportAhead
+from twin.base.errors import InfrastructureError, UsageError
+from twin.records.kpi_file import read_kpi, write_kpi
 
 
 def half(case, end):

@@ -11,13 +11,14 @@ import pytest
 from unit.report.synthetic_campaign import make_campaign, page_of
 from unit.report.test_report_page_content import page_data
 
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import CaseOutcome
-from conductor.report import content, make_report
-from conductor.report.cache import FOLDER
-from conductor.report.content import Content, read_content
-from conductor.report.dossier import open_dossier
-from twin.fabric.kpi_file import read_kpi, write_kpi
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import CaseOutcome
+from conductor.report import make_report
+from conductor.report.pages import content
+from conductor.report.pages.content import Content, read_content
+from conductor.report.reading.cache import FOLDER
+from conductor.report.reading.dossier import open_dossier
+from twin.records.kpi_file import read_kpi, write_kpi
 
 replace = msgspec.structs.replace
 CASE = "yolov3-0500-clear"

@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 from unit.report.synthetic_campaign import campaign_data, drive, make_campaign
 
 from conductor.cli import app
-from conductor.outcomes import encode_outcomes, read_outcomes
-from conductor.report.compare_page import as_html, as_json, as_markdown, told
-from conductor.report_commands import compare_folders
+from conductor.commands.report_commands import compare_folders
+from conductor.records.outcomes import encode_outcomes, read_outcomes
+from conductor.report.compare.page import as_html, as_json, as_markdown, told
 from schemas.campaign import GroundTruthPerception, expand, parse_campaign
 from schemas.names import WEATHERS
-from twin.fabric.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UnfinishedError
-from twin.fabric.errors import UsageError as Usage
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UnfinishedError
+from twin.base.errors import UsageError as Usage
 
 replace = msgspec.structs.replace
 HOURS = ["05:00", "07:00", "09:00", "11:00", "13:00", "15:00", "17:00", "19:00"]

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from conductor.report.curves import CURVES, POINTS_MAX, POINTS_MIN, points_for, thin
-from schemas.kpi import KPI_COLUMNS
-from twin.fabric.kpi_file import kpi_table
+from conductor.report.reading.curves import CURVES, POINTS_MAX, POINTS_MIN, points_for, thin
+from schemas.files.kpi import KPI_COLUMNS
+from twin.records.kpi_file import kpi_table
 
 
 def _table(rows: int, **changes: list[Any]) -> pa.Table:

@@ -11,9 +11,9 @@ from unit.report.autodrive_logs import write_logs
 from unit.report.synthetic_campaign import make_campaign
 
 from conductor.cli import app
-from conductor.outcomes import encode_outcomes, read_outcomes
-from conductor.report.autodrive_import import import_autodrive
-from conductor.report.dossier import open_dossier
+from conductor.records.outcomes import encode_outcomes, read_outcomes
+from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.reading.dossier import open_dossier
 
 replace = msgspec.structs.replace
 

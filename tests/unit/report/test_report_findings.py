@@ -9,10 +9,10 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
-from conductor.report import losses
-from conductor.report.dossier import open_dossier
-from conductor.report.findings import Finding, findings
-from conductor.report.losses import counts_by
+from conductor.report.analysis import losses
+from conductor.report.analysis.findings import Finding, findings
+from conductor.report.analysis.losses import counts_by
+from conductor.report.reading.dossier import open_dossier
 from schemas.names import WEATHERS
 
 replace = msgspec.structs.replace

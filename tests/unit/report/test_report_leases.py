@@ -9,14 +9,14 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
-from conductor.outcomes import encode_outcomes
+from conductor.records.outcomes import encode_outcomes
+from conductor.records.timeline import FILE_NAME, Event
 from conductor.report import make_report, tables_of
-from conductor.report.content import read_content
-from conductor.report.dossier import open_dossier
-from conductor.report.leases import Leases, leases_of, read_leases
-from conductor.report.leases_figure import SPANS_MAX, lanes_of, leases_figure
-from conductor.timeline import FILE_NAME, Event
-from twin.fabric.errors import UsageError
+from conductor.report.pages.content import read_content
+from conductor.report.plots.leases_figure import SPANS_MAX, lanes_of, leases_figure
+from conductor.report.reading.dossier import open_dossier
+from conductor.report.reading.leases import Leases, leases_of, read_leases
+from twin.base.errors import UsageError
 
 replace = msgspec.structs.replace
 

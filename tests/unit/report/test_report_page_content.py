@@ -11,12 +11,13 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of, rested
 
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import Late
-from conductor.report import content, make_report, report_json
-from conductor.report.cells import cell_number, cells_of, worst
-from conductor.report.dossier import open_dossier
-from twin.fabric.errors import UsageError
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import Late
+from conductor.report import make_report, report_json
+from conductor.report.pages import content
+from conductor.report.plots.cells import cell_number, cells_of, worst
+from conductor.report.reading.dossier import open_dossier
+from twin.base.errors import UsageError
 
 replace = msgspec.structs.replace
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\u2028</SCRIPT>"

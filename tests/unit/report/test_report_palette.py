@@ -12,15 +12,15 @@ import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 from unit.report.test_report_leases import one_after_the_other
 
-from conductor.report.cells import severity
-from conductor.report.dossier import open_dossier
-from conductor.report.heat_picture import heat_picture
-from conductor.report.leases import read_leases
-from conductor.report.leases_figure import leases_figure
-from conductor.report.palette import status_color, status_ink, status_symbol
-from conductor.report.tables import KNOWN_STATUSES
+from conductor.report.pages.tables import KNOWN_STATUSES
+from conductor.report.plots.cells import severity
+from conductor.report.plots.heat_picture import heat_picture
+from conductor.report.plots.leases_figure import leases_figure
+from conductor.report.plots.palette import status_color, status_ink, status_symbol
+from conductor.report.reading.dossier import open_dossier
+from conductor.report.reading.leases import read_leases
 from schemas.campaign import WEATHERS
-from viewer.scenery import VERDICT_COLORS
+from viewer.recording.scenery import VERDICT_COLORS
 
 VERDICTS = ("pass", "false_braking", "collision", "lane_departure", "time_up")
 

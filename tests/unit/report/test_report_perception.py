@@ -11,7 +11,7 @@ import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.report import report_json
-from conductor.report.systems import perception_text
+from conductor.report.reading.systems import perception_text
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import PerceptionCost
 

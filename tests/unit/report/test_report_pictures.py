@@ -16,11 +16,14 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 from unit.report.test_report_leases import one_after_the_other
 from unit.viewer.recorded_case import write
 
-from conductor.report import make_report, plot_kpis, plots, recorded
-from conductor.report.content import Content, read_content
-from conductor.report.dossier import open_dossier
+from conductor.report import make_report
+from conductor.report.pages.content import Content, read_content
+from conductor.report.plots import files as plots
+from conductor.report.plots import kpis as plot_kpis
+from conductor.report.reading import recorded
+from conductor.report.reading.dossier import open_dossier
 from schemas.campaign import WEATHERS
-from viewer.strip import WIDTH_PX
+from viewer.playback.strip import WIDTH_PX
 
 replace = msgspec.structs.replace
 CASE = "yolov3-1300-heavy_fog"

@@ -10,13 +10,13 @@ from typer.testing import CliRunner
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.cli import app
-from conductor.fingerprint import fingerprint
-from conductor.outcomes import read_outcomes
-from conductor.realtime import too_slow
+from conductor.records.fingerprint import fingerprint
+from conductor.records.outcomes import read_outcomes
+from conductor.records.realtime import too_slow
 from conductor.report import make_report, write_summary
-from conductor.report.compare import compare
-from conductor.report.dossier import open_dossier
-from schemas.realtime import OVERRUN_SHARE_MAX, Realtime
+from conductor.report.compare.comparison import compare
+from conductor.report.reading.dossier import open_dossier
+from schemas.wire.realtime import OVERRUN_SHARE_MAX, Realtime
 
 TICKS = 400
 SLOW = "8 of 8 cases ran on a machine that was too slow; in the worst 5 of 400 ticks overran"

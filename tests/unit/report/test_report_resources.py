@@ -13,11 +13,12 @@ import pyarrow.parquet as pq
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
-from conductor.report import report_json, resources
-from conductor.report.resources import RESOURCES_FILE, gather_resources, read_resources
-from conductor.report.resources_figure import POINTS_MAX, thinned
-from conductor.report.resources_use import QUANTITIES, WORKERS_MAX, Series
-from schemas.resources import PERIOD_S, ProcessUse, Sample
+from conductor.report import report_json
+from conductor.report.plots.resources_figure import POINTS_MAX, thinned
+from conductor.report.reading import resources
+from conductor.report.reading.resources import RESOURCES_FILE, gather_resources, read_resources
+from conductor.report.reading.resources_use import QUANTITIES, WORKERS_MAX, Series
+from schemas.files.resources import PERIOD_S, ProcessUse, Sample
 
 PERIOD_NS = PERIOD_S * 10**9
 

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pytest
 from unit.report.test_report_curves import _table
 
-from conductor.report import cache
-from conductor.report.curves import BINS, POINTS_MIN, SHARED, Curve, binned, thin
-from conductor.report.spread import LEVELS, LINES_MAX, spread_of
+from conductor.report.plots.spread import LEVELS, LINES_MAX, spread_of
+from conductor.report.reading import cache
+from conductor.report.reading.curves import BINS, POINTS_MIN, SHARED, Curve, binned, thin
 
 ROWS = 2001
 """100 s at 20 Hz."""

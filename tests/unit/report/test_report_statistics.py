@@ -8,7 +8,7 @@ import statistics
 
 import pytest
 
-from conductor.report.statistics import (
+from conductor.report.analysis.statistics import (
     EXACT_STEPS_MAX,
     chi_square_tail,
     holm,

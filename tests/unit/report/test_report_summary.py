@@ -14,8 +14,8 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.report import write_summary
 from schemas.campaign import expand
-from schemas.kpi import SCALARS
-from twin.fabric.errors import InfrastructureError, UsageError
+from schemas.files.kpi import SCALARS
+from twin.base.errors import InfrastructureError, UsageError
 
 replace = msgspec.structs.replace
 

@@ -9,10 +9,10 @@ import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.report import report_json
-from conductor.report.dossier import open_dossier
-from conductor.report.result_page import write_result_page
-from conductor.report.systems import stack_name, system_names
-from schemas.foreign import Foreign
+from conductor.report.pages.result_page import write_result_page
+from conductor.report.reading.dossier import open_dossier
+from conductor.report.reading.systems import stack_name, system_names
+from schemas.sections.foreign import Foreign
 
 
 def campaign_of(autonomy: dict[str, Any], **matrix: list[str]) -> dict[str, Any]:

@@ -16,20 +16,20 @@ import msgspec
 import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
-from conductor.fingerprint import fingerprint
+from conductor.records.fingerprint import fingerprint
 from conductor.report import write_result_page
-from conductor.report.dossier import open_dossier
-from conductor.report.heat_picture import _MARKS
-from conductor.report.losses import EXAMPLES_MAX, examples, extremes, kind_of, lost_lines
-from conductor.report.palette import status_color
-from conductor.report.prose import block
-from conductor.report.result_page import escaped, fenced
-from conductor.report.statistics import wilson
-from conductor.report.tables import KNOWN_STATUSES
-from schemas.assets import file_digest
+from conductor.report.analysis.losses import EXAMPLES_MAX, examples, extremes, kind_of, lost_lines
+from conductor.report.analysis.statistics import wilson
+from conductor.report.pages.prose import block
+from conductor.report.pages.result_page import escaped, fenced
+from conductor.report.pages.tables import KNOWN_STATUSES
+from conductor.report.plots.heat_picture import _MARKS
+from conductor.report.plots.palette import status_color
+from conductor.report.reading.dossier import open_dossier
+from schemas.files.assets import file_digest
 from schemas.messages import PerceptionCost
-from twin.fabric.errors import UsageError
-from twin.fabric.software import software_digest
+from twin.base.errors import UsageError
+from twin.base.software import software_digest
 
 replace = msgspec.structs.replace
 HOSTILE = "a | b\n# c <img src=x> [d](e) `f` *g* <!-- end of text summary -->"

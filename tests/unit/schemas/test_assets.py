@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 import twin
-from conductor.source import load
-from schemas.assets import asset_digest, asset_files, mesh_files
+from conductor.run.source import load
 from schemas.campaign import expand
+from schemas.files.assets import asset_digest, asset_files, mesh_files
 from schemas.identity import case_digest, rig_key
-from twin.engine import Engine
-from twin.fabric.errors import RefusedError, UsageError
+from twin.base.errors import RefusedError, UsageError
+from twin.rig.engine import Engine
 from twin.vehicle.vehicle_file import load_vehicle
 
 SHIPPED = Path(twin.__file__).parent / "vehicle" / "models"
@@ -107,7 +107,7 @@ def test_a_lidar_profile_by_path_belongs_to_the_vehicle(files):
     campaign, car = files
     folder = car.parent / "scanners"
     folder.mkdir()
-    shutil.copy(SHIPPED.parents[1] / "sensors/lidar_profiles/spinning_16.yaml", folder / "own.yaml")
+    shutil.copy(SHIPPED.parents[1] / "sensors/lidar/profiles/spinning_16.yaml", folder / "own.yaml")
     car.write_text(car.read_text().replace("profile: spinning_32", "profile: scanners/own.yaml"))
     before = asset_digest(car)
     assert load_vehicle(str(car)).lidar("roof").profile == str(folder / "own.yaml")

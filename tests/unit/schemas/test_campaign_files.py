@@ -6,13 +6,13 @@ from typing import get_args
 import msgspec
 import pytest
 
-from conductor.source import check, load, shipped
+from conductor.run.source import check, load, shipped
 from devkit.darknet.variant import ARCHITECTURES
 from schemas.campaign import WEATHERS, expand, only, parse_campaign
+from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
-from schemas.view_mode import View, ViewMode
-from schemas.yaml_file import YamlError, load_yaml, parse_yaml
-from twin.fabric.errors import UsageError
+from schemas.sections.view_mode import View, ViewMode
+from twin.base.errors import UsageError
 
 GOOD = {
     "campaign": "c",

@@ -11,8 +11,8 @@ from waiting import PATIENCE_S
 
 from schemas import DRIVE_MINOR, SCHEMA_VERSION
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
-from schemas.perception import GroundTruthPerception
-from schemas.wire import decode, encode
+from schemas.sections.perception import GroundTruthPerception
+from schemas.wire.codec import decode, encode
 from twin.fabric.rig_folder import RigFolder
 from twin.fabric.zenoh_bus import open_bus
 

@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from schemas.campaign import Case, parse_cases
-from schemas.environment import Environment
 from schemas.names import minutes
+from schemas.sections.environment import Environment
 
 DRIZZLE = {"drizzle": {"rain": 0.2, "fog": 0.1, "wind": 0.4}}
 

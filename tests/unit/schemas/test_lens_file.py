@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.lens import CameraMount, Lens
-from schemas.lens_curve import check_lens, curve, intrinsics, radial, reach
+from schemas.sections.lens import CameraMount, Lens
+from schemas.sections.lens_curve import check_lens, curve, intrinsics, radial, reach
 from schemas.validation import convert_all
 
 

@@ -7,15 +7,15 @@ import shutil
 import msgspec
 import pytest
 
-from conductor.case_table import pack, unpack
-from conductor.source import check, load
+from conductor.core.case_table import pack, unpack
+from conductor.run.source import check, load
 from schemas.campaign import expand, parse_cases
-from schemas.expected import EXPECTED_MAX, expected_of
 from schemas.identity import campaign_digest, case_digest, rig_key
 from schemas.messages import Lease
-from schemas.perception import NetworkPerception, file_fields
-from schemas.wire import decode, encode
-from twin.fabric.errors import UsageError
+from schemas.sections.perception import NetworkPerception, file_fields
+from schemas.wire.codec import decode, encode
+from schemas.wire.expected import EXPECTED_MAX, expected_of
+from twin.base.errors import UsageError
 
 CAMPAIGN = """
 campaign: own

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from schemas.regular_file import open_regular, read_regular
-from schemas.yaml_file import YamlError, load_yaml
+from schemas.files.regular_file import open_regular, read_regular
+from schemas.files.yaml_file import YamlError, load_yaml
 
 
 def a_pipe(folder: Path) -> Path:

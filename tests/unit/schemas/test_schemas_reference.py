@@ -7,8 +7,8 @@ import pytest
 from msgspec import Meta, Struct
 
 from schemas.campaign import Campaign, parse_cases
+from schemas.files.yaml_file import load_yaml
 from schemas.reference import Key, keys_of, markdown
-from schemas.yaml_file import load_yaml
 
 DOCUMENT = Path(__file__).parents[3] / "docs/campaign.md"
 

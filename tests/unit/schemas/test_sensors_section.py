@@ -6,11 +6,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from conductor.source import check
-from schemas import messages, topics
+from conductor.run.source import check
+from schemas import messages
 from schemas.campaign import axes_allowed, expand, parse_campaign, parse_cases
 from schemas.identity import case_digest, rig_key
-from schemas.sensors import Gnss, Imu, Sensors
+from schemas.sections.sensors import Gnss, Imu, Sensors
+from schemas.wire import topics
 
 GOOD = {"campaign": "c", "matrix": {"weather": ["clear"]}}
 

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from schemas.environment import Conditions
-from schemas.interventions import PlaceEgo, SetEnvironment, SetLights, SetPace, SetSensors
 from schemas.messages import Lights, SensorErrors
+from schemas.sections.environment import Conditions
 from schemas.settings import actions_of, parse_words
+from schemas.wire.interventions import PlaceEgo, SetEnvironment, SetLights, SetPace, SetSensors
 
 
 def test_every_kind_of_setting():

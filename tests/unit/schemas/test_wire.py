@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas import SCHEMA_VERSION
-from schemas.kpi import headlight_code
+from schemas.files.kpi import headlight_code
 from schemas.messages import (
     Beat,
     Command,
@@ -18,7 +18,7 @@ from schemas.messages import (
     Tick,
     command_mistake,
 )
-from schemas.wire import WireError, decode, encode
+from schemas.wire.codec import WireError, decode, encode
 
 
 def test_round_trip():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from schemas.yaml_file import YamlError, parse_yaml
+from schemas.files.yaml_file import YamlError, parse_yaml
 
 MISFITS = (
     *('!!int ""', '!!float ""', "!!bool maybe", "!!null 3", "!!int 0x", "!!int 1:99:a"),

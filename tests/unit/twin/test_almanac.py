@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.world.almanac import (
+from twin.world.sky.almanac import (
     FULL_MOON_LX,
     heavens,
     julian_day,

@@ -11,20 +11,20 @@ import pytest
 
 from devkit.darknet.importer import darknet_model
 from devkit.darknet.sections import read_sections
-from devkit.detector import Detector
-from devkit.detector_description import read_description
-from schemas.assets import FILE_BYTES_MAX, asset_digest, file_digest
-from twin.fabric.drive_record import RecordReader
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.fabric.kpi_file import read_kpi
-from twin.fabric.picture_file import read_picture
-from twin.fabric.stack_class import class_mistakes
-from twin.sensors.lidar import load_lidar_profile
+from devkit.detector.description import read_description
+from devkit.detector.detector import Detector
+from schemas.files.assets import FILE_BYTES_MAX, asset_digest, file_digest
+from twin.base.errors import InfrastructureError, UsageError
+from twin.base.picture_file import read_picture
+from twin.records.drive_record import RecordReader
+from twin.records.kpi_file import read_kpi
+from twin.sensors.lidar.lidar import load_lidar_profile
+from twin.stack_identity.stack_class import class_mistakes
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.content import Terrain
-from twin.world.mesh_file import load_mesh
+from twin.world.meshes.mesh_file import load_mesh
+from twin.world.meshes.terrain import load_heights
 from twin.world.scene import load_scene
-from twin.world.terrain import load_heights
 
 ZERO = Path("/dev/zero")
 

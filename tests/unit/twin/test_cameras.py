@@ -6,7 +6,7 @@ import pytest
 
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command
-from twin.engine import Engine, frame_channels
+from twin.rig.engine import Engine, frame_channels
 
 
 def case(**more):

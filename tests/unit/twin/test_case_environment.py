@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from schemas.campaign import parse_cases
-from twin.world.environment import CaseEnvironment
 from twin.world.scene import Origin
-from twin.world.weather import WEATHER, WEATHER_AUTODRIVE, blended
+from twin.world.sky.environment import CaseEnvironment
+from twin.world.sky.weather import WEATHER, WEATHER_AUTODRIVE, blended
 
 PLACE = Origin(latitude_deg=34.8, longitude_deg=-82.32, heading_deg=90.0)
 S = 1_000_000_000

@@ -7,8 +7,8 @@ from schemas.messages import Command
 from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import Recorder
 from twin.kpi.verdict import scalars
+from twin.road.lane import Piece, trace
 from twin.vehicle.state import COLUMN
-from twin.world.lane import Piece, trace
 
 PERIOD_NS = 50_000_000
 

@@ -8,19 +8,19 @@ import warp as wp
 from msgspec.structs import replace
 
 from schemas.messages import SEMANTIC_CLASSES
-from twin.dataset.cast import streets_of
+from twin.base.errors import UsageError
+from twin.dataset.images.cast import streets_of
 from twin.dataset.recipe import Recipe
-from twin.fabric.errors import UsageError
-from twin.render.street_lamps import LAMP_CELL_M, nearest_lamps
+from twin.render.light.street_lamps import LAMP_CELL_M, nearest_lamps
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.layout import lay_out
-from twin.world.mesh import DECAL
+from twin.world.meshes.mesh import DECAL
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street.build import build_world
+from twin.world.street.layout import lay_out
 
 prepare_kernels()
 CPU = wp.get_device("cpu")

@@ -7,7 +7,7 @@ import pytest
 
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command
-from twin.command_delay import Delays
+from twin.rig.command_delay import Delays
 
 STEP_MS = 2
 PERIOD_STEPS = 25  # 20 Hz

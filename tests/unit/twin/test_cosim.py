@@ -8,7 +8,7 @@ import pytest
 from unit.twin.test_engine import ask, brake_late, case, run, table_bytes
 
 from schemas.messages import IMU_COLUMNS, Pose
-from twin.engine import CARRIED, Engine
+from twin.rig.engine import CARRIED, Engine
 from twin.vehicle.carry import SPEED_MAX_MPS
 
 PERIOD_S = 0.05

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from schemas.drive_record import RecordArray
-from twin.fabric.drive_record import decoded
-from twin.fabric.errors import UsageError
-from twin.fabric.picture_file import read_picture
+from schemas.files.drive_record import RecordArray
+from twin.base.errors import UsageError
+from twin.base.picture_file import read_picture
+from twin.records.drive_record import decoded
 from twin.world.content import Terrain
-from twin.world.terrain import load_heights
+from twin.world.meshes.terrain import load_heights
 
 BELIEVED_KB = 500_000
 """More than any of this takes, and far less than what the chunk claims [kB]."""

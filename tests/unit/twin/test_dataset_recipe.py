@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from twin.dataset.cameras import eyes_of
-from twin.dataset.cast import PAINT_DISTANCE, streets_of
+from twin.base.errors import UsageError
+from twin.dataset.images.cameras import eyes_of
+from twin.dataset.images.cast import PAINT_DISTANCE, streets_of
+from twin.dataset.images.shot import plan_shot, where
+from twin.dataset.images.traffic import PLACES, half_extent_m
 from twin.dataset.labels import Seen, ignored_for
 from twin.dataset.recipe import SPLITS, Recipe, Rules, Shares, parse_recipe
-from twin.dataset.shot import plan_shot, where
-from twin.dataset.traffic import PLACES, half_extent_m
-from twin.fabric.errors import UsageError
 from twin.vehicle.vehicle_file import load_vehicle
 
 RECIPE = Recipe(seed=9)

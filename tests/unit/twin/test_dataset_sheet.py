@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from twin.base.errors import UsageError
 from twin.dataset import command, sheet
 from twin.dataset.command import DatasetRequest, run_dataset
-from twin.fabric.errors import UsageError
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from collections import Counter
 
 import pytest
 
+from twin.base.errors import InfrastructureError
+from twin.dataset.crew.task import IMAGES, Agenda, Task, divided
 from twin.dataset.folder import Folder, Maker
 from twin.dataset.recipe import Recipe
-from twin.dataset.task import IMAGES, Agenda, Task, divided
-from twin.fabric.errors import InfrastructureError
 
 
 def test_tasks_hold_whole_batches():

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from schemas.steady import steady
-from twin.world import atmosphere, sky_table
-from twin.world.atmosphere import LUMINANCE, SUN_LX, SUN_RGB
-from twin.world.sun import (
+from twin.world.sky import atmosphere, sky_table
+from twin.world.sky.atmosphere import LUMINANCE, SUN_LX, SUN_RGB
+from twin.world.sky.sun import (
     EXPOSURE_FLOOR_LX,
     WHITE_SIGNAL,
     daylight,
     twilight_lx,
 )
-from twin.world.weather import WEATHER, blended
+from twin.world.sky.weather import WEATHER, blended
 
 CLEAR_LEVEL = atmosphere.haze_level(0.88e-4)
 

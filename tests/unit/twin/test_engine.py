@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from schemas.campaign import Case, expand, parse_campaign
-from schemas.kpi import KPI_COLUMNS, SCALARS
+from schemas.files.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
-from schemas.objects import ObjectVariation
-from twin.command_delay import Delays
-from twin.engine import Engine
+from schemas.sections.objects import ObjectVariation
+from twin.rig.command_delay import Delays
+from twin.rig.engine import Engine
 from twin.vehicle.state import COLUMN
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import case_digest, rig_key
 from schemas.messages import Command
-from twin.engine import Engine, frame_channels
+from twin.rig.engine import Engine, frame_channels
 
 
 def case(render):

@@ -8,10 +8,10 @@ import yaml
 
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lease
-from twin.engine import Engine
-from twin.worker.view_samples import stage_of
+from twin.rig.engine import Engine
+from twin.view.samples import stage_of
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street.build import build_world
 
 STREET = {"schema": 1, "scene": "free", "bake": False}
 YARD = {**STREET, "street": False, "terrain": {"heightmap": "flat.npy", "size_m": [400, 200]}}

@@ -13,11 +13,11 @@ import pyarrow as pa
 import pytest
 from kpi_columns import cases, drive
 
-from schemas.judging import Claim, Judgement
+from schemas.files.judging import Claim, Judgement
 from schemas.messages import Lease, Result
-from twin.fabric.kpi_file import read_kpi, write_kpi
 from twin.kpi.judge import examine
-from twin.worker.attempt import write_attempt
+from twin.records.kpi_file import read_kpi, write_kpi
+from twin.rig.attempt import write_attempt
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from twin.world import atmosphere
 from twin.world import kept as module
 from twin.world.kept import ENTRIES_MAX, kept
 from twin.world.scene import load_scene
-from twin.world.street import _build, build_world
+from twin.world.sky import atmosphere
+from twin.world.street.build import _build, build_world
 
 
 @pytest.fixture

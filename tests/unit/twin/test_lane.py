@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.world.lane import Piece, end_of, trace
+from twin.road.lane import Piece, end_of, trace
 
 QUARTER = np.pi / 2
 

@@ -12,10 +12,10 @@ from devkit.aeb import AebStack
 from devkit.stack import Observation
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Episode
-from twin.engine import Engine
 from twin.kpi.lane_progress import LaneProgress
+from twin.rig.engine import Engine
+from twin.road.lane import Piece, straight, trace
 from twin.vehicle.state import COLUMN
-from twin.world.lane import Piece, straight, trace
 
 LANE_SCALARS = ("distance_m", "lateral_error_rms_m", "lateral_error_max_m")
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from schemas.lens import Lens
-from schemas.lens_curve import intrinsics
-from schemas.lens_projection import project, vehicle_from_camera
+from schemas.sections.lens import Lens
+from schemas.sections.lens_curve import intrinsics
+from schemas.sections.lens_projection import project, vehicle_from_camera
 from twin.render.lens import projection_matrix, ray_table
 
 WIDTH, HEIGHT = 128, 72

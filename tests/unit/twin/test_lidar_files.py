@@ -2,9 +2,9 @@
 
 import pytest
 
-from schemas.lidar import POINT_COLUMNS, Lidar, LidarMount, LidarProfile, lidar_columns
+from schemas.sections.lidar import POINT_COLUMNS, Lidar, LidarMount, LidarProfile, lidar_columns
 from schemas.validation import convert_all
-from twin.sensors.lidar import load_lidar_profile, mounted_profile
+from twin.sensors.lidar.lidar import load_lidar_profile, mounted_profile
 
 BASE = """\
 schema: 1

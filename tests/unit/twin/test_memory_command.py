@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from twin.fabric.errors import UsageError
-from twin.memory import show_memory, show_memory_of
+from twin.base.errors import UsageError
+from twin.rig.memory import show_memory, show_memory_of
 
 RIG = {
     "slots": 256,

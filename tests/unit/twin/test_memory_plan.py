@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from schemas.camera import Camera, ImageOutput
+from schemas.sections.camera import Camera, ImageOutput
 from twin.render.memory import LidarLoad, plan
-from twin.render.visibility import BYTES_PER_PIXEL
+from twin.render.trace.visibility import BYTES_PER_PIXEL
 
 PAIR = [Camera(name=f"front_{side}", width=640, height=360) for side in ("left", "right")]
 EYE = Camera(name="eye", width=640, height=360)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from schemas.objects import ObjectVariation
-from twin.world.actors import build_cast
+from schemas.sections.objects import ObjectVariation
+from twin.actors.objects import build_cast
+from twin.actors.path import build_path, law_of_times
+from twin.actors.variations import Variations
 from twin.world.content import SceneObject
-from twin.world.path import build_path, law_of_times
 from twin.world.scene import load_scene
-from twin.world.street import build_world
-from twin.world.variations import Variations
+from twin.world.street.build import build_world
 
 
 def cast(**given):

@@ -9,11 +9,12 @@ import pytest
 import trimesh
 from msgspec.structs import replace
 
-from schemas.assets import asset_files
+from schemas.files.assets import asset_files
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
-from twin.world import materials
 from twin.world.circuit import Arc, Segment
 from twin.world.content import DRIVABLE, MaterialName, MeshFile, SceneObject, Terrain
+from twin.world.meshes import materials
+from twin.world.meshes.terrain import SAMPLES_MAX
 from twin.world.scene import (
     Buildings,
     Furniture,
@@ -23,8 +24,7 @@ from twin.world.scene import (
     Scene,
     load_scene,
 )
-from twin.world.street import build_world
-from twin.world.terrain import SAMPLES_MAX
+from twin.world.street.build import build_world
 
 BARE = "schema: 1\nscene: own\nstreet: false\nbake: false\nobstacle: {x_m: 60}\n"
 HILL = "terrain: {heightmap: hill.npy, size_m: [200, 100], position_m: [10, 0, -1]}\n"

@@ -14,7 +14,7 @@ from schemas.messages import (
     Command,
     SensorErrors,
 )
-from twin.engine import Engine
+from twin.rig.engine import Engine
 from twin.vehicle.state import COLUMN, columns
 
 ALL = {"gnss": {}, "imu": {}, "encoders": {}}

@@ -8,8 +8,9 @@ import pytest
 from unit.twin.test_engine import case, table_bytes
 
 from schemas.campaign import expand, parse_campaign
-from schemas.environment import Conditions
-from schemas.interventions import (
+from schemas.messages import Command
+from schemas.sections.environment import Conditions
+from schemas.wire.interventions import (
     FreeObject,
     MoveObject,
     PlaceEgo,
@@ -17,8 +18,7 @@ from schemas.interventions import (
     SetEnvironment,
     SpawnObject,
 )
-from schemas.messages import Command
-from twin.engine import Engine
+from twin.rig.engine import Engine
 from twin.vehicle.state import COLUMN
 
 SCENE = """

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from schemas.campaign import WEATHERS
-from schemas.environment import Conditions
-from twin.world.weather import (
+from schemas.sections.environment import Conditions
+from twin.world.sky.weather import (
     FAMILIES,
     PRESETS,
     WEATHER,

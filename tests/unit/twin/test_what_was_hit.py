@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from unit.twin.test_engine import ask, case, run
 
-from twin import engine as engine_module
-from twin.engine import Engine
+from twin.rig import engine as engine_module
+from twin.rig.engine import Engine
 from twin.world.scene import load_scene
-from twin.world.street import build_world
+from twin.world.street.build import build_world
 from twin.world.things import Thing, named
 
 WALKER = """

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from schemas.identity import stream_key
-from twin.world.weather import WEATHER
-from twin.world.wind import LENGTH_M, Winds, gaussian_pairs
+from twin.world.sky.weather import WEATHER
+from twin.world.sky.wind import LENGTH_M, Winds, gaussian_pairs
 
 
 def blow(winds, ticks):

@@ -5,11 +5,11 @@ import pytest
 from msgspec.structs import replace
 
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.layout import lay_out
-from twin.world.mesh import MeshBuilder
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import load_scene
-from twin.world.sidewalks import add_lamps
-from twin.world.street import build_world
+from twin.world.street.build import build_world
+from twin.world.street.layout import lay_out
+from twin.world.street.sidewalks import add_lamps
 
 
 def one_line(error):

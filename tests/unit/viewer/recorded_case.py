@@ -3,10 +3,10 @@
 import numpy as np
 from view_messages import camera, controls, detection, end, start, state
 
-from schemas.view import Box
-from twin.worker.view_samples import jpeg
-from viewer import naming
-from viewer.recording import Recording
+from schemas.wire.view import Box
+from twin.view.samples import jpeg
+from viewer.recording import naming
+from viewer.recording.recording import Recording
 
 PICTURES = [jpeg(np.full((36, 64, 3), shade, np.uint8)) for shade in (10, 120, 230)]
 

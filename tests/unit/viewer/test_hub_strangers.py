@@ -17,9 +17,9 @@ from waiting import PATIENCE_S
 
 from twin.fabric.loopback import is_ours
 from viewer.browser.front import Front, Site
-from viewer.gate import HEAD_BYTES_MAX, NATIVE, Gate
-from viewer.hub import open_hub
-from viewer.inner_port import InnerPort
+from viewer.live.gate import HEAD_BYTES_MAX, NATIVE, Gate
+from viewer.live.hub import open_hub
+from viewer.live.inner_port import InnerPort
 
 NOBODY = 65534
 root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")

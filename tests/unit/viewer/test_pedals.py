@@ -1,7 +1,7 @@
 """The keyboard of `viewer takeover`."""
 
-from schemas.interventions import Takeover
-from viewer.pedals import STEERING_MAX_RAD, Pedals, keys
+from schemas.wire.interventions import Takeover
+from viewer.intervening.pedals import STEERING_MAX_RAD, Pedals, keys
 
 
 def press(text):

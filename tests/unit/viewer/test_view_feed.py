@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from waiting import PATIENCE_S, wait_for
 
-from schemas import topics
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lease
-from schemas.view import (
+from schemas.wire import topics
+from schemas.wire.codec import decode
+from schemas.wire.view import (
     UNNUMBERED,
     CameraSample,
     CaseEnd,
@@ -25,20 +26,20 @@ from schemas.view import (
     Thumbnail,
     ViewMode,
 )
-from schemas.wire import decode
+from twin.actors.motion import Still
 from twin.fabric.memory_bus import Hub
 from twin.kpi.recorder import Recorder
 from twin.vehicle.state import COLUMN
-from twin.worker import view_encoder, view_feed
-from twin.worker.view_demand import Demand
-from twin.worker.view_feed import ViewFeed
-from twin.worker.view_items import Run
-from twin.worker.view_port import Harmless, NoFeed
-from twin.worker.view_samples import THUMBNAIL_WIDTH_PX
-from twin.world.mesh import MeshBuilder
-from twin.world.motion import Still
+from twin.view import encoder as view_encoder
+from twin.view import feed as view_feed
+from twin.view.demand import Demand
+from twin.view.feed import ViewFeed
+from twin.view.items import Run
+from twin.view.port import Harmless, NoFeed
+from twin.view.samples import THUMBNAIL_WIDTH_PX
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import load_scene
-from twin.world.street import World, build_world
+from twin.world.street.build import World, build_world
 
 RIG = "r1"
 IMAGE = np.zeros((2, 36, 64, 3), np.uint8)

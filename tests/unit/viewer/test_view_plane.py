@@ -6,14 +6,14 @@ import socket
 import pytest
 from waiting import wait_for
 
-from schemas import topics
-from schemas.view import ViewMode
-from twin.fabric.errors import UsageError
+from schemas.wire import topics
+from schemas.wire.view import ViewMode
+from twin.base.errors import UsageError
 from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus
-from twin.worker import view_feed
-from twin.worker.view_feed import NoFeed, ViewOptions, open_feed
-from viewer.hub import open_hub
+from twin.view import feed as view_feed
+from twin.view.feed import NoFeed, ViewOptions, open_feed
+from viewer.live.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
 THUMBNAIL = "view/*/*/thumbnail"

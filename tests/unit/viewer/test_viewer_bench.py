@@ -7,14 +7,14 @@ import threading
 import pytest
 from waiting import PATIENCE_S
 
-from schemas import topics
-from schemas.view import Thumbnail
-from schemas.wire import ATTACHMENT_BYTES_MAX, decode
-from twin.fabric.errors import UsageError
+from schemas.wire import topics
+from schemas.wire.codec import ATTACHMENT_BYTES_MAX, decode
+from schemas.wire.view import Thumbnail
+from twin.base.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
-from viewer.bench import BenchOptions, _source, bench, misses
-from viewer.bench_compare import MODES, SHARE_MIN, Run, Sample, Window, compare, lines, window
-from viewer.bench_course import Course
+from viewer.bench.command import BenchOptions, _source, bench, misses
+from viewer.bench.compare import MODES, SHARE_MIN, Run, Sample, Window, compare, lines, window
+from viewer.bench.course import Course
 
 
 def viewer(**changes):
@@ -146,7 +146,7 @@ def test_every_synthetic_case_is_sent():
 
 
 def test_synthetic_cases_are_measured(capsys, monkeypatch):
-    monkeypatch.setattr("viewer.bench.WARM_UP_S", 0.5)
+    monkeypatch.setattr("viewer.bench.command.WARM_UP_S", 0.5)
     options = BenchOptions(cases=4, focus=1, seconds=0.5, rounds=0)
     assert bench(options, as_json=True, check=False) == 0
     found = json.loads(capsys.readouterr().out)["viewer"]

@@ -9,20 +9,21 @@ from recorded_case import PICTURES, write
 from view_messages import STAGE, camera, controls, detection, end, start, state, thumbnail
 
 from schemas import SCHEMA_VERSION
-from schemas.kpi import SCALARS
-from schemas.lens import Lens
+from schemas.files.kpi import SCALARS
 from schemas.messages import CameraSite, LidarSite
-from schemas.view import PointsSample
-from schemas.wire import encode
+from schemas.sections.lens import Lens
+from schemas.wire.codec import encode
+from schemas.wire.view import PointsSample
 from twin.fabric.bus import Sample
-from viewer import naming, native
-from viewer.blueprint import case_blueprint, overview_blueprint
-from viewer.focus import Focus, Scenes
-from viewer.folder import Moment
-from viewer.hub import Hub
-from viewer.overview import Overview
-from viewer.pulse import Pulse
-from viewer.shot import shoot
+from viewer.live.focus import Focus, Scenes
+from viewer.live.hub import Hub
+from viewer.live.overview import Overview
+from viewer.live.pulse import Pulse
+from viewer.playback import native
+from viewer.playback.folder import Moment
+from viewer.playback.shot import shoot
+from viewer.recording import naming
+from viewer.recording.blueprint import case_blueprint, overview_blueprint
 
 pytestmark = pytest.mark.skipif(
     not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
@@ -87,7 +88,7 @@ def the_wall(path):
 
 
 def test_every_layout_is_rendered_without_a_warning(tmp_path):
-    from viewer.window import window
+    from viewer.playback.window import window
 
     recorded = write(tmp_path / "attempt")
     live, wall = tmp_path / "live.rrd", tmp_path / "wall.rrd"

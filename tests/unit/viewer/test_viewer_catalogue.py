@@ -6,9 +6,9 @@ import pytest
 from recorded_case import write
 from rich.console import Console
 
-from twin.fabric.errors import UsageError
-from viewer.catalogue import read_catalogue, table
-from viewer.folder import find_recording
+from twin.base.errors import UsageError
+from viewer.playback.catalogue import read_catalogue, table
+from viewer.playback.folder import find_recording
 
 
 def campaign(folder):

@@ -7,10 +7,10 @@ import rerun as rr
 from view_messages import STAGE, controls, detection, end, start, state
 
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
-from viewer import naming
-from viewer.convert import CaseConverter
-from viewer.scenery import ORANGE, RED, verdict_color
-from viewer.summary import ended_text, running_text
+from viewer.recording import naming
+from viewer.recording.convert import CaseConverter
+from viewer.recording.scenery import ORANGE, RED, verdict_color
+from viewer.recording.summary import ended_text, running_text
 
 
 def paths(logged):

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from recorded_case import write
 
-from twin.fabric.errors import UsageError
-from twin.worker.view_samples import jpeg
-from viewer.drawing import LINE_PX, drawn, figures
-from viewer.folder import Moment
-from viewer.frames import Frame, Mark, read_case
-from viewer.scenery import CYAN, ORANGE, RED, YELLOW
-from viewer.still import write_still
-from viewer.strip import write_strip
+from twin.base.errors import UsageError
+from twin.view.samples import jpeg
+from viewer.playback.drawing import LINE_PX, drawn, figures
+from viewer.playback.folder import Moment
+from viewer.playback.frames import Frame, Mark, read_case
+from viewer.playback.still import write_still
+from viewer.playback.strip import write_strip
+from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW
 
 
 def frame(width=64, height=36, shade=100, **values):

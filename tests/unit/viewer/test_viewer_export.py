@@ -13,13 +13,13 @@ from mcap_protobuf.decoder import DecoderFactory
 from recorded_case import PICTURES, write
 from view_messages import camera, end, start, state
 
-from twin.fabric.errors import UsageError
-from viewer import naming
-from viewer.frames import read_case
-from viewer.mcap_file import write_mcap
-from viewer.outputs import needed
-from viewer.recording import Recording
-from viewer.video import write_film
+from twin.base.errors import UsageError
+from viewer.playback.frames import read_case
+from viewer.playback.mcap_file import write_mcap
+from viewer.playback.outputs import needed
+from viewer.playback.video import write_film
+from viewer.recording import naming
+from viewer.recording.recording import Recording
 
 
 def with_a_gap(folder):

@@ -10,14 +10,14 @@ import rerun as rr
 from view_messages import camera, end, start, state
 
 from schemas import SCHEMA_VERSION
-from schemas.lens import Lens
 from schemas.messages import CameraSite, LidarSite
-from schemas.view import PointsSample, SceneMesh
-from schemas.wire import WireError, encode
+from schemas.sections.lens import Lens
+from schemas.wire.codec import WireError, encode
+from schemas.wire.view import PointsSample, SceneMesh
 from twin.fabric.bus import Sample
-from viewer import naming
-from viewer.focus import Focus, Scenes
-from viewer.scenery import points, rotation, unpacked
+from viewer.live.focus import Focus, Scenes
+from viewer.recording import naming
+from viewer.recording.scenery import points, rotation, unpacked
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
 FACES = np.array([[0, 1, 2]], "<u4")
@@ -130,7 +130,7 @@ def test_of_two_attempts_at_once_the_later_is_shown():
 
 def test_a_recording_of_a_frozen_viewer_is_left_as_it_is(monkeypatch):
     kept = []
-    monkeypatch.setattr("viewer.hub.STUCK", kept)
+    monkeypatch.setattr("viewer.live.hub.STUCK", kept)
     seat = Seat()
     seat.send("start", begin())
     seat.streams[0].stuck = True

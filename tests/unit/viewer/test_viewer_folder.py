@@ -8,15 +8,15 @@ import pytest
 from recorded_case import write
 from typer.testing import CliRunner
 
-from schemas.kpi import KPI_COLUMNS
-from twin.fabric.errors import UsageError
-from twin.fabric.kpi_file import kpi_table, write_kpi
-from viewer import native
-from viewer.catalogue import read_catalogue
+from schemas.files.kpi import KPI_COLUMNS
+from twin.base.errors import UsageError
+from twin.records.kpi_file import kpi_table, write_kpi
 from viewer.cli import app
-from viewer.folder import find_moment, find_recording
-from viewer.outputs import check_out
-from viewer.shot import parse_size
+from viewer.playback import native
+from viewer.playback.catalogue import read_catalogue
+from viewer.playback.folder import find_moment, find_recording
+from viewer.playback.outputs import check_out
+from viewer.playback.shot import parse_size
 
 
 def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=True):

@@ -5,11 +5,11 @@ import rerun as rr
 from recorded_case import PICTURES, write
 from view_messages import end, start, state
 
-from twin.fabric.errors import UsageError
-from viewer import naming
-from viewer.folder import find_moment, find_recording
-from viewer.frames import Mark, read_case
-from viewer.recording import Recording
+from twin.base.errors import UsageError
+from viewer.playback.folder import find_moment, find_recording
+from viewer.playback.frames import Mark, read_case
+from viewer.recording import naming
+from viewer.recording.recording import Recording
 
 
 def test_every_tick_comes_back_in_order_with_what_was_seen(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from recorded_case import write
 from waiting import PATIENCE_S
 
-from twin.fabric.errors import UsageError
+from twin.base.errors import UsageError
 from viewer.browser.assets import Asset
 from viewer.browser.front import POLICY, READS, Front, Site
 

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 from waiting import PATIENCE_S
 
-from viewer import hub as hubs
-from viewer.gate import LAG_S, LEAST_BYTES, NATIVE, Gate, Line, laggards
-from viewer.hub import Hub, open_hub
-from viewer.inner_port import InnerPort
+from viewer.live import hub as hubs
+from viewer.live.gate import LAG_S, LEAST_BYTES, NATIVE, Gate, Line, laggards
+from viewer.live.hub import Hub, open_hub
+from viewer.live.inner_port import InnerPort
 
 
 class Server:
@@ -171,7 +171,7 @@ def test_the_laptop_is_told_the_gates_port():
 
 
 def test_so_many_viewers_and_no_more(server, gate, monkeypatch):
-    monkeypatch.setattr("viewer.gate.LINES_MAX", 2)
+    monkeypatch.setattr("viewer.live.gate.LINES_MAX", 2)
     with contextlib.ExitStack() as opened:
         lines = []
         for _ in range(3):

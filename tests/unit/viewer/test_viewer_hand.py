@@ -3,12 +3,12 @@
 import numpy as np
 from view_messages import start, state, thumbnail
 
-from twin.worker.view_samples import jpeg
-from viewer import naming
-from viewer.convert import CaseConverter
-from viewer.overview import Overview
-from viewer.pulse import Pulse
-from viewer.scenery import BLUE, GREY, VIOLET
+from twin.view.samples import jpeg
+from viewer.live.overview import Overview
+from viewer.live.pulse import Pulse
+from viewer.recording import naming
+from viewer.recording.convert import CaseConverter
+from viewer.recording.scenery import BLUE, GREY, VIOLET
 
 
 def test_the_wall_shows_it_until_the_case_has_ended():

@@ -8,20 +8,21 @@ import time
 import pytest
 from waiting import PATIENCE_S, wait_for
 
-from schemas import SCHEMA_VERSION, topics
+from schemas import SCHEMA_VERSION
 from schemas.messages import Explain, Reply, Request
-from schemas.view import SceneMesh
-from schemas.wire import decode, encode
-from twin.fabric.authority import make_keys
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.view import SceneMesh
+from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import Target
-from twin.fabric.errors import UnreachableError, UsageError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
-from viewer import link as linking
-from viewer import native
-from viewer.link import Ended, Event, Link, Said, Scene, Status
-from viewer.slots import Slots
+from viewer.live import link as linking
+from viewer.live.link import Ended, Event, Link, Said, Scene, Status
+from viewer.live.slots import Slots
+from viewer.playback import native
 
 
 class Conductor:

@@ -13,15 +13,16 @@ from view_messages import camera, start, state, thumbnail
 from waiting import PATIENCE_S
 
 from schemas import SCHEMA_VERSION
-from schemas.wire import encode
+from schemas.wire.codec import encode
+from twin.base.errors import UsageError
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import RunEndedError
-from twin.fabric.errors import UsageError
-from twin.worker.view_samples import jpeg
-from viewer import live as lively
-from viewer import naming, native
+from twin.view.samples import jpeg
 from viewer.cli import app
-from viewer.live import Live, LiveOptions, run_live
+from viewer.live import command as lively
+from viewer.live.command import Live, LiveOptions, run_live
+from viewer.playback import native
+from viewer.recording import naming
 
 PICTURE = jpeg(np.zeros((90, 160, 3), np.uint8))
 
@@ -113,7 +114,7 @@ def test_cases_of_two_campaigns_with_one_name_do_not_end_each_other(shown, strea
 def test_it_ends_though_a_viewer_is_frozen():
     program = (
         "import atexit, sys, threading\n"
-        "from viewer import cli, hub\n"
+        "from viewer import cli\nfrom viewer.live import hub\n"
         "atexit.register(threading.Event().wait)  # as Rerun's hook would\n"
         "class Stream:\n"
         "    def flush(self, timeout_sec):\n"
@@ -168,7 +169,7 @@ def test_nine_cases_are_too_many():
 def test_without_a_display_a_laptop_is_told_how(monkeypatch, capsys):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("viewer.native.sys.platform", "linux")
+    monkeypatch.setattr("viewer.playback.native.sys.platform", "linux")
     hub = SimpleNamespace(url="rerun+http://127.0.0.1:9000/proxy", port=9000)
     lively._tell(hub, LiveOptions(connect="tcp/127.0.0.1:1"))
     told = capsys.readouterr().out

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from viewer.mosaic import BACKGROUND, HEIGHT_PX, WIDTH_PX, Grid, Tile, compose
+from viewer.live.mosaic import BACKGROUND, HEIGHT_PX, WIDTH_PX, Grid, Tile, compose
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 7, 12, 50, 64])

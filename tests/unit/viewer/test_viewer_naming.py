@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from viewer import naming
+from viewer.recording import naming
 
 
 @pytest.mark.parametrize(

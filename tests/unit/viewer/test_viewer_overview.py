@@ -3,12 +3,13 @@
 import numpy as np
 from view_messages import thumbnail
 
-from twin.worker.view_samples import jpeg
-from viewer import mosaic, naming
-from viewer.hub import Hub
-from viewer.overview import TILES_MAX, Overview, _color
-from viewer.renewal import Renewal
-from viewer.scenery import BLUE, GREEN, RED
+from twin.view.samples import jpeg
+from viewer.live import mosaic
+from viewer.live.hub import Hub
+from viewer.live.overview import TILES_MAX, Overview, _color
+from viewer.live.renewal import Renewal
+from viewer.recording import naming
+from viewer.recording.scenery import BLUE, GREEN, RED
 
 RED_PICTURE = np.full((36, 64, 3), (250, 10, 10), np.uint8)
 

@@ -68,7 +68,7 @@ def test_every_module_of_the_viewer_the_fabric_and_the_schemas_imports():
                     print(found.name)
         """
     ).split()
-    assert {"viewer.live", "viewer.browser.front", "twin.fabric.zenoh_bus"} <= set(names)
+    assert {"viewer.live.command", "viewer.browser.front", "twin.fabric.zenoh_bus"} <= set(names)
 
 
 def test_its_commands_run(tmp_path):

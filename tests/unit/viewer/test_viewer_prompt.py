@@ -1,6 +1,6 @@
 """Which case is meant by what was typed."""
 
-from viewer.prompt import NAMES_MAX, choose
+from viewer.live.prompt import NAMES_MAX, choose
 
 NAMES = ["yolov3-1300-clear", "yolov3-1300-heavy_fog", "yolov3-tiny-1300-clear"]
 

@@ -1,7 +1,7 @@
 """The conductor's status and events as plots and lines."""
 
-from viewer import naming
-from viewer.pulse import LINES_MAX, WORKERS_MAX, Pulse
+from viewer.live.pulse import LINES_MAX, WORKERS_MAX, Pulse
+from viewer.recording import naming
 
 
 def status(left, workers=()):

@@ -14,13 +14,13 @@ from recordings import read_recording
 from view_messages import STAGE, camera, end, start, state
 
 from schemas import SCHEMA_VERSION
-from schemas.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample, StateSample
-from schemas.wire import encode
-from twin.worker.view_samples import jpeg
-from viewer import naming
-from viewer.blueprint import case_blueprint
-from viewer.record import CLOSED_MAX, Recorder
-from viewer.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
+from schemas.wire.codec import encode
+from schemas.wire.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample, StateSample
+from twin.view.samples import jpeg
+from viewer.recording import naming
+from viewer.recording.blueprint import case_blueprint
+from viewer.recording.command import CLOSED_MAX, Recorder
+from viewer.recording.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
 
 PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
 

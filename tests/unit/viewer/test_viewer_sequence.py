@@ -1,6 +1,6 @@
 """Running numbers: gaps are counted, old samples refused."""
 
-from viewer.sequence import Sequence
+from viewer.recording.sequence import Sequence
 
 
 def test_nothing_missing():

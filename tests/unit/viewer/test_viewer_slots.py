@@ -1,8 +1,8 @@
 """Latest-only slots and the bounded channel: limits, order, counters."""
 
+from twin.base.channel import Channel
 from twin.fabric.bus import Sample
-from twin.fabric.channel import Channel
-from viewer.slots import Slots
+from viewer.live.slots import Slots
 
 
 def sample(key, payload=b""):

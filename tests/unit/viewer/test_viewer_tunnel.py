@@ -12,15 +12,16 @@ import pytest
 from test_viewer_link import hear, serve
 from waiting import PATIENCE_S, wait_for
 
-from twin.fabric.authority import make_keys
-from twin.fabric.errors import InfrastructureError, UnreachableError, UsageError
-from twin.fabric.key_file import load_key
-from twin.fabric.roles import Role
-from viewer import link as linking
-from viewer import native, tunnel
-from viewer.link import Ended, Link, Said, Status
-from viewer.slots import Slots
-from viewer.tunnel import Far, Tunnel
+from twin.base.errors import InfrastructureError, UnreachableError, UsageError
+from twin.fabric.keys.authority import make_keys
+from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.roles import Role
+from viewer.live import link as linking
+from viewer.live import tunnel
+from viewer.live.link import Ended, Link, Said, Status
+from viewer.live.slots import Slots
+from viewer.live.tunnel import Far, Tunnel
+from viewer.playback import native
 
 FAKE = Path(__file__).with_name("fake_ssh.py")
 
@@ -197,7 +198,7 @@ def test_mistakes(opened, calls, monkeypatch):
 def test_it_ends_with_us_however_we_end(calls, port):
     program = (
         "import os, signal\n"
-        "from viewer.tunnel import Far, Tunnel\n"
+        "from viewer.live.tunnel import Far, Tunnel\n"
         f"Tunnel(Far('me@login', '', 'tcp/127.0.0.1:{port}'), 'twin', None).target()\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )

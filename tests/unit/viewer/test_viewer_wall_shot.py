@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from twin.fabric.errors import UnreachableError
-from viewer import native
-from viewer.bench import _source
-from viewer.live import LiveOptions
-from viewer.scenery import BLUE
-from viewer.wall_shot import WallShot, shoot_wall
+from twin.base.errors import UnreachableError
+from viewer.bench.command import _source
+from viewer.live.command import LiveOptions
+from viewer.live.wall_shot import WallShot, shoot_wall
+from viewer.playback import native
+from viewer.recording.scenery import BLUE
 
 pytestmark = pytest.mark.skipif(
     not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"

@@ -14,15 +14,15 @@ import pytest
 from msgspec import structs
 from waiting import PATIENCE_S, wait_for
 
-from conductor.source import load
+from conductor.run.source import load
 from schemas.campaign import expand
-from schemas.foreign import Foreign
 from schemas.messages import Lease
-from schemas.view_mode import ViewMode
-from twin.fabric.sandbox.start import own_code
-from twin.worker.ahead import begin_loading
-from twin.worker.pipe import Build, Built, Listening, pack
-from twin.worker.rig import RigProcess
+from schemas.sections.foreign import Foreign
+from schemas.sections.view_mode import ViewMode
+from twin.rig.pipe import Build, Built, Listening, pack
+from twin.sandbox.start import own_code
+from twin.worker.preload import begin_loading
+from twin.worker.rig_process import RigProcess
 from twin.worker.shell import WorkerOptions
 from twin.worker.stack_process import load_stack, may_run, tell_stack
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import msgspec
 
-from twin.fabric.process import end, spawn
-from twin.fabric.rig_keys import RigKeys
+from twin.base.process import end, spawn
+from twin.fabric.keys.rig_keys import RigKeys
 from twin.worker.announcement import Announcement, Owner, born_ticks, sweep
 
 OTHER = """
 import sys
 from pathlib import Path
-from twin.fabric.rig_keys import RigKeys
+from twin.fabric.keys.rig_keys import RigKeys
 from twin.worker.announcement import Announcement
 Announcement(Path(sys.argv[1]), sys.argv[2]).write(["--rig", sys.argv[2]], RigKeys(sys.argv[2]))
 print("announced", flush=True)

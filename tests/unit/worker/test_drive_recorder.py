@@ -9,14 +9,14 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import expand, parse_campaign
-from schemas.drive_record import DRIVE_FILE, FILE_BYTES_MAX
+from schemas.files.drive_record import DRIVE_FILE, FILE_BYTES_MAX
 from schemas.identity import case_digest, rig_key
 from schemas.messages import Command, Episode, Lease, Result, Tick
-from schemas.perception import GroundTruthPerception
-from twin.fabric.drive_record import RecordReader, RecordWriter, coded, decoded
-from twin.fabric.errors import UsageError
+from schemas.sections.perception import GroundTruthPerception
+from twin.base.errors import UsageError
+from twin.records.drive_record import RecordReader, RecordWriter, coded, decoded
+from twin.rig.drive_recorder import DriveRecorder
 from twin.sensors.data import SensorData
-from twin.worker.drive_recorder import DriveRecorder
 
 
 def case_of(drive):
@@ -193,7 +193,7 @@ def test_a_record_that_cannot_begin_is_not_left_behind(tmp_path, path, monkeypat
 
 
 def test_a_long_attempt_is_cut_off_and_says_so(tmp_path, path, monkeypatch):
-    monkeypatch.setattr("twin.worker.drive_recorder.FILE_BYTES_MAX", 4000)
+    monkeypatch.setattr("twin.rig.drive_recorder.FILE_BYTES_MAX", 4000)
     lease, recorder = record(tmp_path, ticks=40)
     recorder.end(1).finish(result(lease, "pass"))
     reader = RecordReader(path)

@@ -8,9 +8,9 @@ import sys
 
 import msgspec
 
-from conductor.source import find
+from conductor.run.source import find
 from schemas.campaign import parse_cases
-from schemas.yaml_file import load_yaml
+from schemas.files.yaml_file import load_yaml
 from twin.worker.fitting import fitting
 
 CASE = parse_cases(load_yaml(find("aeb-demo")))[1][0]

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from schemas.interventions import (
+from schemas.messages import Command, Lights, SensorErrors
+from schemas.wire.interventions import (
     GiveBack,
     Intervention,
     Look,
@@ -17,8 +18,7 @@ from schemas.interventions import (
     Step,
     Takeover,
 )
-from schemas.messages import Command, Lights, SensorErrors
-from twin.worker.hand import (
+from twin.rig.interventions.case import (
     ANSWERS_MAX,
     DRIVE_SILENCE_S,
     LATE_S,

@@ -6,9 +6,9 @@ from unit.twin.test_engine import case
 
 from schemas import SCHEMA_VERSION
 from schemas.messages import Commands, Tick
-from twin.fabric.errors import InfrastructureError
+from twin.base.errors import InfrastructureError
+from twin.rig import inline
 from twin.sensors.data import SensorData
-from twin.worker import inline
 
 
 class Host:

@@ -25,7 +25,7 @@ for name in ("mem", "environ", "fd/0", "maps"):
 RUN = """
 import sys
 if sys.argv[1] == "kept":
-    from twin.fabric.process import keep_to_itself
+    from twin.base.process import keep_to_itself
     keep_to_itself()
 print("runs", flush=True)
 sys.stdin.read()

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from msgspec import json, structs
 
-from devkit.lights import LightsSwitch, Surroundings, sense
+from devkit.reference.lights import LightsSwitch, Surroundings, sense
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import case_digest, rig_key, stack_name, stack_seed
 from schemas.messages import Episode
-from schemas.perception import GroundTruthPerception, NetworkPerception
-from twin.sensors.data import SensorData
-from twin.worker.need_to_know import (
+from schemas.sections.perception import GroundTruthPerception, NetworkPerception
+from twin.rig.need_to_know import (
     EXTINCTION_STEPS_PER_M,
     ILLUMINANCE_STEPS_LX,
     as_told,
     stepped,
 )
+from twin.sensors.data import SensorData
 
 
 def cases(**autonomy):

@@ -6,11 +6,11 @@ import pytest
 
 from schemas import SCHEMA_VERSION
 from schemas.messages import Command, Commands, Frame, PerceptionCost, Tick
-from schemas.realtime import Realtime
+from schemas.wire.realtime import Realtime
+from twin.base.errors import InfrastructureError
 from twin.fabric.drive import RESEND_S, Outgoing
-from twin.fabric.errors import InfrastructureError
-from twin.worker.pacing import BEHIND_S, Pacer, TickLog
-from twin.worker.realtime import RealtimeLink
+from twin.rig.pacing import BEHIND_S, Pacer, TickLog
+from twin.rig.realtime import RealtimeLink
 
 PERIOD_S = 0.05
 

@@ -8,10 +8,10 @@ from msgspec import structs
 from unit.twin.test_engine import case
 
 from schemas.messages import Lease
-from twin.fabric.errors import InfrastructureError, UsageError
-from twin.worker.pipe import Progress
+from twin.base.errors import InfrastructureError, UsageError
+from twin.rig.interventions.journal import SteeringJournal
+from twin.rig.pipe import Progress
 from twin.worker.reenact import _run, reenact
-from twin.worker.steering_journal import SteeringJournal
 
 
 def test_it_overwrites_nothing(tmp_path):

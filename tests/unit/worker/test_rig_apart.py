@@ -15,14 +15,14 @@ from c_library import compiled
 from msgspec import structs
 from waiting import PATIENCE_S
 
-from conductor.source import load
+from conductor.run.source import load
 from schemas.campaign import expand
 from schemas.messages import Lease
-from schemas.view_mode import ViewMode
-from twin.fabric.gpu_start import PIPES_VARIABLE, apart
-from twin.worker.ahead import begin_loading
-from twin.worker.pipe import Built, Listening
-from twin.worker.rig import RigProcess
+from schemas.sections.view_mode import ViewMode
+from twin.base.gpu.first_use import PIPES_VARIABLE, apart
+from twin.rig.pipe import Built, Listening
+from twin.worker.preload import begin_loading
+from twin.worker.rig_process import RigProcess
 from twin.worker.shell import WorkerOptions
 
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
@@ -55,7 +55,7 @@ def driver(tmp_path_factory):
     ],
 )
 def test_where_a_process_can_be_apart(driver, device, mode, expected):
-    code = "import json, sys; from twin.fabric.gpu_start import apart; " + (
+    code = "import json, sys; from twin.base.gpu.first_use import apart; " + (
         "print(json.dumps(apart(sys.argv[1])))"
     )
     environment = {**os.environ, "LD_LIBRARY_PATH": str(driver), "MODE": mode}
@@ -75,7 +75,9 @@ def test_without_a_driver_nobody_is_apart(monkeypatch):
 @pytest.mark.parametrize("alone", [False, True])
 def test_processes_of_a_case_that_runs_alone_are_apart(tmp_path, monkeypatch, alone):
     """And those that load for the next rig are of no use to it."""
-    monkeypatch.setattr("twin.worker.rig.apart", lambda device: {PIPES_VARIABLE: f"/no/{device}"})
+    monkeypatch.setattr(
+        "twin.worker.rig_process.apart", lambda device: {PIPES_VARIABLE: f"/no/{device}"}
+    )
     monkeypatch.setenv(PIPES_VARIABLE, "/service")
     case = expand(load("chaos-16"))[0]
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=case)

@@ -9,8 +9,11 @@ import pytest
 from msgspec import structs
 from unit.twin.test_engine import ask, case
 
-from schemas import SCHEMA_VERSION, topics
-from schemas.interventions import (
+from schemas import SCHEMA_VERSION
+from schemas.messages import Explain, Lease, Reply, SensorErrors, StatusRequest
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.interventions import (
     JOURNAL_FILE,
     ControlReply,
     ControlRequest,
@@ -27,15 +30,13 @@ from schemas.interventions import (
     Takeover,
     Together,
 )
-from schemas.messages import Explain, Lease, Reply, SensorErrors, StatusRequest
-from schemas.wire import decode, encode
-from twin.engine import Engine
-from twin.fabric.errors import UnreachableError, UsageError
+from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.memory_bus import Hub
 from twin.fabric.steering import Attempt, carry_out, find, find_in_rig
-from twin.worker.hand import DRIVE_SILENCE_S
-from twin.worker.steering import REQUEST_BYTES_MAX, WAITING_MAX, Steering
-from twin.worker.steering_journal import read_journal
+from twin.rig.engine import Engine
+from twin.rig.interventions.case import DRIVE_SILENCE_S
+from twin.rig.interventions.journal import read_journal
+from twin.rig.interventions.listener import REQUEST_BYTES_MAX, WAITING_MAX, Steering
 
 
 class Rig:

@@ -5,8 +5,8 @@ import tempfile
 
 import pytest
 
-from twin.fabric.process import LOG_BYTES_MAX, bound_log, left_by_itself, raised_in
-from twin.worker.stack_output import (
+from twin.base.process import LOG_BYTES_MAX, bound_log, left_by_itself, raised_in
+from twin.rig.stack_output import (
     HEAD_BYTES,
     NEIGHBOURS_SHOWN,
     TAIL_BYTES,

@@ -2,9 +2,9 @@
 
 from view_messages import camera, state
 
-from schemas.view import RecorderBatch, RecorderSample
-from schemas.wire import FREE_BYTES_MAX, decode
-from twin.worker.view_batch import AGE_MAX_S, BYTES_MAX, SAMPLE_BYTES, Batch
+from schemas.wire.codec import FREE_BYTES_MAX, decode
+from schemas.wire.view import RecorderBatch, RecorderSample
+from twin.view.batch import AGE_MAX_S, BYTES_MAX, SAMPLE_BYTES, Batch
 
 
 def test_the_oldest_sample_decides_how_long_all_wait():

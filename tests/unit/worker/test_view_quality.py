@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from twin.worker.view_quality import (
+from twin.view.quality import (
     BYTES_PER_PIXEL,
     HEAD_BYTES,
     QUALITY_MAX,

@@ -9,7 +9,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import expand, parse_campaign
 from schemas.identity import rig_key
 from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
-from schemas.wire import decode
+from schemas.wire.codec import decode
 from twin.fabric.session import is_sealed, signer_of
 from twin.worker.core import (
     GOODBYE_TRIES,

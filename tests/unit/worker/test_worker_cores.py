@@ -9,10 +9,10 @@ import pytest
 
 from schemas import SCHEMA_VERSION
 from schemas.messages import Frame, Ready
-from schemas.wire import WireError
-from twin.fabric import cuda
+from schemas.wire.codec import WireError
+from twin.base.errors import UsageError
+from twin.base.gpu import cuda
 from twin.fabric.drive import StackEnd
-from twin.fabric.errors import UsageError
 from twin.fabric.memory_bus import Hub
 from twin.worker.cores import parse_cores
 

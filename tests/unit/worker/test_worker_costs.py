@@ -3,7 +3,7 @@
 import pytest
 
 from schemas.messages import PerceptionCost
-from twin.worker.simulator import summed
+from twin.rig.simulator import summed
 
 COST = PerceptionCost("opencv cpu", 2, 0.5)
 

@@ -8,13 +8,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from conductor.deliveries import Deliveries
-from schemas import SCHEMA_VERSION, topics
+from conductor.serve.deliveries import Deliveries
+from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign, expand
-from schemas.delivery import Delivered
 from schemas.messages import Ended, Lease, Result
-from schemas.wire import encode
-from twin.fabric.errors import InfrastructureError
+from schemas.wire import topics
+from schemas.wire.codec import encode
+from schemas.wire.delivery import Delivered
+from twin.base.errors import InfrastructureError
 from twin.fabric.memory_bus import Hub
 from twin.worker.delivery import PREFIX, Delivery
 

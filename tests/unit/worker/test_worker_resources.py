@@ -12,8 +12,8 @@ import msgspec
 import psutil
 import pytest
 
-from schemas.resources import PERIOD_S, Sample
-from twin.fabric.nvml import visible_device
+from schemas.files.resources import PERIOD_S, Sample
+from twin.base.gpu.nvml import visible_device
 from twin.worker.resources import Meter, Reading, Work, read_tree, used
 from twin.worker.resources_gpu import Gpu, GpuReading
 from twin.worker.resources_log import ResourceLog, append_sample, until_next, work_of

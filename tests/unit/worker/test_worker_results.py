@@ -11,19 +11,19 @@ import pytest
 from msgspec import structs
 from waiting import PATIENCE_S
 
-from conductor.source import load
+from conductor.run.source import load
 from schemas.campaign import expand
 from schemas.messages import Lease, PerceptionCost
-from schemas.wire import decode, encode
-from twin.engine import Finished
-from twin.fabric.errors import TwinError
+from schemas.wire.codec import decode, encode
+from twin.base.errors import TwinError
 from twin.kpi.recorder import Recorder
+from twin.rig.drive_recorder import DriveRecorder
+from twin.rig.engine import Finished
+from twin.rig.pipe import Progress, Unpacker, Upstream, Upward
+from twin.rig.profile import LoopLog, LoopProfile
+from twin.rig.results import Ended, ResultWriter
+from twin.rig.simulator import Simulator
 from twin.vehicle.state import COLUMN
-from twin.worker.drive_recorder import DriveRecorder
-from twin.worker.pipe import Progress, Unpacker, Upstream, Upward
-from twin.worker.profile import LoopLog, LoopProfile
-from twin.worker.results import Ended, ResultWriter
-from twin.worker.simulator import Simulator
 
 
 def ended(folder: Path, token: int) -> Ended:

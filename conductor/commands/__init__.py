@@ -1,0 +1,1 @@
+"""Commands of ``conductor``, and what they print."""

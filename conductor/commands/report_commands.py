@@ -1,0 +1,157 @@
+"""``conductor export`` and ``compare``, and how ``conductor report`` takes logs from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from conductor.commands.fingerprint_command import fingerprint
+from conductor.commands.verify_command import verify
+from schemas.words import unended
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
+from twin.base.files import write_atomic
+
+if TYPE_CHECKING:
+    from conductor.report.compare.comparison import Comparison
+
+NOTES_MAX = 20
+"""Most notes on standard error; all of an import are in its folder."""
+
+
+class Format(StrEnum):
+    """Layouts of an export."""
+
+    autodrive_csv = "autodrive-csv"
+
+
+def add_report_commands(app: typer.Typer) -> None:
+    """Add the commands to ``app``."""
+    app.command("fingerprint")(fingerprint)
+    app.command("verify")(verify)
+    app.command("export")(export_command)
+    app.command("compare")(compare_command)
+
+
+def report_folder(folder: Path | None, logs: Path | None, out: Path | None) -> Path:
+    """The campaign folder to report on; logs are imported into one first.
+
+    Raises:
+        UsageError: not exactly one of ``folder`` and ``logs``, ``out`` without logs, or no logs.
+        InfrastructureError: the disk lets us down.
+    """
+    from conductor.report.autodrive.importing import import_autodrive
+
+    if (folder is None) == (logs is None):
+        raise UsageError(
+            "report: give either a campaign folder, e.g. runs/aeb-demo, or --import-autodrive DIR"
+        )
+    if logs is None:
+        assert folder is not None
+        if out is not None:
+            raise UsageError(
+                "report: --out belongs to --import-autodrive; the report of a campaign is written "
+                "into its folder"
+            )
+        return folder
+    out = out or Path("runs") / f"imported-{logs.absolute().name}"
+    _tell(import_autodrive(logs, out).left_out, f"all are in {out}/imported.json")
+    return out
+
+
+def export_command(
+    folder: Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-256.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; must be empty or new.")],
+    format_: Annotated[
+        Format, typer.Option("--format", help="autodrive-csv: logs of the AutoDRIVE study.")
+    ] = Format.autodrive_csv,
+    output: OutputOption = Output.human,
+) -> None:
+    """Write a campaign's cases in the layout of other tools, so that their notebooks read them."""
+    from conductor.report.autodrive.export import export_autodrive
+
+    export = {Format.autodrive_csv: export_autodrive}[format_]
+    found = export(folder, out)
+    if output is Output.json:
+        print(json.dumps({"files": [str(path) for path in found.files], "notes": found.notes}))
+    else:
+        print(f"{out}: {len(found.files) - 1} logs and config.json")
+    _tell(found.notes, "--output json lists all")
+
+
+def compare_command(
+    before: Annotated[Path, typer.Argument(metavar="RUN_A", help="Campaign folder before.")],
+    after: Annotated[Path, typer.Argument(metavar="RUN_B", help="Campaign folder after.")],
+    html: Annotated[Path | None, typer.Option(help="Write a page, .html.")] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(help="Write Markdown, .md, e.g. for a pull request.")
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Say what changed between two runs of the same cases; exit code 1 on a regression.
+
+    A regression is a case whose verdict has become worse: `pass` before anything else, and a
+    verdict without a collision, such as false braking, before a collision or no verdict. Cases
+    that are in one run only are listed and do not count.
+    """
+    from conductor.report.compare.page import as_html, as_json, as_markdown
+    from conductor.report.compare.text import print_comparison
+
+    for path, suffix in ((html, ".html"), (markdown, ".md")):
+        if path is not None and (path.suffix.lower() != suffix or path.is_dir()):
+            raise UsageError(f"{path}: expected the name of a file that ends in {suffix}")
+    found = compare_folders(before, after)
+    for path, render in ((html, as_html), (markdown, as_markdown)):
+        if path is not None:
+            _write(path, render(found))
+    if output is Output.json:
+        print(json.dumps(as_json(found), allow_nan=False))
+    else:
+        print_comparison(found)
+    if found.regressions:
+        raise typer.Exit(EXIT_FAILED)
+
+
+def compare_folders(before: Path, after: Path) -> Comparison:
+    """Read and compare two campaign folders; every KPI file is checked on the way.
+
+    Raises:
+        UsageError: a folder holds no campaign, or they cannot be compared.
+        UnfinishedError: cases of one have not ended.
+        InfrastructureError: files are damaged.
+    """
+    from conductor.records.fingerprint import fingerprint
+    from conductor.report.compare.comparison import compare
+    from conductor.report.reading.dossier import open_dossier
+    from conductor.trust.sign_run import require_fit
+
+    for folder in (before, after):
+        require_fit(folder)
+    first, second = open_dossier(before), open_dossier(after)
+    for dossier in (first, second):
+        if not dossier.outcomes.complete:
+            raise UnfinishedError(
+                f"{dossier.folder}: {unended(dossier.left, len(dossier.rows))}; "
+                "run the campaign again to finish it, then compare"
+            )
+    return compare(first, second, fingerprint(before), fingerprint(after))
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, text.encode())
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+
+
+def _tell(notes: list[str], more: str) -> None:
+    for note in notes[:NOTES_MAX]:
+        print(f"conductor: {note}", file=sys.stderr)
+    if len(notes) > NOTES_MAX:
+        print(f"conductor: and {len(notes) - NOTES_MAX} more; {more}", file=sys.stderr)

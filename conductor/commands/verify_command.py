@@ -1,0 +1,94 @@
+"""``conductor verify``: is a finished run what it was when it was signed?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from schemas.words import counted
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, UsageError
+
+SHOWN_MAX = 50
+"""Differences that are told to people."""
+
+
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Campaign folder of a run.")],
+    deep: Annotated[
+        bool,
+        typer.Option("--deep", help="Also compute KPI digests, fingerprint and verdicts again."),
+    ] = False,
+    public_key: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Who may have signed it: 64 hexadecimal digits or a file of them; repeatable. "
+            "Default: your own key, and those in your list of trusted keys."
+        ),
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Check a finished run against its signed manifest, offline: signature, every file, and the
+    journal's chain.
+
+    Exit code 3: it is not as it was signed, or not signed; a line per difference says in what.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from conductor.trust.signing import parse_key, trusted_keys
+    from conductor.trust.verify import verify_run
+
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; give that of a run, e.g. runs/aeb-demo")
+    trusted = frozenset(map(parse_key, public_key)) if public_key else trusted_keys()
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    ) as progress:
+        bars: dict[str, int] = {}
+
+        def told(what: str, done: int, total: int) -> None:
+            if what not in bars:
+                bars[what] = progress.add_task(what, total=total)
+            progress.update(bars[what], completed=done)  # type: ignore[arg-type]
+
+        found = verify_run(folder, trusted, deep=deep, told=told)
+    manifest = found.manifest
+    if output is Output.json:
+        shown = {
+            "fits": not found.differences,
+            "differences": found.differences,
+            "notes": found.notes,
+            "key": manifest.key if manifest else None,
+            "fingerprint": manifest.fingerprint if manifest else None,
+            "files": found.files,
+            "wall_s": round(found.wall_s, 3),
+            "attempts": found.attempts,
+            "attempts_per_s": round(found.rate, 1),
+        }
+        print(json.dumps(shown))
+        raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)
+    for line in found.differences[:SHOWN_MAX]:
+        print(line)
+    if len(found.differences) > SHOWN_MAX:
+        print(f"and {len(found.differences) - SHOWN_MAX} more; --output json lists all")
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    if manifest is not None:
+        print(
+            f"{'differs' if found.differences else 'fits'}: {counted(found.files, 'file')} in "
+            f"{found.wall_s:.1f} s, signed by key {manifest.key}"
+        )
+    if found.attempts:
+        print(f"deep: {counted(found.attempts, 'attempt')}, {found.rate:.0f} per second")
+    raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)

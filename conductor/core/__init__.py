@@ -1,0 +1,1 @@
+"""Decisions of the conductor, pure: no clock, file, socket, thread or random number."""

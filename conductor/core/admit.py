@@ -1,0 +1,144 @@
+"""Whether a submitted campaign is accepted."""
+
+from __future__ import annotations
+
+import msgspec
+
+from conductor.core.case_table import pack
+from conductor.core.facts import Relocated, Submitted
+from conductor.core.relocate import moved
+from conductor.core.state import PROTECTED_ONLY, CampaignState, State
+from schemas.campaign import CASES_MAX, Campaign, cases_given, parse_cases
+from schemas.identity import DIGESTS, campaign_digest
+from schemas.messages import Submit
+from schemas.sections.autonomy import open_by_nature
+from schemas.sections.stack_identity import difference
+from schemas.words import plain
+
+CAMPAIGNS_MAX = 5000
+"""Most campaigns of one conductor."""
+
+CASES_HELD_MAX = 1_000_000
+"""Most cases of all campaigns of one conductor together; each takes about a kilobyte of memory."""
+
+OUT_CHARS_MAX = 1000
+"""Longest path of a campaign folder."""
+OUT_BYTES_MAX = 3500
+"""The same in UTF-8: Linux takes paths of 4096, and names of cases and files follow [bytes]."""
+PART_BYTES_MAX = 255
+"""Longest name of a folder on Linux [bytes]."""
+
+
+def out_mistake(out: str) -> str:
+    """What is wrong with the path of a campaign folder, whatever is on the disk; or nothing."""
+    shown = f"out folder '{plain(out, 200)}'"
+    if not out.startswith("/"):
+        return f"{shown}: give an absolute path"
+    if not out.isprintable() or len(out) > OUT_CHARS_MAX:
+        return f"{shown}: {len(out)} characters, allowed: {OUT_CHARS_MAX} that can be printed"
+    sizes = [len(part.encode()) for part in out.split("/")]
+    if max(sizes) > PART_BYTES_MAX:
+        return f"{shown}: a name of {max(sizes)} bytes in it, allowed: {PART_BYTES_MAX}"
+    if (size := len(out.encode())) > OUT_BYTES_MAX:
+        return f"{shown}: {size} bytes, allowed: {OUT_BYTES_MAX}"
+    return ""
+
+
+def _unfit(state: State, request: Submit, out: str) -> str:
+    """Why a campaign of a new name has no place here: looked at before its cases are expanded,
+    which takes seconds."""
+    if error := out_mistake(out):
+        return error
+    count = cases_given(request.campaign)
+    if count <= CASES_MAX and (error := _too_much(state, count)):
+        return error
+    for other in state.campaigns.values():
+        if other.out == out:
+            return f"{out} holds campaign '{other.campaign.campaign}'; give it another out folder"
+    return ""
+
+
+def _too_much(state: State, cases: int) -> str:
+    held = sum(len(campaign.cases) for campaign in state.campaigns.values())
+    hint = "start another conductor with another --state folder"
+    if len(state.campaigns) >= CAMPAIGNS_MAX:
+        return f"{len(state.campaigns)} campaigns are here, at most {CAMPAIGNS_MAX}; {hint}"
+    if held + cases > CASES_HELD_MAX:
+        return f"{held} cases are here, {cases} more given, at most {CASES_HELD_MAX}; {hint}"
+    return ""
+
+
+def _conflict(
+    state: State, known: CampaignState, given: Campaign, digest: str, software: str
+) -> str:
+    """Why a campaign is none that is known by its name, in one line."""
+    name = given.campaign
+    # `conductor run` has a state folder per campaign; one that serves knows campaigns by name.
+    alone = known.out == state.config.folder
+    anew = "give another folder with --out (`conductor serve`: --state)"
+    elsewhere = anew if alone else "submit it under another name"
+    if known.digests != DIGESTS:
+        return (
+            f"{name}: {known.out} was begun by another version of drivetwin, whose digests are "
+            f"taken over other things; finish it with that version, or {elsewhere}"
+        )
+    before, now = known.campaign.stack_identity, given.stack_identity
+    what = difference(before, now) if before.digest else ""
+    if what:
+        return (
+            f"{name}: {known.out} was begun with another version of the stack: {what} (stack "
+            f"digest {before.digest[:12]}, now {now.digest[:12] or 'none'}); put it back, or "
+            f"{elsewhere}"
+        )
+    old, new = known.campaign.files | before.named, given.files | now.named
+    other = [path for path, sha in old.items() if new.get(path, sha) != sha]
+    if other:
+        return (
+            f"{name}: {known.out} was begun with another {plain(other[0], 200)}, or file that it "
+            f"names (SHA-256 {old[other[0]][:12]}, now {new[other[0]][:12]}); put it back, or "
+            f"{elsewhere}"
+        )
+    older = known.software and software and known.software != software
+    why = " (or the software, which is another now, has new defaults)" if older else ""
+    return (
+        f"{name}: {known.out} holds a campaign of this name with other cases{why} (digest "
+        f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
+    )
+
+
+def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, list[str]]:
+    """Check a submission.
+
+    Returns:
+        The fact and no errors; or the fact that its files were moved, or None, and no errors: the
+        campaign is known, this is a resume; or None and the errors, one line each.
+    """
+    given = plain(str(request.campaign.get("campaign", "campaign")), 80)
+    out = request.out or f"{state.config.folder}/{given}"
+    if given not in state.campaigns and (error := _unfit(state, request, out)):
+        return None, [f"{given}: {error}"]
+    view = {} if state.config.view is None else {"view": state.config.view.value}
+    campaign, cases, mistakes = parse_cases({**request.campaign, **view})
+    if campaign is None:
+        return None, [mistake.line(given) for mistake in mistakes]
+    name = campaign.campaign
+    if state.config.protected and (why := open_by_nature(campaign.autonomy)):
+        return None, [f"{name}: {why}; {PROTECTED_ONLY}"]
+    digest = campaign_digest(campaign, cases)
+    known = state.campaigns.get(name)
+    if known is not None and known.digest == digest:
+        paths = moved(known.campaign, campaign)
+        return (Relocated(name, paths) if paths else None), []
+    if known is not None:
+        return None, [_conflict(state, known, campaign, digest, request.software)]
+    content = msgspec.to_builtins(campaign)
+    fact = Submitted(
+        campaign=content,
+        cases=pack(cases),
+        digest=digest,
+        out=out,
+        software=request.software,
+        priority=request.priority,
+        digests=DIGESTS,
+    )
+    return fact, []

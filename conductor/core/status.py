@@ -1,0 +1,100 @@
+"""The state as a plain dictionary, for ``conductor status`` and the progress bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from conductor.core.grant import broken, mismatches, present
+from conductor.core.state import CampaignState, State, WorkerState
+
+
+def status(state: State, now_ns: int) -> dict[str, Any]:
+    """Counts per campaign, workers, and why a worker gets nothing; MessagePack-able."""
+    return {
+        "epoch": state.epoch,
+        "draining": state.draining,
+        "left": state.left,
+        "campaigns": {name: _campaign(c) for name, c in state.campaigns.items()},
+        "workers": [_worker(state, worker, now_ns) for worker in state.workers.values()],
+        "notes": [
+            line
+            for worker in state.workers.values()
+            if present(state, worker, now_ns)
+            for line in mismatches(state, worker)
+        ],
+        "broken_hosts": _broken(state),
+    }
+
+
+def running(state: State, now_ns: int) -> list[dict[str, Any]]:
+    """The leases, by campaign and case; a case may have two."""
+    return [
+        {
+            "campaign": lease.key[0],
+            "case": lease.key[1],
+            "worker": lease.worker,
+            "host": state.workers[lease.worker].joined.host,
+            "attempt": lease.attempt,
+            "tick": lease.progress,
+            "for_s": (now_ns - lease.granted_ns) / 1e9,
+            "by_hand": lease.touched,
+        }
+        for lease in sorted(state.leases.values(), key=lambda lease: (lease.key, lease.attempt))
+    ]
+
+
+def _broken(state: State) -> list[str]:
+    """A line per host that is avoided."""
+    hosts = {worker.joined.host for worker in state.workers.values()}
+    return [
+        f"host {host}: {len(state.deaths[host])} different cases died on it and none was "
+        f"committed in between, the last one {'/'.join(state.deaths[host][-1])}; workers of other "
+        "hosts are preferred"
+        for host in sorted(hosts)
+        if broken(state, host)
+    ]
+
+
+def _campaign(campaign: CampaignState) -> dict[str, Any]:
+    passed = campaign.ended.get("passed", 0)
+    not_passed = campaign.ended.get("not_passed", 0)
+    failed = campaign.ended.get("failed", 0)
+    return {
+        "out": campaign.out,
+        "digest": campaign.digest,
+        "simulator": campaign.campaign.simulator,
+        "cases": len(campaign.cases),
+        "priority": campaign.priority,
+        "paused": campaign.paused,
+        "waiting": campaign.waiting,
+        "leased": campaign.leased,
+        "committed": passed + not_passed + failed,
+        "passed": passed,
+        "not_passed": not_passed,
+        "failed": failed,
+        "unresolved": campaign.ended.get("unresolved", 0),
+        "cancelled": campaign.ended.get("cancelled", 0),
+        "attempts": campaign.attempts,
+        "disagreements": campaign.disagreements,
+        "left": campaign.left,
+        "p95_s": campaign.durations.p95_s(),
+        "software": campaign.software,
+        "device_class": campaign.device_class,
+    }
+
+
+def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
+    return {
+        "id": worker.joined.worker,
+        "host": worker.joined.host,
+        "device_class": worker.joined.device_class,
+        "slots": worker.joined.slots,
+        "draining": worker.draining,
+        "held": len(worker.tokens),
+        "progress": sum(state.leases[token].progress for token in worker.tokens),
+        "memory_bytes": worker.joined.memory_bytes,
+        "tags": worker.joined.tags,
+        "remaining_s": worker.remaining_s,
+        "age_s": max(0, now_ns - worker.seen_ns) / 1e9,
+        "present": present(state, worker, now_ns),
+    }

@@ -1,0 +1,1 @@
+"""The journal: durable facts, their hash chain, and who owns a state folder."""

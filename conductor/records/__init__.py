@@ -1,0 +1,1 @@
+"""What a campaign leaves for readers: outcomes, timeline, fingerprint."""

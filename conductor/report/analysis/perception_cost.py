@@ -1,0 +1,56 @@
+"""What perception cost in wall time, by model and by what ran it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.systems import system_name, system_text
+from schemas.messages import PerceptionCost
+
+
+@dataclass(frozen=True, slots=True)
+class CostRow:
+    """One line of the table; sums over the committed attempts of its cases."""
+
+    model: str
+    name: str
+    """What the page calls it."""
+    perception: str
+    """What it really is."""
+    runtime: str
+    """What ran it."""
+    cases: int
+    frames: int
+    frame_ms: float | None
+    """Mean time per frame; frames that went together share theirs [ms]."""
+    rig_share: float | None
+    """Of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
+
+
+def perception_costs(dossier: Dossier) -> list[CostRow]:
+    """Lines in the order of the campaign; empty: no stack measured it."""
+    groups: dict[tuple[str, str], list[tuple[Row, PerceptionCost]]] = {}
+    for row in dossier.rows:
+        cost = row.end.perception
+        if cost is not None:
+            groups.setdefault((row.case.model, cost.runtime), []).append((row, cost))
+    rigs_s = sum(row.end.rig_wall_s for row in dossier.rows)
+    return [_row(model, runtime, found, rigs_s) for (model, runtime), found in groups.items()]
+
+
+def _row(
+    model: str, runtime: str, found: list[tuple[Row, PerceptionCost]], rigs_s: float
+) -> CostRow:
+    frames = sum(cost.frames for _, cost in found)
+    wall_s = sum(cost.wall_s for _, cost in found)
+    return CostRow(
+        model=model,
+        name=system_name(found[0][0].case),
+        perception=system_text(found[0][0].case),
+        runtime=runtime,
+        cases=len(found),
+        frames=frames,
+        frame_ms=1e3 * wall_s / frames if frames else None,
+        rig_share=wall_s / rigs_s if rigs_s > 0 else None,
+    )

@@ -1,0 +1,1 @@
+"""The AutoDRIVE study's layout: logs in, cases out."""

@@ -1,0 +1,150 @@
+"""``report.html`` in the campaign folder; and the same report as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from conductor.report.analysis.highlights import judged_rest_m
+from conductor.report.analysis.perception_cost import perception_costs
+from conductor.report.pages.content import Content, first_screen, read_content
+from conductor.report.pages.page import render
+from conductor.report.pages.summary import write_summary_of
+from conductor.report.pages.tables import case_record, verdict_table
+from conductor.report.plots.files import write_plots
+from conductor.report.reading.dossier import open_dossier
+from conductor.report.reading.recorded import failures
+from conductor.report.reading.resources import gather_resources
+from conductor.report.reading.resources_use import Resources, Use
+from conductor.report.reading.speedup import SpeedUp
+from twin.base.errors import storage_error
+from twin.base.files import write_atomic
+
+PAGE_FILE = "report.html"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What :func:`make_report` has made."""
+
+    page: Path
+    plots: list[Path]
+    plots_missing: str
+    """Which plots are left out, and why; empty: none."""
+    content: Content
+
+
+def make_report(
+    folder: Path, *, anew: bool = False, serial: Path | None = None, plots: bool = True
+) -> Report:
+    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
+    plots, into the campaign ``folder``.
+
+    Damaged KPI files and disagreeing attempts do not stop the report: it says so in an alarm box.
+    A campaign that still runs is reported as it stands.
+
+    Args:
+        folder: of the campaign.
+        anew: read every KPI file, also those that an earlier report has read.
+        serial: folder in which the same campaign was run one case at a time, for the speed-up.
+        plots: draw the plots as well, which for 256 cases takes as long as all the rest.
+
+    Raises:
+        UsageError: no campaign was run here, or nothing was simulated in it.
+        InfrastructureError: campaign or outcomes are damaged, or the disk lets us down.
+    """
+    dossier = open_dossier(folder)
+    content = read_content(dossier, anew=anew, serial=serial)
+    write_summary_of(dossier)
+    gather_resources(dossier.folder, complete=dossier.outcomes.complete)
+    path = folder / PAGE_FILE
+    try:
+        write_atomic(path, render(content, failures(dossier)).encode())
+        drawn, missing = write_plots(content) if plots else ([], "")
+    except OSError as error:
+        raise storage_error(error, str(error.filename or path)) from None
+    return Report(path, drawn, missing, content)
+
+
+def report_json(folder: Path) -> dict[str, Any]:
+    """The report's tables as plain data, for programs.
+
+    Raises:
+        UsageError: no campaign was run here, or nothing was simulated in it.
+        InfrastructureError: campaign or outcomes are damaged.
+    """
+    return tables_of(read_content(open_dossier(folder)))
+
+
+def tables_of(content: Content) -> dict[str, Any]:
+    """The tables of a report that has been read already."""
+    dossier, evidence = content.dossier, content.evidence
+    outcomes, ran = dossier.outcomes, dossier.imported is None
+    return {
+        "campaign": outcomes.campaign,
+        "description": dossier.campaign.description,
+        "complete": outcomes.complete,
+        "running": dossier.running,
+        "cases_total": len(dossier.rows),
+        "passed": dossier.passed,
+        "no_collision": dossier.no_collision,
+        "not_ended": dossier.left,
+        "digest": outcomes.digest,
+        "seed": outcomes.seed if ran else None,
+        "software": outcomes.software or None,
+        "stack": dossier.campaign.stack_identity.digest or None,
+        "protection": outcomes.protection if ran else None,
+        "device_classes": outcomes.device_classes if ran else None,
+        "signature": content.signature,
+        "fingerprint": evidence.fingerprint.sha256 if evidence.fingerprint else None,
+        "fingerprint_missing": evidence.fingerprint_missing or None,
+        "alarms": evidence.alarms,
+        "audits": evidence.audits,
+        "disagreements": evidence.disagreements,
+        "imported": msgspec.to_builtins(dossier.imported),
+        "notices": first_screen(dossier),
+        "systems": [
+            {**asdict(line), "rate": line.rate, "interval": line.interval}
+            for line in verdict_table(dossier)
+        ],
+        "findings": [asdict(finding) for finding in content.findings],
+        "effects": [asdict(effect) for effect in content.effects],
+        "cases": [
+            {
+                **case_record(dossier, row),
+                "false_braking_dtc_m": judged_rest_m(row, content.rests_m.get(row.case.id, [])),
+            }
+            for row in dossier.rows
+        ],
+        "perception": [asdict(line) for line in perception_costs(dossier)],
+        "resources": _resources(content.resources) if ran else None,
+        "speed": _speed(content.speed_up) if ran else None,
+    }
+
+
+def _speed(found: SpeedUp) -> dict[str, Any]:
+    return {
+        "run": asdict(found.run),
+        "serial": asdict(found.serial) if found.serial else None,
+        "speed_up": found.factor,
+        "efficiency": found.efficiency,
+        "missing": found.missing or None,
+    }
+
+
+def _resources(resources: Resources) -> dict[str, Any]:
+    def line(use: Use) -> dict[str, Any]:
+        spans = {name: span and asdict(span) for name, span in use.spans.items()}
+        return {**{k: v for k, v in asdict(use).items() if k != "spans"}, **spans}
+
+    return {
+        "samples": resources.samples,
+        "missing": resources.missing or None,
+        "batches": [line(use) for use in resources.batches],
+        "workers": [line(use) for use in resources.workers],
+        "nodes": [line(use) for use in resources.nodes],
+        "total": line(resources.total) if resources.total else None,
+    }

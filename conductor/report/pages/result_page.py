@@ -1,0 +1,271 @@
+"""The result page of a campaign: Markdown with pictures beside it, to be published and read.
+
+What people have written into it is kept when it is made again
+(:mod:`conductor.report.pages.prose`).
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shlex
+import tempfile
+import urllib.parse
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from PIL import Image
+
+from conductor.report.analysis.losses import (
+    LostLine,
+    counts_by,
+    examples,
+    extremes,
+    kind_of,
+    lost_lines,
+    page_axes,
+)
+from conductor.report.analysis.perception_cost import perception_costs
+from conductor.report.analysis.statistics import wilson
+from conductor.report.pages.content import Content, first_screen, read_content
+from conductor.report.pages.prose import SUMMARY, block, check_known, model_block, read_texts
+from conductor.report.pages.tables import statuses, verdict_table
+from conductor.report.pages.templates import environment, number, words
+from conductor.report.plots.heat_picture import heat_picture
+from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
+from conductor.report.reading.curves import time_label
+from conductor.report.reading.dossier import Dossier, Row, open_dossier
+from conductor.report.reading.evidence import commands, versions
+from conductor.report.reading.provenance import file_digests, text_digest
+from conductor.report.reading.recorded import ask_viewer
+from conductor.report.reading.systems import system_name, system_names, system_text
+from conductor.serve.folders import CAMPAIGN_FILE
+from schemas.files.yaml_file import dump_yaml
+from twin.base.errors import UsageError, storage_error
+from twin.base.files import write_atomic
+
+_QUALITY = 88
+"""Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A lost case on the page."""
+
+    kind: str
+    where: str
+    story: str
+    picture: str
+    """File in the folder of pictures; empty: there is none."""
+    missing: str
+    """Why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """What the page says about one model."""
+
+    model: str
+    name: str
+    perception: str
+    passed: int
+    no_collision: int
+    ended: int
+    total: int
+    text_name: str
+    statuses: list[str]
+    lost: list[LostLine]
+    shown: list[Shown]
+
+
+def write_result_page(folder: Path, page: Path) -> Path:
+    """Write the page of the campaign in ``folder`` to ``page`` (.md), its pictures into a folder
+    beside it that is named like the page; returns ``page``.
+
+    Pictures are taken from the recordings of cases that were run with ``--view record``.
+
+    Raises:
+        UsageError: no campaign was run in ``folder``, or ``page`` is something else; one line.
+        InfrastructureError: files are damaged, or the disk lets us down.
+    """
+    if page.suffix.lower() != ".md":
+        raise UsageError(f"--markdown {page}: expected a file name that ends in .md")
+    content = read_content(open_dossier(folder))
+    dossier = content.dossier
+    models = [str(model) for model in axis_values(dossier, "model")]
+    texts = read_texts(page)
+    check_known(page, texts, [SUMMARY, *map(model_block, models)])
+    beside = page.with_suffix("")
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        sections = _sections(dossier, models, beside)
+        text = _render(content, sections, texts, beside.name)
+        write_atomic(beside / "heat.png", heat_picture(dossier))
+        write_atomic(beside / CAMPAIGN_FILE, (folder / CAMPAIGN_FILE).read_bytes())
+        write_atomic(page, text.encode())
+        kept = {shown.picture for section in sections for shown in section.shown}
+        for old in beside.glob("case-*.jpg"):
+            if old.name not in kept:
+                old.unlink()
+    except OSError as error:
+        raise storage_error(error, str(error.filename or page)) from None
+    return page
+
+
+def _render(content: Content, sections: list[Section], texts: dict[str, str], folder: str) -> str:
+    dossier = content.dossier
+    jinja = environment(autoescape=False)
+    jinja.filters["md"] = escaped
+    rows = dossier.rows
+    unhurt = [row for row in rows if row.no_collision is True]
+    autonomy = dump_yaml(msgspec.to_builtins(dossier.campaign.autonomy)).strip()
+    text = jinja.get_template("result.md.j2").render(
+        dossier=dossier,
+        notices=first_screen(content.dossier),
+        time_label=time_label(dossier).replace("S", "s", 1).replace("Time", "time"),
+        outcomes=dossier.outcomes,
+        evidence=content.evidence,
+        versions=versions(),
+        commands=_commands(dossier, folder),
+        files=file_digests(dossier),
+        autonomy=fenced(autonomy, "yaml"),
+        autonomy_digest=text_digest(autonomy),
+        costs=perception_costs(dossier),
+        systems=verdict_table(dossier),
+        other_statuses=[status for status in statuses(dossier) if status != "pass"],
+        models=[section.model for section in sections],
+        names=system_names(dossier),
+        axes=[axis_label(axis) for axis in page_axes(dossier)],
+        axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
+        crowded=_crowded(dossier),
+        false_braking=_counted(dossier, "false_braking"),
+        lane_departures=_counted(dossier, "lane_departure"),
+        extremes={
+            "hardest": extremes(rows, "impact_speed_mps", largest=True),
+            "nearest": extremes(unhurt, "dtc_min_m", largest=False),
+            "astray": extremes(rows, "lateral_error_max_m", largest=True),
+            "longest": extremes(rows, "sim_time_s", largest=True),
+        },
+        sections=sections,
+        any_picture=any(shown.picture for section in sections for shown in section.shown),
+        summary_name=SUMMARY,
+        block=block,
+        wilson=wilson,
+        folder=urllib.parse.quote(folder),
+    )
+    text = re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+    # Only now: what people have written keeps its blank lines.
+    for name, said in texts.items():
+        text = text.replace(block(name, ""), block(name, said), 1)
+    return text
+
+
+def _commands(dossier: Dossier, folder: str) -> list[str]:
+    if dossier.imported is not None:
+        return commands(dossier)[:2]
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    device = " --device cuda:0" if on_gpu else ""
+    return [
+        f"conductor run {shlex.quote(f'{folder}/{CAMPAIGN_FILE}')} --out repeat{device}",
+        "conductor fingerprint repeat",
+    ]
+
+
+def _crowded(dossier: Dossier) -> bool:
+    """Whether cells of the heat map hold several cases."""
+    x_axis, y_axis = page_axes(dossier)
+    names = {x_axis, y_axis, "model"}
+    return any(axis not in names for axis in varied_axes(dossier))
+
+
+def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, dict[str, str]]]]]:
+    tables = [
+        (axis_label(axis), counts_by(dossier, axis, status))
+        for axis in reversed(page_axes(dossier))
+    ]
+    return [table for table in tables if table[1]]
+
+
+def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section]:
+    chosen: dict[str, list[Row]] = {}
+    for model in models:
+        own = [row for row in dossier.rows if row.case.model == model]
+        chosen[model] = examples(dossier, own)
+    flat = [row for rows in chosen.values() for row in rows]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        missing = list(pool.map(lambda row: _take_picture(dossier, row, beside), flat))
+    reasons = {row.case.id: reason for row, reason in zip(flat, missing, strict=True)}
+    sections = []
+    for model in models:
+        own = [row for row in dossier.rows if row.case.model == model]
+        lines = lost_lines(dossier, own)
+        found = {status for line in lines for status in line.cells}
+        sections.append(
+            Section(
+                model=model,
+                name=system_name(own[0].case),
+                perception=system_text(own[0].case),
+                passed=sum(row.passed is True for row in own),
+                no_collision=sum(row.no_collision is True for row in own),
+                ended=sum(bool(row.end.outcome) for row in own),
+                total=len(own),
+                text_name=model_block(model),
+                statuses=[status for status in statuses(dossier) if status in found],
+                lost=lines,
+                shown=[_shown(dossier, row, reasons[row.case.id]) for row in chosen[model]],
+            )
+        )
+    return sections
+
+
+def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
+    axes = [axis for axis in reversed(varied_axes(dossier)) if axis != "model"]
+    values = [words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
+    story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
+    time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
+    aeb = "No AEB."
+    if time is not None:
+        where = "" if dossier.lane_keeping else f", {number(distance)} m before it"
+        aeb = f"AEB at {time:.2f} s{where}."
+    return Shown(
+        kind=kind_of(row),
+        where=", ".join(values),
+        story=f"{story[:1].upper()}{story[1:]}. {aeb}" if story else aeb,
+        picture="" if missing else _picture(row),
+        missing=missing,
+    )
+
+
+def _picture(row: Row) -> str:
+    return f"case-{row.case.id}.jpg"
+
+
+def _take_picture(dossier: Dossier, row: Row, beside: Path) -> str:
+    """Write the picture of a case; empty, or why there is none."""
+    with tempfile.TemporaryDirectory() as scratch:
+        frame = Path(scratch) / "frame.png"
+        missing = ask_viewer(dossier, row, "frame", frame)
+        if missing:
+            return missing
+        data = io.BytesIO()
+        with Image.open(frame) as picture:
+            picture.convert("RGB").save(data, "JPEG", quality=_QUALITY)
+    write_atomic(beside / _picture(row), data.getvalue())
+    return ""
+
+
+def escaped(text: object) -> str:
+    """``text`` as it is, in Markdown: on one line, nothing in it is markup."""
+    return _MARKDOWN.sub(r"\\\1", " ".join(str(text).split()))
+
+
+def fenced(text: str, language: str) -> str:
+    """``text`` as a code block, whatever it holds."""
+    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}{language}\n{text.rstrip()}\n{fence}"

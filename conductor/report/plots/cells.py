@@ -1,0 +1,66 @@
+"""The cells of a heat map: cases by two axes, and what is said of those that share a cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from conductor.report.reading.axes import axis_value, axis_values
+from conductor.report.reading.dossier import NOT_ENDED, Dossier, Row
+
+_OTHER = ""
+# From bad to good: a cell of several cases shows the worst of them.
+_WORST_FIRST = (
+    *("collision", "lane_departure", "failed", "unresolved", "cancelled", NOT_ENDED),
+    *(_OTHER, "time_up", "false_braking", "pass"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Cases of one map; ``rows[y][x]``, empty where there is none."""
+
+    xs: list[Any]
+    ys: list[Any]
+    rows: list[list[list[Row]]]
+
+
+def cells_of(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> Cells:
+    """``rows`` by two axes, with all values that the campaign has."""
+    xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
+    found: dict[tuple[Any, Any], list[Row]] = {}
+    for row in rows:
+        key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
+        found.setdefault(key, []).append(row)
+    return Cells(xs, ys, [[found.get((x, y), []) for x in xs] for y in ys])
+
+
+def severity(row: Row) -> int:
+    """Smaller is worse."""
+    status = row.status if row.status in _WORST_FIRST else _OTHER
+    return _WORST_FIRST.index(status)
+
+
+def worst(cell: list[Row]) -> Row:
+    """The case that a cell shows."""
+    return min(cell, key=severity)
+
+
+def cell_number(cell: list[Row]) -> str:
+    """What stands beside the symbol: see :func:`case_number`; of several cases how many passed."""
+    if len(cell) > 1:
+        return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
+    return case_number(cell[0])
+
+
+def case_number(row: Row) -> str:
+    """Smallest distance of a case with a verdict [m], of a collision the impact speed [m/s], of
+    lane keeping the lateral error [m]. Empty: it is not known."""
+    if row.status == "collision":
+        speed = row.scalar("impact_speed_mps")
+        return "" if speed is None else f"{speed:.1f}"
+    error = row.scalar("lateral_error_rms_m")
+    if error is not None:
+        return f"{error:.2f}"
+    distance = row.scalar("dtc_min_m") if row.no_collision else None
+    return "" if distance is None else f"{distance:.1f}"

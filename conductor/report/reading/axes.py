@@ -1,0 +1,91 @@
+"""The axes of a campaign's matrix: their values per case, their order, and their labels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from conductor.report.reading.dossier import Dossier
+from schemas.campaign import WEATHERS, Campaign, Case
+
+PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
+"""Axes that every case has."""
+
+_LABELS = {
+    "model": "Perception model",
+    "time_of_day": "Time of day [HH:MM]",
+    "weather": "Weather",
+    "repeat": "Repeat",
+    "batch": "Batch",
+}
+_UNITS = {
+    "_mps": "m/s",
+    "_deg": "deg",
+    "_ms": "ms",
+    "_m": "m",
+    "_s": "s",
+    "camera.width": "px",
+    "camera.height": "px",
+    "camera.hz": "Hz",
+}
+
+
+def further_axes(campaign: Campaign) -> list[str]:
+    """Axes of the matrix and of single cases beyond :data:`PLAIN`, in file order."""
+    named = [*campaign.matrix, *(axis for point in campaign.cases for axis in point)]
+    return [axis for axis in dict.fromkeys(named) if axis not in PLAIN]
+
+
+def axis_value(case: Case, axis: str) -> Any:
+    """Value of ``axis`` for a case; time of day as ``HH:MM``."""
+    if axis == "time_of_day":
+        return f"{case.time_of_day_min // 60:02}:{case.time_of_day_min % 60:02}"
+    value: Any = case
+    # A case holds what it needs of the section autonomy itself.
+    for part in axis.removeprefix("autonomy.").split("."):
+        value = getattr(value, part)
+    return value
+
+
+def axis_label(axis: str) -> str:
+    """Title of an axis with its unit: ``scenario.ego_start_m`` -> ``Ego start [m]``."""
+    if axis in _LABELS:
+        return _LABELS[axis]
+    suffix = next((s for s in _UNITS if axis.endswith(s)), "")
+    name = axis.split(".", 1)[-1]
+    if suffix.startswith("_"):
+        name = name.removesuffix(suffix)
+    unit = f" [{_UNITS[suffix]}]" if suffix else ""
+    return name.replace("_", " ").capitalize() + unit
+
+
+def axis_values(dossier: Dossier, axis: str) -> list[Any]:
+    """Distinct values in the order of a reader: weathers from clear to snow, numbers and times
+    ascending, anything else as in the file."""
+    values = list(dict.fromkeys(axis_value(row.case, axis) for row in dossier.rows))
+    if axis == "weather":
+        order = {name: index for index, name in enumerate(WEATHERS)}
+        return sorted(values, key=lambda name: order.get(name, len(order)))
+    if axis == "time_of_day" or all(isinstance(v, int | float) for v in values):
+        return sorted(values)
+    return values
+
+
+def varied_axes(dossier: Dossier) -> list[str]:
+    """Axes with more than one value, without the batch label."""
+    names = [axis for axis in PLAIN if axis != "batch"] + further_axes(dossier.campaign)
+    return [axis for axis in names if len(axis_values(dossier, axis)) > 1]
+
+
+def heat_axes(dossier: Dossier) -> tuple[str, str]:
+    """The two axes (x, y) of the heat map: time of day and weather, else the two with most values.
+
+    One map per model is drawn, so the model is an axis only where nothing else is left.
+    """
+    varied = varied_axes(dossier)
+    if "weather" in varied and "time_of_day" in varied:
+        return "time_of_day", "weather"
+    rest = [axis for axis in varied if axis not in ("model", "repeat")]
+    rest.sort(key=lambda axis: -len(axis_values(dossier, axis)))
+    filled = [*rest, *(a for a in ("repeat", "model") if a in varied)]
+    filled += [axis for axis in ("time_of_day", "weather") if axis not in filled]
+    return filled[0], filled[1]

@@ -1,0 +1,101 @@
+"""What speaks for or against the results: fingerprint, audits, alarms, and where they came from."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from conductor.records.fingerprint import Fingerprint
+from conductor.records.realtime import too_slow
+from conductor.report.reading.dossier import Dossier
+from schemas.identity import DIGESTS
+from schemas.words import unended
+
+_PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Fingerprint and alarms of a campaign."""
+
+    fingerprint: Fingerprint | None
+    fingerprint_missing: str
+    """Why there is none; empty if there is one."""
+    alarms: list[str]
+    """Reasons not to trust the results, one line each."""
+    audits: int
+    """Results that came a second time, with a dead token, and could be compared."""
+    disagreements: int
+    steered: list[str]
+    """Attempts without a verdict, because a hand has steered them, one line each."""
+
+
+def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -> Evidence:
+    """Audit the campaign; ``broken`` are the mistakes found while its KPI files were read, and
+    ``found`` is the fingerprint that came out of them."""
+    alarms = list(broken)
+    audits = disagreements = 0
+    for row in dossier.rows:
+        for late in row.end.late:
+            audits += late.agrees is not None
+            if late.agrees is False:
+                disagreements += 1
+                alarms.append(
+                    f"case {row.case.id}: two attempts of this case disagree. Committed: "
+                    f"{row.status}, KPI {row.end.kpi_sha256[:12] or 'none'} "
+                    f"({row.end.attempt_dir}); late: {late.verdict or late.outcome}, KPI "
+                    f"{late.kpi_sha256[:12] or 'none'} ({late.attempt_dir}, worker {late.worker})"
+                )
+    same_kind = dossier.outcomes.digests == DIGESTS  # a folder of before has digests of its own
+    if same_kind and dossier.digest_now != dossier.outcomes.digest:
+        alarms.append(
+            f"campaign.yaml gives the digest {dossier.digest_now[:12]}, but "
+            f"{dossier.outcomes.digest[:12]} was run: the file or this installation has changed"
+        )
+    if dossier.campaign.device == "same" and len(dossier.outcomes.device_classes) > 1:
+        alarms.append(
+            "the campaign asks for one device class, its results come from "
+            + ", ".join(dossier.outcomes.device_classes)
+        )
+    if warning := too_slow(dossier.outcomes):
+        alarms.append(warning)
+    steered = [f"{row.case.id}, {each}" for row in dossier.rows for each in row.end.steered]
+    missing = "" if found else _missing(dossier)
+    return Evidence(found, missing, alarms, audits, disagreements, steered)
+
+
+def versions() -> dict[str, str]:
+    """Versions of what made the report (what made the results is in the software digest)."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    return found
+
+
+def commands(dossier: Dossier) -> list[str]:
+    """Shell commands that run the campaign again and compare, from the campaign folder."""
+    if dossier.imported is not None:
+        logs = shlex.quote(f"../{dossier.imported.source}")
+        return [
+            f"conductor report --import-autodrive {logs} --out repeat",
+            "conductor fingerprint repeat",
+            "conductor fingerprint .",
+        ]
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    return [
+        f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",
+        "conductor fingerprint repeat",
+        "conductor fingerprint .",
+    ]
+
+
+def _missing(dossier: Dossier) -> str:
+    if dossier.outcomes.complete:
+        return "a KPI file is missing or damaged, see the alarm above"
+    return unended(dossier.left, len(dossier.rows))

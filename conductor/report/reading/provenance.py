@@ -1,0 +1,49 @@
+"""Digests of the files behind a campaign's results: scenes, vehicles, models, stack parameters."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from conductor.report.reading.dossier import Dossier
+from schemas.files.assets import file_digest
+from schemas.sections.perception import NetworkPerception, is_model_path
+from twin.base.software import package_folder, software_digest
+
+
+def file_digests(dossier: Dossier) -> list[tuple[str, str]]:
+    """Name and SHA-256 of the stack, if it is none of the shipped ones, of every file that the
+    campaign names, and of the shipped models it uses.
+
+    The digest of a shipped model is left out if other software is installed here than was run.
+    """
+    stack = dossier.campaign.stack_identity.digest
+    given = [("Stack digest", stack)] if stack else []
+    given += [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
+    return [*given, *_shipped_models(dossier)]
+
+
+def _shown(name: str) -> str:
+    """Paths of the machine that ran it are nobody's business."""
+    return Path(name).name if Path(name).is_absolute() else name
+
+
+def _shipped_models(dossier: Dossier) -> list[tuple[str, str]]:
+    specs = [row.case.perception for row in dossier.rows]
+    used = {
+        spec.model
+        for spec in specs
+        if isinstance(spec, NetworkPerception)
+        if not spec.weights and not is_model_path(spec.model)
+    }
+    if not used or dossier.outcomes.software != software_digest():
+        return []
+    # Found without asking `devkit models`, which takes as long to start as a report of 256 cases.
+    folder = package_folder("devkit") / "models"
+    paths = {name: folder / f"{name}.onnx" for name in sorted(used)}
+    return [(f"model {n}", file_digest(path)) for n, path in paths.items() if path.is_file()]
+
+
+def text_digest(text: str) -> str:
+    """SHA-256 of a text as it is printed."""
+    return hashlib.sha256(text.encode()).hexdigest()

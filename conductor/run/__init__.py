@@ -1,0 +1,1 @@
+"""``conductor run``: a campaign's checks, its local workers, its end."""

@@ -1,0 +1,592 @@
+"""``conductor run``: serve, start local workers, wait, report.
+
+Without local workers it is ``conductor serve --until-done``, see :mod:`conductor.serve.command`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shlex
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from conductor.core.state import Config
+from conductor.records.failures import told
+from conductor.records.fingerprint import Fingerprint, fingerprint
+from conductor.records.outcomes import Outcomes, read_outcomes
+from conductor.records.realtime import too_slow
+from conductor.run.local_workers import LocalWorkers
+from conductor.run.places import Asked, Place, gpu_slots, on_cpu, on_gpus
+from conductor.run.report_preload import ReportAhead
+from conductor.serve.command import metrics_of
+from conductor.serve.shell import Conductor
+from conductor.trust.sign_run import (
+    UnfitRunError,
+    require_agreement,
+    sign_again,
+    sign_derived,
+    sign_run,
+)
+from schemas import SCHEMA_VERSION
+from schemas.campaign import Campaign, expand
+from schemas.messages import Stop, Submit
+from schemas.sections.autonomy import UNPROTECTED, open_by_nature
+from schemas.verdict import no_collision
+from schemas.wire.view import ViewMode
+from schemas.words import counted
+from twin.base.cli import heed_signals
+from twin.base.errors import (
+    EXIT_INTERRUPTED,
+    EXIT_UNFINISHED,
+    InfrastructureError,
+    TwinError,
+    UnfinishedError,
+    UsageError,
+)
+from twin.base.gpu.slot_count import MemoryCount
+from twin.base.software import device_class, software_digest
+from twin.base.worker_start import Told
+from twin.fabric.endpoint import LOOPBACK, is_tls
+from twin.fabric.keys.key_file import Key, shared
+from twin.sandbox.possible import why_not
+
+POLL_S = 0.1
+"""How often progress is looked at [s]."""
+DISMISS_S = 10.0
+"""Longest wait for workers of other hosts to leave [s]."""
+AFTER_DEMO = (
+    "; next, try `conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
+)
+"""For whoever runs something for the first time."""
+RESTARTS_MAX = 5
+"""Workers that died without a case ending in between, before the run gives up."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line says."""
+
+    out: Path
+    workers: Asked = field(default_factory=Asked)
+    """Local ones; none: workers that join from elsewhere do it all."""
+    slots: int | None = None
+    """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
+    device: str = "cpu"
+    by_batch: bool = False
+    listen: str = LOOPBACK
+    namespace: str = "twin"
+    key: Key | None = None
+    ttl_s: float | None = None
+    """How long a lease outlives its worker's last word [s]; None: as usual."""
+    view: ViewMode | None = None
+    """None: what the campaign says."""
+    memory_gb: float | None = None
+    metrics: str = ""
+    """``HOST:PORT`` of a Prometheus endpoint, or empty."""
+    json: bool = False
+
+
+class Interrupted(BaseException):
+    """A signal asks the run to stop; ``number`` says which.
+
+    No :class:`Exception`: it may be raised in the middle of a library that catches those.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+class Signals:
+    """The first SIGINT or SIGTERM of a run raises :class:`Interrupted`; later ones do nothing."""
+
+    def __init__(self) -> None:
+        self.held = False
+        """A signal waits until :meth:`release`. Set as an attribute, because a call can itself be
+        interrupted before it has done anything."""
+        self._stop: Interrupted | None = None
+
+    def receive(self, number: int, _frame: object) -> None:
+        """The handler."""
+        for handled in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(handled, signal.SIG_IGN)
+        self._stop = Interrupted(number)
+        if not self.held:
+            raise self._stop
+
+    def release(self) -> None:
+        """Raise what came while signals were held, or was swallowed by what it hit."""
+        self.held = False
+        if self._stop is not None:
+            raise self._stop
+
+
+def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
+    """The workers of a run. Those of a new one are started here: they and their simulators load
+    while the rest of the campaign is checked, and leave nothing behind if it is refused."""
+    folder = options.out.absolute()
+    loads = campaign.simulator != "noop" and campaign.autonomy.placement != "inline"
+    worker_options = [
+        *(("--load-simulator",) if loads else ()),
+        *(() if options.view is None else ("--view", options.view.value)),
+        *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
+        *("--join-dir", str(folder / "rigs")),
+        *("--spool", str(folder / "spool")),
+    ]
+    places = _places(options, len(expand(campaign)))
+    workers = LocalWorkers(worker_options, folder, places, _memory_count(campaign, options))
+    if loads and _is_new(folder):
+        workers.start()
+    return workers
+
+
+def _is_new(folder: Path) -> bool:
+    try:
+        return not folder.exists()
+    except OSError:
+        return False  # the conductor says what is wrong with it
+
+
+def run_campaign(
+    campaign: Campaign,
+    options: RunOptions,
+    workers: LocalWorkers,
+    computed: Callable[[], None] = lambda: None,
+) -> int:
+    """Run ``campaign`` to its end with ``workers`` of this machine; the exit code.
+
+    ``computed`` is called when they have ended.
+    """
+    if options.workers.count != 0 and not options.workers.gpus:
+        device_class(options.device)  # refuses one that is not here before anything is written
+    started = time.monotonic()
+    console = Console(stderr=True)
+    cases = len(expand(campaign))
+    if options.view is not None:
+        campaign = msgspec.structs.replace(campaign, view=options.view.value)
+    with _signals() as signals:
+        try:
+            _execute(campaign, options, workers, cases, console, signals)
+            computed()
+            result = _conclude(campaign, options)
+        except Interrupted as stop:
+            console.print(
+                f"stopped by {stop}; the same command goes on: {again()}",
+                markup=False,
+                soft_wrap=True,
+            )
+            return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
+        finally:
+            with contextlib.suppress(TwinError):
+                sign_again(options.out)
+    outcomes, found = result
+    return _tell(campaign, options, outcomes, found, time.monotonic() - started)
+
+
+def serve_until_done(campaign: Campaign, options: RunOptions) -> int:
+    """Run ``campaign`` to its end with workers that join from elsewhere; the exit code."""
+    options = replace(options, workers=Asked(count=0))
+    return run_campaign(campaign, options, LocalWorkers((), options.out.absolute(), ()))
+
+
+def _execute(
+    campaign: Campaign,
+    options: RunOptions,
+    workers: LocalWorkers,
+    cases: int,
+    console: Console,
+    signals: Signals,
+) -> None:
+    """Serve and work until every case has ended."""
+    config = Config(by_batch=options.by_batch, spread=not workers.places)
+    if options.ttl_s is not None:
+        config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
+    conductor = Conductor(
+        options.out,
+        listen=options.listen,
+        namespace=options.namespace,
+        key=options.key,
+        config=config,
+    )
+    serving = _Serving(conductor)
+    # A signal that raised between the thread's start and `try`, or before the thread is asked to
+    # stop, would leave it serving for ever. Only one ever raises, so the inner `finally` may be
+    # where it hits.
+    signals.held = True
+    try:
+        try:
+            serving.start()
+            signals.release()
+            serving.await_start()
+            with metrics_of(conductor, options.metrics):
+                _work(conductor, campaign, options, workers, cases, console, signals)
+        finally:
+            signals.held = True
+    finally:
+        conductor.stop()
+        serving.join()
+    signals.release()
+
+
+def _work(
+    conductor: Conductor,
+    campaign: Campaign,
+    options: RunOptions,
+    workers: LocalWorkers,
+    cases: int,
+    console: Console,
+    signals: Signals,
+) -> None:
+    """Submit the campaign to a conductor that serves, and wait until every case has ended."""
+    request = Submit(
+        v=SCHEMA_VERSION,
+        campaign=msgspec.to_builtins(campaign),
+        software=software_digest(),
+        out=str(conductor.folder),
+    )
+    reply = conductor.request(request)
+    if reply.error:
+        raise UsageError(reply.error)
+    row = _row(conductor, campaign)
+    if not row["left"]:
+        console.print(_all_ended(options.out, cases), markup=False, soft_wrap=True)
+        return
+    if row["left"] < cases:
+        done = cases - row["left"]
+        console.print(
+            f"{options.out}: going on, {done} of {counted(cases, 'case')} done",
+            markup=False,
+            soft_wrap=True,
+        )
+    _check_software(row, options)
+    places = _places(options, row["left"])
+    slots = _slots(options, row["left"], len(places), workers.memory)
+    if options.workers.per_gpu:
+        devices = ", ".join(place.device for place in places)
+        console.print(f"workers on {devices} with {slots} slots each", markup=False)
+    try:
+        (conductor.folder / "logs").mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{conductor.folder}: {error.strerror}") from None
+    if line := unprotected(campaign, local=bool(places)):
+        console.print(line, markup=False, soft_wrap=True)
+    key = str(shared(conductor.key)) if conductor.key else ""
+    insecure = [] if is_tls(conductor.endpoint) else ["--insecure"]
+    if ViewMode(campaign.view).shows:
+        console.print(
+            shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
+            markup=False,
+            soft_wrap=True,
+        )
+    try:
+        workers.serve(Told(conductor.endpoint, slots, key), places)
+        report = None if campaign.simulator == "noop" else ReportAhead(options.out)
+        _wait(conductor, campaign, workers, report, console, signals)
+        workers.ask()
+        if report is not None:
+            report.finish()  # while they end
+    finally:
+        workers.stop()
+        if not places:
+            _dismiss(conductor)
+
+
+def unprotected(campaign: Campaign, *, local: bool) -> str:
+    """The line about a stack that runs without a sandbox; empty: it has one, as far as known here.
+
+    ``local``: it runs on this machine.
+    """
+    if campaign.simulator == "noop":
+        return ""
+    reason = open_by_nature(campaign.autonomy) or (why_not() if local else "")
+    return f"{UNPROTECTED}: {reason}; the stack may do whatever you may" if reason else ""
+
+
+def _all_ended(folder: Path, cases: int) -> str:
+    """The line of a run that finds nothing to do."""
+    ended = "its case has" if cases == 1 else f"all {cases} cases have"
+    return f"{folder}: {ended} ended already"
+
+
+def _dismiss(conductor: Conductor) -> None:
+    """Workers that are not ours hear that they may leave, instead of a silence; bounded."""
+    with contextlib.suppress(TwinError):
+        conductor.request(Stop(v=SCHEMA_VERSION), DISMISS_S)
+    until_s = time.monotonic() + DISMISS_S
+    while conductor.alive and time.monotonic() < until_s:
+        time.sleep(POLL_S)
+
+
+def _wait(
+    conductor: Conductor,
+    campaign: Campaign,
+    workers: LocalWorkers,
+    report: ReportAhead | None,
+    console: Console,
+    signals: Signals,
+) -> None:
+    if not workers.count:
+        console.print(
+            f"waiting for workers: twin worker --state {conductor.folder}",
+            markup=False,
+            soft_wrap=True,
+        )
+    storage = ""
+    told: list[str] = []
+    with _progress(console) as progress:
+        bar = progress.add_task(campaign.campaign, total=None, note="starting")
+        ended = -1
+        while True:
+            signals.release()
+            workers.start()
+            found = conductor.snapshot()
+            row = found["campaigns"][campaign.campaign]
+            if ended != row["cases"] - row["left"]:
+                ended = row["cases"] - row["left"]
+                workers.died = 0
+                if not console.is_terminal:
+                    console.print(
+                        f"{campaign.campaign}: {ended} of {counted(row['cases'], 'case')} done"
+                    )
+            note = f"{row['passed']} passed, {row['leased']} running"
+            progress.update(bar, total=row["cases"], completed=ended, note=note)
+            if not row["left"]:
+                return
+            if row["leased"] and report is not None:
+                report.begin()
+            for line in found["notes"]:
+                if line not in told:
+                    told.append(line)
+                    progress.console.print(line, markup=False, soft_wrap=True)
+            if found["notes"] and not row["leased"] and len(found["notes"]) >= workers.count > 0:
+                raise UsageError("no worker may run what is left; see the lines above")
+            for line in workers.look():
+                progress.console.print(line, markup=False, soft_wrap=True)
+            if workers.died > RESTARTS_MAX:
+                raise InfrastructureError(
+                    f"{workers.died} workers died one after the other; see {workers.folder}/logs"
+                )
+            if found["storage_error"] and found["storage_error"] != storage:
+                raise InfrastructureError(f"{found['storage_error']}")
+            storage = found["storage_error"]
+            if not conductor.alive:
+                raise UnfinishedError("the conductor was stopped; the same command goes on")
+            time.sleep(POLL_S)
+
+
+def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:
+    """Report and fingerprint; a report needs a simulator that simulates."""
+    outcomes = read_outcomes(options.out)
+    require_agreement(options.out)
+    if campaign.simulator == "noop":
+        found = fingerprint(options.out)
+        _sign(options.out, outcomes, found)
+        return outcomes, found
+    from conductor.report import make_report
+    from conductor.report.pages.content import read_shown
+    from conductor.report.reading.dossier import open_dossier
+
+    # Before the report, which says so. The fingerprint is known: every file has just been read.
+    if early := read_shown(open_dossier(options.out))[1].fingerprint:
+        _sign(options.out, outcomes, early)
+    # Plots wait for `conductor report`.
+    late = make_report(options.out, plots=False).content.evidence.fingerprint
+    with contextlib.suppress(TwinError):  # the reason is told already
+        sign_derived(options.out)
+    return outcomes, late or fingerprint(options.out)
+
+
+def _sign(folder: Path, outcomes: Outcomes, found: Fingerprint) -> None:
+    """Sign a run that has ended; where there is no key it stays as it is, which is told."""
+    if outcomes.software and outcomes.software != software_digest():
+        return  # it was run, and judged or not, by another version
+    try:
+        sign_run(folder, outcomes, found.sha256)
+    except UnfitRunError:
+        raise
+    except TwinError as error:
+        print(f"conductor: {folder} is not signed: {error}", file=sys.stderr)
+
+
+def _tell(
+    campaign: Campaign,
+    options: RunOptions,
+    outcomes: Outcomes,
+    found: Fingerprint,
+    wall_s: float,
+) -> int:
+    counts = count_outcomes(outcomes)
+    code = outcomes.exit_code
+    for line in told(options.out, outcomes):
+        print(line, file=sys.stderr)
+    if warning := too_slow(outcomes):
+        print(warning, file=sys.stderr)
+    if options.json:
+        shown = {
+            "campaign": campaign.campaign,
+            "out": str(options.out),
+            **counts,
+            "wall_s": round(wall_s, 3),
+            "fingerprint": found.sha256,
+        }
+        print(json.dumps(shown))
+        return code
+    verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(_verdicts(outcomes).items()))
+    print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
+    print(f"fingerprint {found.sha256} {found.caveat}".rstrip())
+    if campaign.simulator == "noop":
+        print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
+        return code
+    print(
+        f"report: {options.out / 'report.html'} - open it in a browser"
+        + (AFTER_DEMO if options.out.name == "aeb-demo" else "")
+    )
+    return code
+
+
+def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
+    """Cases, committed, passed, without a collision, failed, unresolved and cancelled."""
+    rows = outcomes.cases.values()
+    return {
+        "cases": len(outcomes.cases),
+        "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
+        "passed": sum(row.passed for row in rows),
+        "no_collision": sum(no_collision(row.outcome, row.verdict) is True for row in rows),
+        "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
+        "unresolved": sum(row.outcome == "unresolved" for row in rows),
+        "cancelled": sum(row.outcome == "cancelled" for row in rows),
+    }
+
+
+def _verdicts(outcomes: Outcomes) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for row in outcomes.cases.values():
+        name = row.verdict or row.outcome
+        counts[name] = counts.get(name, 0) + 1
+    return counts
+
+
+def _row(conductor: Conductor, campaign: Campaign) -> dict[str, Any]:
+    row: dict[str, Any] = conductor.snapshot()["campaigns"][campaign.campaign]
+    return row
+
+
+def again() -> str:
+    """The command line of this process, to be typed once more."""
+    return shlex.join(["conductor", *sys.argv[1:]])
+
+
+def _check_software(row: dict[str, Any], options: RunOptions) -> None:
+    """A campaign is finished by the software that began it: results must be comparable."""
+    ours = software_digest()
+    if row["software"] and row["software"] != ours:
+        raise UsageError(
+            f"{options.out}: begun with software {row['software'][:12]}, this is {ours[:12]}; "
+            "finish it with that version, or start anew in another folder with --out"
+        )
+
+
+def _places(options: RunOptions, left: int) -> list[Place]:
+    """Where workers compute."""
+    if options.workers.per_gpu:
+        gpus = options.workers.gpus
+        return on_gpus([g.device for g in gpus], [g.cores for g in gpus], options.workers.per_gpu)
+    cores = len(os.sched_getaffinity(0))
+    return on_cpu(options.device, options.workers.count, cores, left, options.slots or 1)
+
+
+def _memory_count(campaign: Campaign, options: RunOptions) -> MemoryCount | None:
+    """Begin to count how many slots fit on the GPUs; None where that does not matter."""
+    if options.slots or not options.workers.per_gpu:
+        return None
+    free = min(gpu.free_bytes for gpu in options.workers.gpus) // options.workers.per_gpu
+    asked = ("--campaign", "-", "--free-gb", str(free / 1e9))
+    return MemoryCount(msgspec.json.encode(campaign), asked)
+
+
+def _slots(options: RunOptions, left: int, workers: int, count: MemoryCount | None) -> int:
+    """Slots per worker."""
+    if count is None:
+        return options.slots or 1
+    return gpu_slots(left, workers, count.slots())
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        # Without a terminal a redrawn bar is noise; lines are printed by the caller.
+        disable=not console.is_terminal,
+    )
+
+
+class _Serving(threading.Thread):
+    """The conductor on a thread of its own."""
+
+    def __init__(self, conductor: Conductor) -> None:
+        super().__init__(name="conductor")
+        self._conductor = conductor
+        self._failure: TwinError | None = None
+
+    def run(self) -> None:
+        """Serve; for the thread."""
+        try:
+            self._conductor.serve()
+        except TwinError as error:
+            self._failure = error
+
+    def await_start(self) -> None:
+        """Return once it serves.
+
+        Raises:
+            TwinError: it cannot.
+        """
+        while not self._conductor.started.wait(0.02):
+            if not self.is_alive():
+                raise self._failure or InfrastructureError("the conductor did not start")
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for its end.
+
+        Raises:
+            TwinError: what ended it.
+        """
+        super().join(timeout)
+        if self._failure is not None:
+            raise self._failure
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[Signals]:
+    """For the block, SIGINT and SIGTERM are the run's."""
+    signals = Signals()
+    previous = {n: signal.signal(n, signals.receive) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        heed_signals()
+        yield signals
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,110 @@
+"""Turns at the driver for the processes of a run that begin to use a GPU
+(:mod:`twin.base.gpu.first_use`).
+
+Those of the first worker of every GPU come first, and so on: all GPUs have work early.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+
+from twin.base.gpu.first_use import TURNS_VARIABLE
+
+TURNS = 2
+"""Processes that may begin at once: a simulator and its stack."""
+
+_PLACE_BYTES_MAX = 16
+_PEER = struct.Struct("3i")
+"""What Linux says of the other end of a Unix socket: process, user, group."""
+
+
+@contextlib.contextmanager
+def turns(device: str) -> Iterator[None]:
+    """Processes started meanwhile take turns; on a CPU nothing happens."""
+    if not device.startswith("cuda"):
+        yield
+        return
+    name = f"drivetwin-turns-{secrets.token_hex(8)}"
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(f"\0{name}")  # abstract: no file that a killed run would leave behind
+        door.listen(socket.SOMAXCONN)
+        queue = Queue(door)
+        os.environ[TURNS_VARIABLE] = name
+        try:
+            yield
+        finally:
+            os.environ.pop(TURNS_VARIABLE, None)
+            queue.close()
+
+
+class Queue:
+    """Who has a turn, and who waits for one; a thread for each of them, while they do."""
+
+    def __init__(self, door: socket.socket) -> None:
+        self._door = door
+        self._changed = threading.Condition()
+        self._guests: set[socket.socket] = set()
+        self.waiting: set[tuple[int, int]] = set()
+        """Place and arrival of each."""
+        self._arrivals = 0
+        self._free = TURNS
+        self._open = True
+        threading.Thread(target=self._welcome, name="turns", daemon=True).start()
+
+    def close(self) -> None:
+        """Nobody waits any more."""
+        with self._changed:
+            self._open = False
+            for end in (self._door, *self._guests):
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+            self._changed.notify_all()
+
+    def _welcome(self) -> None:
+        # Closed; or there is no room for one more, and whoever comes then must not wait for us.
+        with contextlib.suppress(OSError, RuntimeError), self._door:
+            while True:
+                guest, _ = self._door.accept()
+                threading.Thread(target=self._greet, args=(guest,), daemon=True).start()
+
+    def _greet(self, guest: socket.socket) -> None:
+        with guest, contextlib.suppress(OSError, ValueError):
+            peer = guest.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+            if _PEER.unpack(peer)[1] != os.getuid():
+                return
+            with self._changed:
+                self._guests.add(guest)
+            try:
+                with guest.makefile("rb") as lines:
+                    place = int(lines.readline(_PLACE_BYTES_MAX))
+                    with self._turn(place):
+                        guest.send(b"\n")
+                        lines.read()  # until it has begun, or is dead
+            finally:
+                with self._changed:
+                    self._guests.discard(guest)
+
+    @contextlib.contextmanager
+    def _turn(self, place: int) -> Iterator[None]:
+        with self._changed:
+            self._arrivals += 1
+            own = (place, self._arrivals)
+            self.waiting.add(own)
+            self._changed.wait_for(
+                lambda: not self._open or (self._free and own == min(self.waiting))
+            )
+            self.waiting.remove(own)
+            self._free -= 1
+            self._changed.notify_all()
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._free += 1
+                self._changed.notify_all()

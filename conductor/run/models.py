@@ -1,0 +1,130 @@
+"""Whether the networks of a campaign can be loaded, before any of its cases is leased.
+
+Loading them is the business of ``devkit``, which is asked as any user would ask it: by a process of
+its own, once for all networks. A network that takes its process down is one that cannot be loaded;
+one that was loaded before by the same software on such a device is not loaded again.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import msgspec
+
+from conductor.run.good_networks import identities, remember, remembered, unchanged
+from schemas.campaign import Campaign, expand
+from schemas.sections.perception import NetworkPerception
+from schemas.validation import Mistake
+from twin.base.errors import InfrastructureError, UsageError
+from twin.base.process import how_it_ended
+
+TIMEOUT_S = 100.0
+"""Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
+
+
+def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
+    """Load the networks that cases of ``campaign`` use; see :func:`models_checked`."""
+    with models_checked(campaign, shown, device):
+        pass
+
+
+@contextmanager
+def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Iterator[None]:
+    """Load the networks that cases of ``campaign`` use, on this machine, while the body
+    of the ``with`` does something else; it is known at its end. Those that are known to be good
+    (:mod:`conductor.run.good_networks`) are not loaded.
+
+    Args:
+        campaign: with absolute paths, see :func:`conductor.run.source.load`.
+        shown: name of the campaign for messages.
+        device: where workers on this machine compute, ``cpu`` or ``cuda:N``.
+
+    Raises:
+        UsageError: one line per network that cannot be loaded, naming its file.
+        InfrastructureError: the check itself did not work.
+    """
+    cases = expand(campaign)
+    used = {
+        case.model: case.perception
+        for case in cases
+        if isinstance(case.perception, NetworkPerception)
+    }
+    if not used:
+        yield
+        return
+    # The same network with another threshold is loaded once.
+    first: dict[tuple[str, ...], str] = {}
+    for name, variant in used.items():
+        first.setdefault(_what_is_loaded(variant), name)
+    camera, files = cases[0].camera, campaign.files
+    size_px = (camera.width, camera.height)
+    known = identities({name: used[name] for name in first.values()}, files, device, size_px)
+    good = set(remembered())
+    asked = {name: used[name] for name in first.values() if known.get(name) not in good}
+    if not asked:
+        yield
+        return
+    with _ask(asked, size_px, device) as child:
+        try:
+            yield
+            answer = _answer(child, asked)
+        finally:
+            child.kill()
+    loaded = [name for name in asked if not answer[name]["error"]]
+    # What was loaded may be other files than those that were read before.
+    remember([known[n] for n in loaded if n in known and unchanged(asked[n], files)])
+    mistakes = [
+        Mistake(f"autonomy.perception.{name}", answer[name]["error"])
+        for name in asked
+        if name not in loaded
+    ]
+    if mistakes:
+        raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+
+
+def _what_is_loaded(variant: NetworkPerception) -> tuple[str, ...]:
+    return (variant.model, variant.weights, variant.names, variant.description, variant.runtime)
+
+
+def _ask(
+    variants: dict[str, NetworkPerception], size_px: tuple[int, int], device: str
+) -> subprocess.Popen[bytes]:
+    command = [
+        *(sys.executable, "-m", "devkit", "check-models", "--device", device),
+        *("--width", str(size_px[0]), "--height", str(size_px[1])),
+    ]
+    pipe = subprocess.PIPE
+    child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
+    assert child.stdin is not None
+    with suppress(BrokenPipeError):  # then it has ended, and says why
+        child.stdin.write(msgspec.json.encode(variants))
+        child.stdin.close()
+    child.stdin = None
+    return child
+
+
+def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Any]:
+    shown = ", ".join(names)
+    try:
+        said, errors = child.communicate(timeout=TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        raise InfrastructureError(
+            f"networks {shown}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
+        ) from None
+    try:
+        if child.returncode == 0:
+            # What libraries may print stands before the answer.
+            found: dict[str, Any] = json.loads(said.splitlines()[-1])
+            return found
+    except (ValueError, IndexError):
+        pass
+    words = errors.decode(errors="replace").strip().splitlines() or ["it said nothing"]
+    raise InfrastructureError(
+        f"networks {shown}: the process that loads them ended without an answer"
+        f" ({how_it_ended(child.returncode)}): {words[-1][:300]}"
+    )

@@ -1,0 +1,131 @@
+"""Where the local workers of ``conductor run`` compute: which device, and which processor cores."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from schemas.messages import Share
+from twin.base.errors import UsageError
+from twin.base.gpu.nvml import VisibleGpu, visible_gpus
+
+WORKERS_MAX = 8
+"""Local workers started by default on the CPU, at most."""
+
+GPU_SLOTS_MAX = 256
+"""Slots of a worker on a GPU unless the user says otherwise: more do not make it faster."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What ``--workers`` says."""
+
+    count: int | None = None
+    """So many; None: by the cores."""
+    per_gpu: int = 0
+    """So many on every GPU; 0: not on GPUs."""
+    gpus: tuple[VisibleGpu, ...] = ()
+    """What is here; without any, GPUs are not asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where one worker computes."""
+
+    device: str
+    cores: tuple[int, ...] = ()
+    """Empty: wherever the system likes."""
+    share: Share | None = None
+    """Which cases it prefers."""
+
+    def options(self) -> tuple[str, ...]:
+        """Of ``twin worker``."""
+        cores = ("--cores", ranges(self.cores)) if self.cores else ()
+        return ("--device", self.device, *cores)
+
+
+def parse_workers(text: str | None) -> Asked:
+    """Read ``--workers``.
+
+    Raises:
+        UsageError: neither a number nor a word for GPUs.
+    """
+    if text is None:
+        return Asked()
+    if re.fullmatch(r"0{1,4}", text):
+        raise UsageError(
+            f"--workers {text}: nobody would work; for workers that you start yourself it is "
+            "`conductor serve --campaign NAME --until-done`"
+        )
+    if re.fullmatch(r"[0-9]{1,4}", text):
+        return Asked(count=int(text))
+    found = re.fullmatch(r"(?:([1-9])x)?cuda", text)
+    if found is None:
+        raise UsageError(
+            f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 4xcuda (four per GPU)"
+        )
+    return Asked(per_gpu=int(found[1] or 1))
+
+
+def where(asked: Asked, device: str) -> tuple[Asked, str]:
+    """What ``--workers`` comes to here, and the device: without a GPU the CPU does it, and one line
+    says so."""
+    if not asked.per_gpu:
+        return asked, device
+    gpus = tuple(visible_gpus())
+    if gpus:
+        return replace(asked, gpus=gpus), gpus[0].device
+    print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
+    return Asked(), "cpu"
+
+
+def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) -> list[Place]:
+    """``per_gpu`` workers on each GPU, with cores of their own near it, and cases; the
+    first of every GPU, then the second of every GPU, and so on.
+
+    Args:
+        gpus: devices, ``cuda:N``.
+        near: cores near each of them that may be used; GPUs of a socket have the same ones.
+        per_gpu: workers on each.
+    """
+    wishes = [tuple(sorted(cores)) for cores in near] * per_gpu
+    devices = [*gpus] * per_gpu
+    places = []
+    for index, (device, cores) in enumerate(zip(devices, wishes, strict=True)):
+        sharers = [other for other, wish in enumerate(wishes) if wish == cores]
+        turn, count = sharers.index(index), len(sharers)
+        first, last = turn * len(cores) // count, (turn + 1) * len(cores) // count
+        # A simulator, a stack and a worker: with one core they would only wait for each other.
+        enough = len(cores) >= 2 * count
+        nth, gpu = divmod(index, len(gpus))
+        # Networks are mostly listed from small to large, and the first worker is ready first.
+        stretch = per_gpu - 1 - nth
+        share = Share(stretch, per_gpu, gpu, len(gpus)) if len(devices) > 1 else None
+        places.append(Place(device, cores[first:last] if enough else (), share))
+    return places
+
+
+def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) -> list[Place]:
+    """``count`` workers on one device; None: one per core, and no more than there is work for."""
+    if count is None:
+        count = max(1, min(cores, WORKERS_MAX, -(-left // slots)))
+    return [Place(device)] * count
+
+
+def gpu_slots(left: int, workers: int, fit: int | None) -> int:
+    """Slots per worker on a GPU: all cases at once, up to what is useful and what fits."""
+    wanted = max(1, min(GPU_SLOTS_MAX, -(-left // max(1, workers))))
+    return wanted if fit is None else max(1, min(wanted, fit))
+
+
+def ranges(cores: Sequence[int]) -> str:
+    """``0-3,8`` for 0, 1, 2, 3, 8."""
+    parts: list[list[int]] = []
+    for core in sorted(cores):
+        if parts and core == parts[-1][1] + 1:
+            parts[-1][1] = core
+        else:
+            parts.append([core, core])
+    return ",".join(f"{a}-{b}" if a != b else str(a) for a, b in parts)

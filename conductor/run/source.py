@@ -1,0 +1,303 @@
+"""Campaign files: shipped by name or given by path, loaded with every mistake explained."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from conductor.run.repository import with_repository
+from conductor.run.scene_check import scene_mistakes
+from conductor.run.stack_check import stack_mistakes
+from schemas.campaign import UNREPEATABLE, Campaign, Case, examine, only, parse_campaign
+from schemas.files.assets import asset_digest, file_digest, is_path
+from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.sections.autonomy import driver
+from schemas.sections.lidar import Lidar
+from schemas.sections.perception import file_fields, with_absolute_files
+from schemas.sections.stack_identity import StackIdentity
+from schemas.validation import Mistake, suggest
+from twin.base.errors import UsageError
+from twin.stack_identity.identity import Named, find_stack, named_files
+
+_SHIPPED = Path(__file__).parents[1] / "campaigns"
+
+
+def shipped() -> list[str]:
+    """Names of the campaigns that come with the package."""
+    return sorted(path.stem for path in _SHIPPED.glob("*.yaml"))
+
+
+def find(name: str) -> Path:
+    """The file of a shipped campaign's name, or of a path.
+
+    Raises:
+        UsageError: neither exists.
+    """
+    if name in shipped():
+        return _SHIPPED / f"{name}.yaml"
+    path = Path(name)
+    if path.is_dir():
+        raise UsageError(f"{name}: a folder; give a campaign file or one of {', '.join(shipped())}")
+    if path.exists():
+        return path
+    if path.suffix or "/" in name:
+        raise UsageError(
+            f"{name}: no such file; shipped campaigns: {', '.join(shipped())} "
+            "(or give the path of a YAML file)"
+        )
+    raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
+
+
+def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
+    """Load and check a campaign.
+
+    Args:
+        name: shipped name or path.
+        seed: replaces the file's seed.
+        fetch: fetch the repository that it names, run its set-up, and pin it to the commit.
+
+    Raises:
+        UsageError: one line per mistake.
+    """
+    path = find(name)
+    try:
+        data = load_yaml(path)
+    except YamlError as error:
+        raise UsageError(str(error)) from None
+    shown = name if path.parent != _SHIPPED else path.name
+    campaign, mistakes = check(data, path.parent)
+    if campaign is None:
+        raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+    if fetch:
+        campaign = with_repository(campaign, shown)
+    if seed is not None:
+        campaign = msgspec.structs.replace(campaign, seed=seed)
+    return msgspec.structs.replace(
+        campaign, files=_digests(campaign), stack_identity=_identity(campaign, shown)
+    )
+
+
+def _identity(campaign: Campaign, shown: str) -> StackIdentity:
+    """What the campaign's stack consists of; nothing of it is run."""
+    autonomy = campaign.autonomy
+    driven = driver(autonomy)
+    named = Named(driven["stack"], driven.get("foreign"), autonomy.files)
+    prefix = "autonomy.parameters."
+    points = [{axis: value} for axis, values in campaign.matrix.items() for value in values]
+    points += campaign.cases
+    parameters = list(autonomy.parameters.values())
+    parameters += [v for point in points for axis, v in point.items() if axis.startswith(prefix)]
+    try:
+        identity = find_stack(named).identity
+        return msgspec.structs.replace(identity, named=named_files(parameters))
+    except UsageError as error:
+        key = "command" if autonomy.command else "stack"
+        raise UsageError(Mistake(f"autonomy.{key}", str(error)).line(shown)) from None
+
+
+def _digests(campaign: Campaign) -> dict[str, str]:
+    """SHA-256 of every scene, vehicle and model file that the campaign names by path."""
+    named = set()
+    for field in ("scene", "vehicle"):
+        axis = f"scenario.{field}"
+        named.add(getattr(campaign.scenario, field))
+        named.update(str(value) for value in campaign.matrix.get(axis, ()))
+        named.update(str(point[axis]) for point in campaign.cases if axis in point)
+    paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
+    variants = campaign.autonomy.perception.values()
+    models = {name for variant in variants for name in file_fields(variant).values()}
+    try:
+        found = {name: asset_digest(Path(name)) for name in paths}
+        found.update((n, file_digest(Path(n))) for n in sorted(models) if Path(n).is_file())
+        return found
+    except YamlError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise UsageError(f"{error.filename}: cannot be read ({error.strerror})") from None
+
+
+def only_case(campaign: Campaign, case: str) -> Campaign:
+    """The campaign with this one case.
+
+    Raises:
+        UsageError: it has no such case.
+    """
+    found = only(campaign, case)
+    if found is None:
+        raise UsageError(
+            f"--case {case}: no case of '{campaign.campaign}'; "
+            "`conductor validate FILE --output json` lists them"
+        )
+    return found
+
+
+def with_render(campaign: Campaign, render: bool) -> Campaign:
+    """The campaign with cameras that see, or that do not.
+
+    Raises:
+        UsageError: its stack cannot do without.
+    """
+    plain = msgspec.to_builtins(msgspec.structs.replace(campaign, render=render))
+    changed, mistakes = parse_campaign(plain)
+    if changed is None:
+        raise UsageError(f"--render {mistakes[0].message}")
+    return changed
+
+
+def with_drive(campaign: Campaign) -> Campaign:
+    """The campaign with a record of every drive.
+
+    Raises:
+        UsageError: it goes with the wall clock.
+    """
+    if campaign.clock == "realtime":
+        raise UsageError(f"--record-drive: {UNREPEATABLE}")
+    recording = msgspec.structs.replace(campaign.recording, drive="all")
+    return msgspec.structs.replace(campaign, recording=recording)
+
+
+def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:
+    """Every mistake of a campaign's content, also about things outside the file.
+
+    Args:
+        data: the content.
+        folder: where the file lies: paths of models are relative to it, and absolute in the
+            campaign that is returned.
+    """
+    campaign, cases, mistakes = examine(data)
+    if campaign is None or not cases:
+        return None, mistakes
+    campaign = _with_absolute_files(campaign, folder or Path())
+    if missing := _missing_files(cases):
+        mistakes += missing
+    else:
+        mistakes += _missing_mounts(cases)
+        mistakes += scene_mistakes(campaign, cases) if not mistakes else []
+    mistakes += _missing_models(campaign, cases)
+    mistakes += _missing_image(campaign)
+    mistakes += stack_mistakes(campaign, cases)
+    return (None, mistakes) if mistakes else (campaign, [])
+
+
+def _missing_image(campaign: Campaign) -> list[Mistake]:
+    """An image that is a path, and its folders; a name is the runtime's business."""
+    image = campaign.autonomy.image
+    if image is None:
+        return []
+    mistakes = [
+        Mistake(f"autonomy.image.binds[{index}]", f"given '{path}', allowed: an absolute path")
+        for index, path in enumerate(image.binds)
+        if not path.startswith("/")
+    ]
+    if image.runtime == "podman":
+        return mistakes
+    if not Path(image.path).exists():
+        mistakes.append(Mistake("autonomy.image.path", f"{image.path}: no such file or folder"))
+    elif not image.path.startswith("/"):
+        absolute = f"given '{image.path}', allowed: an absolute path, which all workers see"
+        mistakes.append(Mistake("autonomy.image.path", absolute))
+    return mistakes
+
+
+def _with_absolute_files(campaign: Campaign, folder: Path) -> Campaign:
+    variants = with_absolute_files(campaign.autonomy.perception, folder)
+    files = [str((folder / path).absolute()) for path in campaign.autonomy.files]
+    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants, files=files)
+    return msgspec.structs.replace(campaign, autonomy=autonomy)
+
+
+def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
+    """Files of the variants that cases use; what is in them is looked at elsewhere."""
+    used = dict.fromkeys(case.model for case in cases)
+    return [
+        Mistake(f"autonomy.perception.{name}.{key}", f"{path}: no such file")
+        for name in used
+        for key, path in file_fields(campaign.autonomy.perception[name]).items()
+        if not Path(path).is_file()
+    ]
+
+
+def _missing_files(cases: list[Case]) -> list[Mistake]:
+    mistakes = []
+    for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
+        names = _simulator_files(folder)
+        for given in sorted({getattr(case.scenario, field) for case in cases}):
+            if given not in names and not (is_path(given) and Path(given).is_file()):
+                mistakes.append(
+                    Mistake(
+                        f"scenario.{field}",
+                        f"given '{given}', neither shipped nor a file; {suggest(given, names)}",
+                    )
+                )
+    return mistakes
+
+
+def _missing_mounts(cases: list[Case]) -> list[Mistake]:
+    """Cameras and lidars that the vehicle file does not have: no simulator would start."""
+    any_case = cases[0]  # which sensors there are is no axis
+    cameras = sorted(camera.name for camera in (any_case.camera, *any_case.cameras))
+    lidars = sorted(any_case.lidars, key=lambda lidar: lidar.name)
+    mistakes = []
+    for vehicle in sorted({case.scenario.vehicle for case in cases}):
+        path = Path(vehicle)
+        if not is_path(vehicle):
+            path = _simulator_folder("vehicle/models") / f"{vehicle}.yaml"
+        try:
+            data = load_yaml(path)
+        except YamlError:
+            continue  # the simulator says what is wrong with the file
+        names = {"cameras": cameras, "lidars": [lidar.name for lidar in lidars]}
+        for kind, wanted in names.items():
+            mounts = _inner(data, kind)
+            known = list(mounts) if isinstance(mounts, dict) else []
+            for name in wanted:
+                if name not in known:
+                    hint = suggest(name, known) if known else "it has none"
+                    mistakes.append(Mistake(kind, f"vehicle '{vehicle}' has no '{name}'; {hint}"))
+        for lidar in lidars:
+            mount = _inner(_inner(data, "lidars"), lidar.name)
+            if isinstance(mount, dict):
+                mistakes += _sweep_rate(path, lidar, mount, any_case.control_hz)
+    return mistakes
+
+
+def _inner(data: Any, key: str) -> Any:
+    """A value of something that should be a mapping, or None."""
+    return data.get(key) if isinstance(data, dict) else None
+
+
+def _sweep_rate(path: Path, lidar: Lidar, mount: dict[str, Any], control_hz: int) -> list[Mistake]:
+    """A lidar that sweeps as often as its profile says must fit the control rate."""
+    profile = mount.get("inline")
+    named = mount.get("profile", "")
+    if isinstance(named, str) and named:
+        file = _simulator_folder("sensors/lidar/profiles") / f"{named}.yaml"
+        try:
+            profile = load_yaml(path.parent / named if is_path(named) else file)
+        except YamlError as error:
+            return [Mistake("lidars", str(error))]
+    hz = _inner(profile, "hz")
+    if not isinstance(hz, int) or hz < 1:
+        return []  # the simulator says what is wrong with the profile
+    if not lidar.hz and control_hz % hz:
+        message = (
+            f"'{lidar.name}' sweeps at {hz} Hz, no divisor of control_hz {control_hz}; give its hz"
+        )
+        return [Mistake("lidars", message)]
+    return []
+
+
+def _simulator_files(folder: str) -> list[str]:
+    """Names of files that the simulator ships."""
+    return sorted(path.stem for path in _simulator_folder(folder).glob("*.yaml"))
+
+
+def _simulator_folder(folder: str) -> Path:
+    """A folder of the simulator, found without importing it."""
+    spec = importlib.util.find_spec("twin")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    return Path(next(iter(spec.submodule_search_locations))) / folder

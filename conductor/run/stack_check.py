@@ -1,0 +1,39 @@
+"""Whether a campaign's stack can be built on this machine; nothing of it is imported or run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from schemas.campaign import Campaign, Case
+from schemas.sections.autonomy import Autonomy
+from schemas.sections.foreign import BRIDGE_PACKAGES
+from schemas.validation import Mistake
+from twin.stack_identity.imports import locate
+from twin.stack_identity.stack_class import class_mistakes
+
+
+def stack_mistakes(campaign: Campaign, cases: Iterable[Case]) -> list[Mistake]:
+    """A missing module, class or package, and parameters that the class does not take."""
+    mistakes = _missing_packages(campaign.autonomy)
+    wanted: dict[str, set[str]] = {}
+    for case in cases:
+        if case.stack:
+            wanted.setdefault(case.stack, set()).update(case.parameters)
+    for entry_point, parameters in wanted.items():
+        mistakes += class_mistakes(entry_point, sorted(parameters))
+    return mistakes
+
+
+def _missing_packages(autonomy: Autonomy) -> list[Mistake]:
+    """Packages of a bridge that is started on this machine or one that is set up alike."""
+    if autonomy.placement == "node":
+        return []
+    return [
+        Mistake(
+            "autonomy.bridge",
+            f"'{autonomy.bridge}' needs the package {package}, which is not installed: "
+            f"pip install 'drivetwin[{autonomy.bridge}]'",
+        )
+        for package in BRIDGE_PACKAGES.get(autonomy.bridge, ())
+        if locate(package) is None
+    ]

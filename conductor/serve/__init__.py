@@ -1,0 +1,1 @@
+"""The conductor process around the core."""

@@ -1,0 +1,1 @@
+"""Signatures of finished runs, and how verdicts are checked again."""

@@ -1,0 +1,1 @@
+"""``devkit check``: does a stack keep the rules that make verdicts repeatable?"""

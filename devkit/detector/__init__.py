@@ -1,0 +1,1 @@
+"""Detectors: ONNX files, what runs them, and what they are worth."""

@@ -1,0 +1,1 @@
+"""``devkit host``: the process that runs a stack on the bus."""

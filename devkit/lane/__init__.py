@@ -1,0 +1,1 @@
+"""Lane keeping by camera: markings, the lane's curve, lateral control."""

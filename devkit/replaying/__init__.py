@@ -1,0 +1,1 @@
+"""``devkit replay`` and ``devkit parity``: recorded drives for a stack."""

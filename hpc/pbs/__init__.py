@@ -1,0 +1,1 @@
+"""PBS Pro, OpenPBS, and what answers to the same names."""

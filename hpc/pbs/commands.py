@@ -1,0 +1,117 @@
+"""PBS over its command-line tools: PBS Pro and OpenPBS, and what answers to the same names."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+from hpc.commands import Done, call
+from hpc.pbs.job_script import options, render
+from hpc.pbs.lint import lint
+from hpc.request import JobRequest
+from hpc.scheduler import JobStatus, Kind, State
+from hpc.script import job_name
+from twin.base.errors import InfrastructureError, TwinError, UsageError
+
+_STATES: dict[str, State] = {
+    **dict.fromkeys("QHWTMU", "pending"),
+    **dict.fromkeys("RSBE", "running"),
+    **dict.fromkeys("FXC", "ended"),
+}
+_NOT_ANSWERING = ("cannot connect to server", "Connection refused", "No Permission to connect")
+
+
+class Pbs:
+    """See :class:`hpc.scheduler.Scheduler`."""
+
+    kind: Kind = "pbs"
+
+    def render(self, request: JobRequest) -> str:
+        """The job script."""
+        return render(request)
+
+    def check(self, text: str, _request: JobRequest, /) -> None:
+        """PBS has no trial run: the lines are checked against the reference."""
+        mistakes = lint(text)
+        if mistakes:
+            raise UsageError("\n".join(f"job script: {mistake}" for mistake in mistakes))
+
+    def submit(self, path: Path, folder: Path) -> str:
+        """``qsub`` in the script's folder, which is where the log goes."""
+        done = call("qsub", path.name, folder=folder)
+        if done.code or not done.out.strip():
+            raise _refusal("PBS did not take the job", done)
+        return done.out.split()[-1]
+
+    def status(self, job: str) -> JobStatus:
+        """``qstat -fx`` knows ended jobs where the site keeps a history."""
+        done = call("qstat", "-f", "-x", job)
+        if done.code or "job_state" not in done.out:
+            done = call("qstat", "-f", job)
+        if done.code or "job_state" not in done.out:
+            if any(words in done.err for words in _NOT_ANSWERING):
+                raise _refusal(f"job {job}", done)
+            return JobStatus("unknown")
+        return parse_job(done.out)
+
+    def cancel(self, job: str) -> None:
+        """``qdel``: SIGTERM, then SIGKILL; nothing is queued again."""
+        done = call("qdel", job)
+        if done.code:
+            raise _refusal(f"job {job} was not deleted", done)
+
+    def requeue(self, job: str) -> None:
+        """As the script's own timer does it; ``qrerun`` would need operator privilege."""
+        self.signal(job, "SIGUSR2")
+
+    def signal(self, job: str, name: str) -> None:
+        """``qsig``: to all processes of the job."""
+        done = call("qsig", "-s", name, job)
+        if done.code:
+            raise _refusal(f"job {job} was not signalled", done)
+
+    def interactive(self, request: JobRequest, command: list[str]) -> list[str]:
+        """``qsub -I``."""
+        given = [word for option in options(request) for word in shlex.split(option)]
+        return ["qsub", "-I", *given, *(["--", *command] if command else [])]
+
+    def log(self, job: str, request: JobRequest, /) -> str:
+        """PBS's default name; it appears there when the job ends."""
+        return f"{job_name(request.campaign)}.o{job.split('.')[0]}"
+
+
+def parse_job(text: str) -> JobStatus:
+    """The attributes that ``qstat -f`` prints; long lines go on after a tab."""
+    found = attributes(text)
+    native = found.get("job_state", "")
+    state = _STATES.get(native[:1], "unknown")
+    code = found.get("Exit_status", found.get("exit_status", ""))
+    count = found.get("run_count", "1")
+    return JobStatus(
+        state=state,
+        native=native,
+        reason=found.get("comment", "") if state == "pending" else "",
+        nodes=found.get("exec_host", ""),
+        exit_code=int(code) if state == "ended" and code.lstrip("-").isdecimal() else None,
+        restarts=max(0, int(count) - 1) if count.isdecimal() else 0,
+    )
+
+
+def attributes(text: str) -> dict[str, str]:
+    """``name = value`` lines; a line that is none goes on with the one before."""
+    found: dict[str, str] = {}
+    name = ""
+    for line in text.splitlines():
+        match = re.fullmatch(r"\s+([A-Za-z_][\w.]*) = (.*)", line)
+        if match:
+            name, found[match[1]] = match[1], match[2].strip()
+        elif name and line.startswith("\t"):
+            found[name] += line.strip()
+    return found
+
+
+def _refusal(what: str, done: Done) -> TwinError:
+    if any(words in done.err for words in _NOT_ANSWERING):
+        return InfrastructureError(f"{what}: the PBS server does not answer; try later")
+    return UsageError(f"{what}: {done.last_words.removeprefix('qsub: ')}")

@@ -1,0 +1,164 @@
+"""Slurm over its command-line tools."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from hpc.commands import Done, call, exists
+from hpc.request import JobRequest, hours_minutes
+from hpc.scheduler import JobStatus, Kind, State
+from hpc.slurm.job_script import options, render
+from twin.base.errors import InfrastructureError, TwinError, UsageError
+
+_RUNNING = ("RUNNING", "COMPLETING", "CONFIGURING", "STAGE_OUT", "SIGNALING", "SUSPENDED")
+_PENDING = ("PENDING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "RESV_DEL_HOLD")
+_NOT_ANSWERING = ("contact slurm controller", "Socket timed out", "Connection refused")
+_NO_SUCH_JOB = "Invalid job id"
+
+
+class Slurm:
+    """See :class:`hpc.scheduler.Scheduler`."""
+
+    kind: Kind = "slurm"
+
+    def render(self, request: JobRequest) -> str:
+        """The job script."""
+        return render(request)
+
+    def check(self, text: str, request: JobRequest, /) -> None:
+        """``sbatch --test-only``: partition, account and resources; then the partition's time.
+
+        A job that is longer than its partition allows is taken by many sites, and waits for ever.
+        """
+        done = call("sbatch", "--test-only", text=text)
+        if done.code:
+            raise self._refusal("Slurm refuses this job", done)
+        rows = call("sinfo", "--noheader", "--format=%P %l").out.splitlines()
+        limits = dict(row.split() for row in rows if len(row.split()) == 2)
+        wanted = request.partition.split(",") if request.partition else []
+        names = [n for n in limits if (n.rstrip("*") in wanted if wanted else n.endswith("*"))]
+        found = [minutes(limits[name]) for name in names]
+        if found and all(limit is not None and limit < request.walltime_min for limit in found):
+            allowed = ", ".join(f"{name.rstrip('*')} up to {limits[name]}" for name in names)
+            raise UsageError(
+                f"--time {hours_minutes(request.walltime_min)}: longer than the partition allows "
+                f"({allowed}); an unfinished job queues itself again anyway"
+            )
+
+    def submit(self, path: Path, folder: Path) -> str:
+        """``sbatch``; the log goes to its working folder."""
+        done = call("sbatch", "--parsable", str(path), folder=folder)
+        if done.code:
+            raise self._refusal("Slurm did not take the job", done)
+        return done.out.strip().split(";")[0]
+
+    def status(self, job: str) -> JobStatus:
+        """``scontrol`` knows jobs until some minutes after their end, ``sacct`` for ever."""
+        done = call("scontrol", "--oneliner", "show", "job", job)
+        if not done.code:
+            return parse_job(done.out)
+        if _NO_SUCH_JOB not in done.err:
+            raise self._refusal(f"job {job}", done)
+        if exists("sacct"):
+            fields = "State,ExitCode,NodeList,Restarts"
+            done = call("sacct", "-nPX", "--jobs", job, f"--format={fields}")
+            if not done.code and done.out.strip():
+                return parse_account(done.out)
+        return JobStatus("unknown")
+
+    def cancel(self, job: str) -> None:
+        """``scancel``: everything gets SIGTERM, then SIGKILL; nothing is queued again."""
+        done = call("scancel", job)
+        if done.code:
+            raise self._refusal(f"job {job} was not cancelled", done)
+
+    def requeue(self, job: str) -> None:
+        """As before the end of the wall time: drained, then queued again by the script."""
+        self.signal(job, "TERM")
+
+    def signal(self, job: str, name: str) -> None:
+        """To the batch script alone, as ``--signal=B:`` does."""
+        done = call("scancel", "--batch", f"--signal={name}", job)
+        if done.code:
+            raise self._refusal(f"job {job} was not signalled", done)
+
+    def interactive(self, request: JobRequest, command: list[str]) -> list[str]:
+        """``salloc``, then a step that takes none of the tasks."""
+        terminal = ["--pty"] if sys.stdin.isatty() else []
+        step = ["srun", "--interactive", "--preserve-env", "--nodes=1", "--ntasks=1", *terminal]
+        given = [word for option in options(request) for word in shlex.split(option)]
+        return ["salloc", *given, *step, *command]
+
+    def log(self, job: str, _request: JobRequest, /) -> str:
+        """Slurm's default name."""
+        return f"slurm-{job}.out"
+
+    def _refusal(self, what: str, done: Done) -> TwinError:
+        if any(words in done.err for words in _NOT_ANSWERING):
+            return InfrastructureError(f"{what}: the Slurm controller does not answer; try later")
+        line = re.sub(r"^(allocation failure|\w+: error): ", "", done.last_words)
+        # The last line says "failed", the one before it why.
+        lines = [each.strip() for each in done.err.splitlines() if ": error: " in each]
+        if lines:
+            line = re.sub(r"^\w+: error: ", "", lines[0])
+        if "partition" in line.lower():
+            names = call("sinfo", "--noheader", "--format=%P").out.split()
+            line += f"; partitions here: {', '.join(names) or 'none'}"
+        return UsageError(f"{what}: {line}")
+
+
+def parse_job(line: str) -> JobStatus:
+    """One line of ``scontrol --oneliner show job``."""
+    found = dict(word.split("=", 1) for word in line.split() if "=" in word)
+    native = found.get("JobState", "")
+    reason = found.get("Reason", "None")
+    nodes = found.get("NodeList", "(null)")
+    return JobStatus(
+        state=_state(native),
+        native=native,
+        reason=reason if _state(native) == "pending" and reason != "None" else "",
+        nodes="" if nodes == "(null)" else nodes,
+        exit_code=_exit_code(found.get("ExitCode", "")) if _state(native) == "ended" else None,
+        restarts=int(found.get("Restarts", "0")),
+    )
+
+
+def parse_account(lines: str) -> JobStatus:
+    """The last line of ``sacct -nPX --format=State,ExitCode,NodeList,Restarts``."""
+    native, code, nodes, restarts = lines.strip().splitlines()[-1].split("|")
+    native = native.split()[0]  # "CANCELLED by 0"
+    return JobStatus(
+        state=_state(native),
+        native=native,
+        nodes=nodes,
+        exit_code=_exit_code(code) if _state(native) == "ended" else None,
+        restarts=int(restarts or 0),
+    )
+
+
+def minutes(limit: str) -> int | None:
+    """A time of Slurm (``2-12:00:00``, ``30:00``) in whole minutes; None: no limit, or unknown."""
+    match = re.fullmatch(r"(?:(\d+)-)?(?:(\d+):)?(\d+):(\d+)", limit)
+    if match is None:
+        return None
+    days, hours, mins, _ = (int(part or 0) for part in match.groups())
+    return 24 * 60 * days + 60 * hours + mins
+
+
+def _state(native: str) -> State:
+    if native in _RUNNING:
+        return "running"
+    if native in _PENDING:
+        return "pending"
+    return "ended" if native else "unknown"
+
+
+def _exit_code(text: str) -> int | None:
+    """``1:0`` as 1; a signal as 128 + its number, as a shell says it."""
+    code, _, number = text.partition(":")
+    if not code.isdecimal():
+        return None
+    return int(code) or (128 + int(number) if number.isdecimal() and int(number) else 0)

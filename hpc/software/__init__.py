@@ -1,0 +1,1 @@
+"""How software gets to a cluster: images, bundles, wheels."""

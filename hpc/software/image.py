@@ -1,0 +1,123 @@
+"""``hpc image build``: an Apptainer image with this project, its dependencies, and nothing else.
+
+The definition copies a folder of wheels and installs from it without a network, so an image built
+twice from one folder holds the same versions, and a base that is a file needs no registry.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from hpc.software.container import BIN_FOLDER, MOUNT_POINTS
+from hpc.software.wheels import LOCK_FILE, call, fill_wheels, own_wheel
+from twin.base.errors import UsageError
+
+DEFINITION_FILE = "drivetwin.def"
+_REFERENCE = re.compile(r"([a-z][a-z-]*)://(\S+)")
+_INSTALLED = BIN_FOLDER.rpartition("/")[0]
+
+
+def default_base() -> str:
+    """The official image of this machine's Python version: the wheels are made for that one."""
+    return f"docker://python:{sys.version_info[0]}.{sys.version_info[1]}-slim"
+
+
+def definition(base: str) -> str:
+    """The Apptainer definition; its folder must hold ``wheels/`` and the lock file. Pure.
+
+    Args:
+        base: ``docker://NAME``, another reference that Apptainer knows, or the absolute path of an
+            image or a folder. It must hold Python with ``venv``.
+
+    Raises:
+        UsageError: the base cannot be used.
+    """
+    match = _REFERENCE.fullmatch(base)
+    if match:
+        agent, name = match[1], match[2]
+    elif base.startswith("/") and not re.search(r"\s", base):
+        agent, name = "localimage", base
+    else:
+        raise UsageError(
+            f"--base {base!r}: give a reference such as {default_base()}, or the path of an image "
+            "or folder, without white space"
+        )
+    return f"""\
+# An Apptainer definition, written by `hpc image build`. To build it by hand, put the wheels of
+# `hpc bundle` into wheels/ beside it: apptainer build drivetwin.sif {DEFINITION_FILE}
+Bootstrap: {agent}
+From: {name}
+
+%files
+    wheels {_INSTALLED}-wheels
+    {LOCK_FILE} {_INSTALLED}-{LOCK_FILE}
+
+%post
+    set -eu
+    # Without a network: everything is in the wheels.
+    python3 -m venv {_INSTALLED}
+    {BIN_FOLDER}/python -m pip install --no-index --no-cache-dir --disable-pip-version-check \\
+        --find-links={_INSTALLED}-wheels --constraint={_INSTALLED}-{LOCK_FILE} drivetwin
+    rm -r {_INSTALLED}-wheels {_INSTALLED}-{LOCK_FILE}
+    # Places for the file systems of clusters; not every runtime can make them.
+    mkdir -p {" ".join(MOUNT_POINTS)}
+    chmod -R a+rX {_INSTALLED}
+
+%environment
+    export PATH={BIN_FOLDER}:$PATH
+    export PYTHONNOUSERSITE=1
+
+%runscript
+    exec "$@"
+
+%test
+    {BIN_FOLDER}/conductor --version
+    {BIN_FOLDER}/twin --version
+"""
+
+
+def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:
+    """Build the image ``out``: a SIF file if it ends in ``.sif``, else a folder.
+
+    Args:
+        source: the project's checkout.
+        out: complete or absent, also when the build is killed.
+        base: see :func:`definition`.
+        wheels: folder of wheels; None: they are built and downloaded.
+
+    Raises:
+        UsageError: ``out`` exists, or the base or the wheels cannot be used.
+        InfrastructureError: pip or Apptainer failed.
+    """
+    text = definition(base)
+    out = out.absolute()
+    if out.exists():
+        raise UsageError(f"{out}: exists already; remove it or choose another --out")
+    if wheels is not None:
+        own_wheel(wheels)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    # Beside the image: the temporary folder of a login node is seldom large enough.
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
+        folder = Path(name)
+        (folder / DEFINITION_FILE).write_text(text)
+        shutil.copy(source / LOCK_FILE, folder)
+        if wheels is None:
+            (folder / "wheels").mkdir()
+            fill_wheels(source, folder / "wheels")
+        else:
+            (folder / "wheels").symlink_to(wheels.absolute())
+        made = folder / out.name
+        scratch = {"APPTAINER_TMPDIR": name, "APPTAINER_CACHEDIR": f"{name}/cache"}
+        kind = [] if out.suffix == ".sif" else ["--sandbox"]
+        call(
+            ["apptainer", "build", *kind, str(made), DEFINITION_FILE],
+            "apptainer build",
+            folder=folder,
+            environment={**scratch, **os.environ},
+        )
+        made.rename(out)

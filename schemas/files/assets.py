@@ -1,0 +1,157 @@
+"""Scene and vehicle files given by path: which files they consist of, and their digest.
+
+A campaign names them by path, so the path alone says nothing of their content. At submission the
+digest of each goes into the campaign and from there into its cases; a simulator that finds other
+content refuses the case.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from schemas.files.regular_file import open_regular, read_regular
+from schemas.files.yaml_file import load_yaml
+
+FILE_BYTES_MAX = 2 << 30
+"""Largest scene, vehicle, mesh or model file [bytes]."""
+
+_FILE_KEYS = ("file", "heightmap")
+"""Keys of scene and vehicle files whose values are paths, relative to the file."""
+_NAME_KEYS = ("profile",)
+"""Keys whose values are names, or such paths."""
+
+_MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
+_PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
+_HEAD_BYTES = 64 << 10
+_LINE_BYTES_MAX = 64 << 10
+_TEXT_BYTES_MAX = 64 << 20
+"""Largest JSON of a glTF file, and largest material library, that is searched [bytes]."""
+
+
+def is_path(name: str) -> bool:
+    """Whether a scene's or vehicle's name is the path of a file."""
+    return "/" in name or name.endswith((".yaml", ".yml"))
+
+
+def asset_files(path: Path) -> list[Path]:
+    """The YAML file itself, the files it names, and the files that those name; each once.
+
+    Files that do not exist are left out: whoever loads them says so.
+
+    Raises:
+        YamlError: not readable, or not YAML.
+    """
+    found = [path]
+    named = _named(load_yaml(path))
+    for name in named:
+        found += mesh_files(path.parent / name)
+    unique = dict.fromkeys(file for file in found if file.is_file())
+    return list(unique)
+
+
+def asset_digest(path: Path) -> str:
+    """SHA-256 over the contents of :func:`asset_files` and, but for the file itself, their names
+    relative to its folder.
+
+    Raises:
+        YamlError: not readable, or not YAML.
+        OSError: a file cannot be read.
+    """
+    sha = hashlib.sha256()
+    for file in asset_files(path):
+        name = os.path.relpath(file, path.parent) if file != path else ""
+        sha.update(f"{name}\0{file_digest(file)}\n".encode())
+    return sha.hexdigest()
+
+
+def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
+    """SHA-256 of a file's content, whatever it is called.
+
+    Args:
+        path: the file.
+        most: its largest size [bytes]; None: any.
+
+    Raises:
+        OSError: it cannot be read, is larger or no regular file.
+    """
+    with open_regular(path, most) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _named(value: Any) -> list[str]:
+    """Values of the keys that name files, anywhere in the document, in order."""
+    if isinstance(value, dict):
+        own = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
+        names = [value[key] for key in _NAME_KEYS if isinstance(value.get(key), str)]
+        own += [name for name in names if is_path(name)]
+        return own + [name for inner in value.values() for name in _named(inner)]
+    if isinstance(value, list):
+        return [name for inner in value for name in _named(inner)]
+    return []
+
+
+def mesh_files(mesh: Path) -> list[Path]:
+    """The mesh file and the local files that it names: buffers, material libraries, images.
+
+    What cannot be read names nothing; loading the mesh says why.
+    """
+    return [mesh, *(mesh.parent / name for name in dict.fromkeys(_resources(mesh)))]
+
+
+def _resources(mesh: Path) -> list[str]:
+    if not mesh.is_file():
+        return []
+    suffix = mesh.suffix.lower()
+    if suffix == ".ply":
+        with open_regular(mesh) as file:
+            head = file.read(_HEAD_BYTES).split(b"end_header")[0]
+        return [name.decode(errors="replace") for name in _PLY_TEXTURE.findall(head)]
+    if suffix in (".gltf", ".glb"):
+        return _gltf_resources(mesh)
+    return _obj_resources(mesh) if suffix == ".obj" else []
+
+
+def _obj_resources(mesh: Path) -> list[str]:
+    found = []
+    with open_regular(mesh, FILE_BYTES_MAX) as lines:
+        while line := lines.readline(_LINE_BYTES_MAX):
+            if line.startswith(b"mtllib "):
+                found.append(line[7:].strip().decode(errors="replace"))
+    for library in list(found):
+        path = mesh.parent / library
+        try:
+            materials = read_regular(path, _TEXT_BYTES_MAX)
+        except (OSError, ValueError):
+            continue
+        for image in _MAP.findall(materials):
+            # Options may stand before the name; what is no file is left out.
+            text = image.decode(errors="replace")
+            found += [text, text.split()[-1]]
+    return found
+
+
+def _gltf_resources(mesh: Path) -> list[str]:
+    try:
+        with open_regular(mesh) as file:
+            head = file.read(20)
+            if head[:4] == b"glTF":  # binary: a header, then a chunk of JSON
+                data = file.read(min(int.from_bytes(head[12:16], "little"), _TEXT_BYTES_MAX))
+            else:
+                data = head + file.read(_TEXT_BYTES_MAX)
+        document = json.loads(data)
+    except (ValueError, RecursionError):
+        return []
+    rows = [*_rows(document, "buffers"), *_rows(document, "images")]
+    uris = [row.get("uri") for row in rows if isinstance(row, dict)]
+    return [unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
+
+
+def _rows(document: Any, key: str) -> list[Any]:
+    rows = document.get(key) if isinstance(document, dict) else None
+    return rows if isinstance(rows, list) else []

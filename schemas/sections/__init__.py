@@ -1,0 +1,1 @@
+"""Sections of a campaign file, one module each."""

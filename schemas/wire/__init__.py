@@ -1,0 +1,1 @@
+"""What travels: topics, the wire codec, and messages of the planes."""

@@ -1,0 +1,139 @@
+"""The topic table: every key of the fabric, once. Keys are below the session's namespace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Payload = Literal["array", "msgpack", "jpeg"]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row of the table. ``key`` may hold ``{rig}``, ``{worker}``, ``{sensor}`` and so on."""
+
+    key: str
+    payload: Payload
+    type: str
+    """Name of the Struct or array layout in :mod:`schemas.messages`, :mod:`schemas.wire.view`,
+    :mod:`schemas.wire.delivery` or :mod:`schemas.wire.interventions`."""
+    block: bool
+    """BLOCK on congestion (one known peer); otherwise DROP."""
+
+
+CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True)
+DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True)
+INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True)
+SEMANTIC = Topic("drive/{rig}/sensor/semantic", "array", "classes [S,H,W] uint8", True)
+NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True)
+FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True)
+LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True)
+BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True)
+VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True)
+ENVIRONMENT = Topic(
+    "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True
+)
+ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True)
+GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True)
+IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True)
+POSE = Topic("drive/{rig}/sensor/pose", "array", "POSE_COLUMNS [S,7] float64", True)
+EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True)
+TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True)
+COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True)
+READY = Topic("drive/{rig}/control/{side}", "msgpack", "Ready", True)
+CONTROL = Topic("drive/{rig}/control", "msgpack", "ControlRequest -> ControlReply", True)
+SIMULATOR_ALIVE = Topic("drive/{rig}/alive", "msgpack", "liveliness token", False)
+
+# Requests to the conductor come on a key for each role that may make them:
+# schemas.wire.rpc_routes.
+RPC_WORKER = Topic("conductor/rpc/worker", "msgpack", "Request -> Reply", True)
+RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True)
+RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True)
+RPC_SUBMIT = Topic("conductor/rpc/submit", "msgpack", "Request -> Reply", True)
+FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True)
+EVENT = Topic("conductor/event", "msgpack", "fact", False)
+WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False)
+WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False)
+
+VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False)
+# What a viewer is shown of a single case: at the pace of the wall clock, dropped rather than waited
+# for, and apart from the recorder's topic, which is complete.
+VIEW_LIVE_START = Topic("view/{campaign}/{case}/live/start", "msgpack", "CaseStart", False)
+VIEW_LIVE_STATE = Topic("view/{campaign}/{case}/live/state", "msgpack", "StateSample", False)
+VIEW_LIVE_END = Topic("view/{campaign}/{case}/live/end", "msgpack", "CaseEnd", False)
+VIEW_LIVE_CAMERA = Topic("view/{campaign}/{case}/live/{sensor}", "jpeg", "CameraSample", False)
+VIEW_LIVE_LIDAR = Topic(
+    "view/{campaign}/{case}/live/{sensor}", "array", "PointsSample [N,4] int16", False
+)
+VIEW_CONTROL = Topic(
+    "view/{campaign}/{case}/control", "msgpack", "ControlRequest -> ControlReply", True
+)
+# BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
+FEED_RECORDED = Topic("feed/{rig}/recorded", "msgpack", "RecorderBatch", True)
+FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True)
+FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True)
+RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False)
+
+TOPICS: tuple[Topic, ...] = (
+    CAMERA,
+    DEPTH,
+    INSTANCE,
+    SEMANTIC,
+    NORMAL,
+    FLOW,
+    LIDAR,
+    BOXES,
+    VEHICLE,
+    ENVIRONMENT,
+    ENCODERS,
+    GNSS,
+    IMU,
+    POSE,
+    EPISODE,
+    TICK,
+    COMMAND,
+    READY,
+    CONTROL,
+    SIMULATOR_ALIVE,
+    RPC_WORKER,
+    RPC_STATUS,
+    RPC_ADMIN,
+    RPC_SUBMIT,
+    FILES,
+    EVENT,
+    WORKER_COMMAND,
+    WORKER_ALIVE,
+    VIEW_THUMBNAIL,
+    VIEW_LIVE_START,
+    VIEW_LIVE_STATE,
+    VIEW_LIVE_END,
+    VIEW_LIVE_CAMERA,
+    VIEW_LIVE_LIDAR,
+    VIEW_CONTROL,
+    FEED_RECORDED,
+    FEED_SCENE,
+    FEED_END,
+    RECORDER_ALIVE,
+)
+
+SENSORS: dict[str, Topic] = {
+    topic.key.rsplit("/", 1)[1]: topic for topic in TOPICS if "/sensor/" in topic.key
+}
+"""Kind of sensor -> topic. A car may have several of a kind: the main camera's messages are called
+``camera``, ``boxes``, ``depth``; those of another camera or a lidar add its name,
+``camera.front_left``, ``lidar.roof``."""
+
+
+def live_keys(campaign: str, case: str) -> str:
+    """Key of everything a viewer is shown of a single case; ``*`` stands for any."""
+    return f"view/{campaign}/{case}/live/*"
+
+
+def sensor_topic(name: str) -> Topic:
+    """Topic of the sensor message called ``name``."""
+    return SENSORS[name.partition(".")[0]]
+
+
+def sensor_key(rig: str, name: str) -> str:
+    """Key of the sensor message called ``name``; ``*``: of all."""
+    return f"drive/{rig}/sensor/{name}"

@@ -1,0 +1,1 @@
+"""What moves besides the ego: bodies, and scripts that move them."""

@@ -1,0 +1,81 @@
+"""Movable objects of a scene: kinds with a mesh, and where each object is at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from twin.world.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from twin.actors.script import Actor
+    from twin.actors.variations import Variations
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectKind:
+    """A movable thing, or one phase of it (a step of a walk)."""
+
+    name: str
+    mesh: Mesh
+    """Own axes: x forward, z up, origin on the ground below the hull's centre [m]."""
+    half_length_m: float
+    half_width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where the M objects of S slots are; a function of the slots' times alone."""
+
+    kind: np.ndarray
+    """int32 [S, M], index of the kind; -1: not there."""
+    position_m: np.ndarray
+    """float64 [S, M, 3], world."""
+    yaw_rad: np.ndarray
+    """float64 [S, M]"""
+    velocity_mps: np.ndarray
+    """float64 [S, M, 3], world."""
+    yaw_rate_radps: np.ndarray
+    """float64 [S, M]"""
+    brake: np.ndarray
+    """float32 [S, M], brake lamps 0 or 1."""
+    lamps: np.ndarray
+    """float32 [S, M], head and tail lamps 0 or 1; who calls decides whether it is dark."""
+
+
+class Motion(Protocol):
+    """The script of all movable objects."""
+
+    count: int
+    """Number of objects M."""
+    actors: Sequence[Actor]
+    """What the scene says of each object [M]."""
+
+    @property
+    def standing(self) -> np.ndarray:
+        """int32 [M]: kind of each object as it stands."""
+
+    def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
+        """Where everything is at the sim times ``time_s`` [S]; None: as the scene says."""
+
+
+class Still:
+    """Nothing moves."""
+
+    count = 0
+    actors: Sequence[Actor] = ()
+    standing = np.zeros(0, np.int32)
+
+    def at(
+        self,
+        time_s: np.ndarray,
+        varied: Variations | None = None,  # noqa: ARG002 - there is nothing to vary
+    ) -> Placement:
+        """See :class:`Motion`."""
+        empty = np.zeros((len(time_s), 0))
+        vectors = np.zeros((len(time_s), 0, 3))
+        flags = empty.astype(np.float32)
+        return Placement(empty.astype(np.int32), vectors, empty, vectors, empty, flags, flags)

@@ -1,0 +1,65 @@
+"""What differs per slot of the scripts of a scene's objects: speed, start, and a sideways shift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from schemas.sections.objects import ObjectVariation
+from schemas.validation import suggest
+from twin.actors.motion import Motion
+
+
+class Variations:
+    """Of S slots and M objects; as the scene says until :meth:`begin`."""
+
+    def __init__(self, motion: Motion, slots: int) -> None:
+        self._motion = motion
+        self._usual_s = np.array([actor.start_s for actor in motion.actors], float)
+        self.start_s = np.tile(self._usual_s, (slots, 1))
+        """When each object sets off, sim time [S, M] [s]."""
+        self.pace = np.ones((slots, motion.count))
+        """How many times as fast as in the scene [S, M] [-]."""
+        self.shift_m = np.zeros((slots, motion.count, 2))
+        """From the scene's way to this one, world x and y [S, M, 2] [m]."""
+
+    def begin(self, slot: int, objects: Mapping[str, ObjectVariation]) -> None:
+        """The objects of a slot are those of a case.
+
+        Raises:
+            ValueError: the scene has no such object, or it cannot be varied so; one line.
+        """
+        self.clear(slot)
+        for name, variation in objects.items():
+            index = find_object(self._motion, name)
+            actor = self._motion.actors[index]
+            try:
+                self.pace[slot, index] = actor.pace_of(variation.speed_mps)
+                if variation.start_s is not None:
+                    self.start_s[slot, index] = actor.started(variation.start_s)
+            except ValueError as error:
+                raise ValueError(f"objects.{name}: {error}") from None
+            self.shift_m[slot, index] = actor.sideways(variation.offset_m)
+
+    def clear(self, slot: int) -> None:
+        """The objects of a slot are those of the scene."""
+        self.start_s[slot] = self._usual_s
+        self.pace[slot] = 1.0
+        self.shift_m[slot] = 0.0
+
+
+def find_object(motion: Motion, name: str) -> int:
+    """Index of the object that the scene calls so.
+
+    Raises:
+        ValueError: none, or several; one line.
+    """
+    names = [actor.name for actor in motion.actors]
+    if name and names.count(name) == 1:
+        return names.index(name)
+    if name and name in names:
+        raise ValueError(f"objects.{name}: the scene has several of this name; name each once")
+    known = sorted({known for known in names if known})
+    hint = suggest(name, known) if known else "it has none with a name"
+    raise ValueError(f"objects.{name}: the scene has no object of this name; {hint}")

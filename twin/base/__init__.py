@@ -1,0 +1,1 @@
+"""What every process of ours stands on: errors, command lines, files, child processes."""

@@ -1,0 +1,1 @@
+"""GPUs as processes see them before Warp is loaded."""

@@ -1,0 +1,61 @@
+"""What the processes of a dataset say to each other: JSON lines on standard input and output."""
+
+from __future__ import annotations
+
+import msgspec
+from msgspec import Struct
+
+from twin.dataset.crew.task import Task
+from twin.dataset.recipe import Recipe
+
+
+class Begin(Struct, frozen=True, tag="begin"):
+    """To a child, first: what all its tasks are about."""
+
+    folder: str
+    recipe: Recipe
+    slots: int
+    device: str
+
+
+class Work(Struct, frozen=True, tag="work"):
+    """To a child: its next task."""
+
+    task: Task
+
+
+class Ready(Struct, frozen=True, tag="ready"):
+    """From a child: it waits for a task."""
+
+
+class Written(Struct, frozen=True, tag="written"):
+    """From a child: an image and its labels are there."""
+
+    index: int
+
+
+class Trouble(Struct, frozen=True, tag="trouble"):
+    """From a child, last: why it cannot go on, one line."""
+
+    text: str
+    usage: bool
+    """The user can change it."""
+
+
+_TO_CHILD = msgspec.json.Decoder(Begin | Work)
+_FROM_CHILD = msgspec.json.Decoder(Ready | Written | Trouble)
+
+
+def line_of(message: Struct) -> bytes:
+    """As it is written."""
+    return msgspec.json.encode(message) + b"\n"
+
+
+def read_order(line: bytes) -> Begin | Work:
+    """What a child is told."""
+    return _TO_CHILD.decode(line)
+
+
+def read_answer(line: bytes) -> Ready | Written | Trouble:
+    """What a child says."""
+    return _FROM_CHILD.decode(line)

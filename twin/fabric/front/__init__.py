@@ -1,0 +1,1 @@
+"""The process before a Zenoh router that owns its public port."""

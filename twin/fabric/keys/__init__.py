@@ -1,0 +1,1 @@
+"""Keys of a fabric: authority, members, roles, and what was withdrawn."""

@@ -1,0 +1,1 @@
+"""Files of a run: KPI rows, drive records, and logs of the AutoDRIVE study."""

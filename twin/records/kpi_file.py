@@ -1,0 +1,175 @@
+"""KPI Parquet files and their canonical byte stream.
+
+Fingerprints are over values, not over Parquet bytes: those differ with writer version and chunking.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS, Column
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.words import plain
+from twin.base.errors import InfrastructureError, storage_error
+from twin.base.files import write_atomic
+
+_DETECTION = pa.struct(
+    [(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS]
+)
+_TYPES = {
+    "bool": pa.bool_(),
+    "int32": pa.int32(),
+    "int64": pa.int64(),
+    "float64": pa.float64(),
+    "detections": pa.list_(_DETECTION),
+    "name": pa.string(),
+}
+KPI_SCHEMA = pa.schema(
+    [
+        pa.field(c.name, _TYPES[c.type], c.nullable, {"unit": c.unit, "doc": c.doc})
+        for c in KPI_COLUMNS
+    ]
+)
+"""Arrow schema of ``kpi.parquet``."""
+COLUMNS_MIN = KPI_SCHEMA.get_field_index("detections") + 1
+"""Columns of the first version; later versions have more behind them."""
+
+
+def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
+    """Columns of Python values (None: missing) -> Arrow table in :data:`KPI_SCHEMA`. Nullable
+    columns may be left out: all their values are missing."""
+    missing = [None] * len(columns["tick"])
+    values = [columns.get(c.name, missing) if c.nullable else columns[c.name] for c in KPI_COLUMNS]
+    arrays = [pa.array(v, _TYPES[c.type]) for v, c in zip(values, KPI_COLUMNS, strict=True)]
+    return pa.table(arrays, schema=KPI_SCHEMA)
+
+
+def write_kpi(table: pa.Table, path: Path) -> None:
+    """Write atomically: the file is complete or absent."""
+    data = io.BytesIO()
+    pq.write_table(table, data, compression="zstd")
+    try:
+        write_atomic(path, data.getbuffer())
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+
+
+def read_kpi(path: Path) -> pa.Table:
+    """Read ``kpi.parquet``, of this version or an earlier one, which has fewer columns.
+
+    Raises:
+        InfrastructureError: missing, damaged, or with other columns.
+    """
+    try:
+        # Half the time of `read_table`, which is made for many large files.
+        with pq.ParquetFile(pa.BufferReader(read_regular(path, RUN_FILE_BYTES_MAX))) as file:
+            table = file.read(use_threads=False)
+    except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
+        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
+    if not _is_known(table.schema):
+        raise InfrastructureError(f"{path}: not the KPI columns of this version")
+    # Which columns may be missing has changed between versions; no value has.
+    schema = pa.schema(list(KPI_SCHEMA)[: table.num_columns])
+    return table if table.schema.equals(schema) else table.cast(schema)
+
+
+def _is_known(schema: pa.Schema) -> bool:
+    """Whether these are the columns of a version so far: this one's, or the first of them."""
+    count = len(schema)
+    if not COLUMNS_MIN <= count <= len(KPI_SCHEMA):
+        return False
+    return [(f.name, f.type) for f in schema] == [(f.name, f.type) for f in KPI_SCHEMA][:count]
+
+
+def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
+    """Some columns of a ``kpi.parquet``, of this version or another, for those who only look.
+
+    Raises:
+        InfrastructureError: missing, damaged, or without these columns in their types.
+    """
+    try:
+        table = pq.read_table(path, columns=list(names))
+    except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
+        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
+    found = {field.name: field.type for field in table.schema}
+    if found != {name: KPI_SCHEMA.field(name).type for name in names}:
+        raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")
+    return table
+
+
+def canonical(table: pa.Table, names: Sequence[str] = ()) -> Iterator[bytes]:
+    """Byte stream of the values: per column in schema order its name, type, validity, offsets and
+    little-endian values, missing values and NaN in one pattern each. Without ``names`` of all
+    columns. Columns that an earlier version did not have are left out: its files keep their stream.
+    """
+    for column in KPI_COLUMNS:
+        if column.name not in table.column_names or (names and column.name not in names):
+            continue
+        data = table.column(column.name).combine_chunks()
+        if isinstance(data, pa.ChunkedArray):  # no rows
+            data = pa.array([], _TYPES[column.type])
+        yield _prefixed(column.name.encode())
+        yield _prefixed(column.type.encode())
+        yield _prefixed(_validity(data))
+        yield from _values(data, column)
+
+
+def kpi_sha256(table: pa.Table) -> str:
+    """SHA-256 of :func:`canonical`, hexadecimal."""
+    sha = hashlib.sha256()
+    for part in canonical(table):
+        sha.update(part)
+    return sha.hexdigest()
+
+
+def _values(data: pa.Array, column: Column) -> Iterator[bytes]:
+    if column.type == "detections":
+        lengths = data.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+        yield _prefixed(lengths.astype("<i4").tobytes())
+        rows = data.flatten()
+        for name in DETECTION_FIELDS:
+            child = rows.field(name)
+            if name == "label":
+                labels = child.to_pylist()
+                prefixed = {label: _prefixed(label.encode()) for label in set(labels)}
+                yield b"".join([prefixed[label] for label in labels])
+            else:
+                yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
+        return
+    if column.type == "name":
+        names = data.fill_null("").to_pylist()
+        prefixed = {name: _prefixed(name.encode()) for name in set(names)}
+        yield b"".join([prefixed[name] for name in names])
+    elif column.type == "float64":
+        values = data.fill_null(0.0).to_numpy(zero_copy_only=False)
+        yield _prefixed(_floats(values))
+    elif column.type == "bool":
+        yield _prefixed(data.fill_null(False).to_numpy(zero_copy_only=False).astype("u1").tobytes())
+    else:
+        width = "<i4" if column.type == "int32" else "<i8"
+        yield _prefixed(data.fill_null(0).to_numpy(zero_copy_only=False).astype(width).tobytes())
+
+
+def _floats(values: NDArray[np.float64]) -> bytes:
+    values = np.array(values, dtype="<f8")
+    values[np.isnan(values)] = np.nan
+    return values.tobytes()
+
+
+def _validity(data: pa.Array) -> bytes:
+    valid: NDArray[np.bool_] = data.is_valid().to_numpy(zero_copy_only=False)
+    return valid.astype("u1").tobytes()
+
+
+def _prefixed(data: bytes) -> bytes:
+    return struct.pack("<Q", len(data)) + data

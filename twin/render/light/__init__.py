@@ -1,0 +1,1 @@
+"""What lights a picture: sky, lamps, and the air between."""

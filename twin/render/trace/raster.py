@@ -1,0 +1,268 @@
+"""What the pixels of an undistorted camera see, face by face instead of ray by ray; CPU only.
+
+All rays of a picture begin at one point, so a face's Pluecker coordinates are computed once, and
+eight neighbouring pixels meet it with one vector instruction: the same test as that of
+:mod:`twin.render.trace.traverse`, and the same distances. Nodes of the hierarchy that are outside
+the picture are skipped. The nearest face wins, the first one of equals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from schemas.sections.lens import Lens
+from schemas.sections.lens_curve import intrinsics
+from twin.render.light.light import SlotLight
+from twin.render.trace.geometry import Scene, turned
+from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, Seen
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Raster:
+    """An undistorted picture."""
+
+    fx: wp.float32
+    """[px]"""
+    fy: wp.float32
+    cx: wp.float32
+    """Where the optical axis meets the picture, from its upper left corner [px]."""
+    cy: wp.float32
+    tiles_x: wp.int32
+    tiles_y: wp.int32
+    rays: wp.array(dtype=wp.float32)
+    """Right [8], down [8], ahead [8] of every row of every tile."""
+
+
+def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device) -> Raster | None:
+    """For the pictures of a table of rays [H, W, 3]; None: the lens distorts, or it is a GPU."""
+    if not device.is_cpu or lens.model not in ("pinhole", "frustum"):
+        return None
+    height, width = table.shape[:2]
+    inner = intrinsics(lens, width, height, hfov_deg)
+    raster = Raster()
+    raster.fx, raster.fy, raster.cx, raster.cy = inner.fx_px, inner.fy_px, inner.cx_px, inner.cy_px
+    raster.tiles_x, raster.tiles_y = -(-width // TILE_COLUMNS), -(-height // TILE_ROWS)
+    padded = np.zeros((raster.tiles_y * TILE_ROWS, raster.tiles_x * TILE_COLUMNS, 3), np.float32)
+    padded[:height, :width] = table
+    tiles = padded.reshape(raster.tiles_y, TILE_ROWS, raster.tiles_x, TILE_COLUMNS, 3)
+    rows = tiles.transpose(0, 2, 1, 4, 3)  # tile row, tile column, row, axis, column
+    raster.rays = wp.array(rows.ravel(), dtype=wp.float32, device=device)
+    return raster
+
+
+_DRAW = """
+    typedef float f8 __attribute__((ext_vector_type(8)));
+    typedef int i8 __attribute__((ext_vector_type(8)));
+    typedef bool b8 __attribute__((ext_vector_type(8)));
+    typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));
+    typedef int j8 __attribute__((ext_vector_type(8), aligned(4)));
+    const float width = optics.width, height = optics.height;
+    const float near = optics.near, far = optics.far;
+    // Borders of the picture as planes through the eye, their normals inwards.
+    float plane[4][3];
+    const float border[4][3] = {
+        {raster.fx, 0.0f, raster.cx + 1.0f}, {-raster.fx, 0.0f, width + 1.0f - raster.cx},
+        {0.0f, raster.fy, raster.cy + 1.0f}, {0.0f, -raster.fy, height + 1.0f - raster.cy}};
+    for (int i = 0; i < 4; ++i)
+        for (int k = 0; k < 3; ++k)
+            plane[i][k] = border[i][0] * right[k] + border[i][1] * down[k]
+                + border[i][2] * ahead[k];
+    int stack[320];
+    int top = 0;
+    stack[top++] = root;
+    while (top > 0) {
+        const int node = stack[--top];
+        if (node >= 0) {
+            const float* base = scene.nodes.data + (size_t)node * 56;
+            const u8* box = (const u8*)base;
+            i8 in = box[0] <= box[3];
+            for (int i = 0; i < 4; ++i) {
+                f8 most = 0.0f;
+                for (int k = 0; k < 3; ++k)
+                    most += plane[i][k] * ((plane[i][k] > 0.0f ? box[3 + k] : box[k]) - eye[k]);
+                in &= most >= 0.0f;
+            }
+            unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(in, b8));
+            while (mask) {
+                stack[top++] = ((const int*)(base + 48))[__builtin_ctz(mask)];
+                mask &= mask - 1;
+            }
+            continue;
+        }
+        const u8* c = (const u8*)(scene.leaves.data + (size_t)(-1 - node) * 80);
+        const int* faces = (const int*)(c + 9);
+        f8 corner[3][3];
+        for (int v = 0; v < 3; ++v) {
+            const f8 x = c[3 * v] - eye[0], y = c[3 * v + 1] - eye[1], z = c[3 * v + 2] - eye[2];
+            corner[v][0] = x * right[0] + y * right[1] + z * right[2];
+            corner[v][1] = x * down[0] + y * down[1] + z * down[2];
+            corner[v][2] = x * ahead[0] + y * ahead[1] + z * ahead[2];
+        }
+        // Where the part before the eye is in the picture; edges are cut just before the eye.
+        const float cut = 1.0e-3f;
+        f8 x0 = 1.0e9f, x1 = -1.0e9f, y0 = 1.0e9f, y1 = -1.0e9f;
+        for (int v = 0; v < 3; ++v) {
+            const f8 *a = corner[v], *b = corner[v == 2 ? 0 : v + 1];
+            const i8 front = a[2] >= cut;
+            const f8 share = (cut - a[2]) / (b[2] - a[2]);
+            const i8 crosses = front ^ (b[2] >= cut);
+            const f8 z = __builtin_elementwise_max(a[2], (f8)cut);
+            f8 px = raster.fx * a[0] / z, py = raster.fy * a[1] / z;
+            x0 = front ? __builtin_elementwise_min(x0, px) : x0;
+            x1 = front ? __builtin_elementwise_max(x1, px) : x1;
+            y0 = front ? __builtin_elementwise_min(y0, py) : y0;
+            y1 = front ? __builtin_elementwise_max(y1, py) : y1;
+            px = raster.fx * (a[0] + share * (b[0] - a[0])) / cut;
+            py = raster.fy * (a[1] + share * (b[1] - a[1])) / cut;
+            x0 = crosses ? __builtin_elementwise_min(x0, px) : x0;
+            x1 = crosses ? __builtin_elementwise_max(x1, px) : x1;
+            y0 = crosses ? __builtin_elementwise_min(y0, py) : y0;
+            y1 = crosses ? __builtin_elementwise_max(y1, py) : y1;
+        }
+        const f8 zero = 0.0f;
+        x0 = __builtin_elementwise_max(x0 + (raster.cx - 1.0f), zero);
+        x1 = __builtin_elementwise_min(x1 + raster.cx, (f8)(width - 1.0f));
+        y0 = __builtin_elementwise_max(y0 + (raster.cy - 1.0f), zero);
+        y1 = __builtin_elementwise_min(y1 + raster.cy, (f8)(height - 1.0f));
+        const i8 visible = (x0 <= x1) & (y0 <= y1);
+        unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(visible, b8));
+        while (mask) {
+            const int k = __builtin_ctz(mask);
+            mask &= mask - 1;
+            if (faces[k] < 0) continue;
+            const float px = corner[0][0][k], py = corner[0][1][k], pz = corner[0][2][k];
+            const float qx = corner[1][0][k], qy = corner[1][1][k], qz = corner[1][2][k];
+            const float sx = corner[2][0][k], sy = corner[2][1][k], sz = corner[2][2][k];
+            const float ex = sx - px, ey = sy - py, ez = sz - pz;
+            const float gx = px - qx, gy = py - qy, gz = pz - qz;
+            const float hx = qx - sx, hy = qy - sy, hz = qz - sz;
+            const float ax = sx + px, ay = sy + py, az = sz + pz;
+            const float bx = px + qx, by = py + qy, bz = pz + qz;
+            const float kx = qx + sx, ky = qy + sy, kz = qz + sz;
+            const float Ux = ey * az - ez * ay, Uy = ez * ax - ex * az, Uz = ex * ay - ey * ax;
+            const float Vx = gy * bz - gz * by, Vy = gz * bx - gx * bz, Vz = gx * by - gy * bx;
+            const float Wx = hy * kz - hz * ky, Wy = hz * kx - hx * kz, Wz = hx * ky - hy * kx;
+            const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz, mz = ex * gy - ey * gx;
+            const float depth = px * mx + py * my + pz * mz;
+            const int face = first_face + faces[k];
+            const int c0 = (int)x0[k] >> 3, c1 = (int)x1[k] >> 3;
+            const int r1 = (int)y1[k];
+            for (int row = (int)y0[k]; row <= r1; ++row) {
+                for (int block = c0; block <= c1; ++block) {
+                    const int line = ((row >> 2) * raster.tiles_x + block) * 4 + (row & 3);
+                    const u8* ray = (const u8*)(raster.rays.data + (size_t)line * 24);
+                    const f8 dx = ray[0], dy = ray[1], dz = ray[2];
+                    const f8 U = Ux * dx + Uy * dy + Uz * dz;
+                    const f8 V = Vx * dx + Vy * dy + Vz * dz;
+                    const f8 W = Wx * dx + Wy * dy + Wz * dz;
+                    const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
+                    const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
+                    const i8 inside = (least >= 0.0f) | (most <= 0.0f);
+                    if (!__builtin_bit_cast(unsigned char, __builtin_convertvector(inside, b8)))
+                        continue;
+                    const f8 slope = mx * dx + my * dy + mz * dz;
+                    const f8 t = depth / slope;
+                    const size_t at = (size_t)first_pixel + (size_t)line * 8;
+                    u8* nearest = (u8*)(seen.t.data + at);
+                    const i8 wins = inside & (slope != 0.0f) & (t * dz >= near) & (t * dz <= far)
+                        & (t < *nearest);
+                    const b8 some = __builtin_convertvector(wins, b8);
+                    if (!__builtin_bit_cast(unsigned char, some)) continue;
+                    *nearest = wins ? t : (f8)*nearest;
+                    j8* kept = (j8*)(seen.face.data + at);
+                    *kept = wins ? (i8)face : (i8)*kept;
+                    kept = (j8*)(seen.flags.data + at);
+                    *kept = wins ? (i8)(thing + 1) : (i8)*kept;
+                    const f8 scale = 65535.0f / (U + V + W);
+                    const i8 u = __builtin_convertvector(W * scale + 0.5f, i8);
+                    const i8 v = __builtin_convertvector(U * scale + 0.5f, i8);
+                    kept = (j8*)(seen.bary.data + at);
+                    *kept = wins ? ((u << 16) | v) : (i8)*kept;
+                }
+            }
+        }
+    }
+"""
+
+
+@wp.func_native(f"#if !defined(__CUDA_ARCH__)\n{_DRAW}\n#endif\n")
+def draw_faces(
+    scene: Scene,
+    raster: Raster,
+    optics: Optics,
+    root: wp.int32,
+    first_face: wp.int32,
+    thing: wp.int32,
+    eye: wp.vec3,
+    right: wp.vec3,
+    down: wp.vec3,
+    ahead: wp.vec3,
+    first_pixel: wp.int32,
+    seen: Seen,
+):
+    """Draw the faces below ``root`` into the pixels from ``first_pixel`` on; the camera is given in
+    the axes of the hierarchy."""
+
+
+@wp.kernel
+def raster_kernel(
+    # model
+    scene: Scene,
+    optics: Optics,
+    raster: Raster,
+    # state in
+    lights: wp.array(dtype=SlotLight),
+    poses: wp.array(dtype=SlotPose),
+    # args
+    first_slot: wp.int32,
+    # out
+    seen: Seen,
+):
+    """Draw the slots from ``first_slot`` on, one per thread."""
+    place = wp.tid()
+    slot = first_slot + place
+    if lights[slot].active == 0:
+        return
+    count = raster.tiles_x * raster.tiles_y * wp.static(TILE_COLUMNS * TILE_ROWS)
+    first = place * count
+    for i in range(count):
+        seen.t[first + i] = 1.0e30
+        seen.face[first + i] = NOTHING
+    pose = poses[slot]
+    draw_faces(
+        scene,
+        raster,
+        optics,
+        0,
+        0,
+        -1,
+        pose.eye,
+        pose.right,
+        pose.down,
+        pose.ahead,
+        first,
+        seen,
+    )
+    for m in range(scene.objects.shape[1]):
+        thing = scene.objects[slot, m]
+        if thing.root > 0:
+            c = thing.cosine
+            s = -thing.sine
+            draw_faces(
+                scene,
+                raster,
+                optics,
+                thing.root,
+                thing.first_face,
+                m,
+                turned(pose.eye - thing.position, c, s),
+                turned(pose.right, c, s),
+                turned(pose.down, c, s),
+                turned(pose.ahead, c, s),
+                first,
+                seen,
+            )

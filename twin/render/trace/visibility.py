@@ -1,0 +1,288 @@
+"""What every pixel sees, and whether the sun reaches it: the part of a picture that traces rays.
+
+Kept apart from shading: a traversal needs few registers, so many rays are under way at once.
+Threads run over (slot, 8x4 tile of pixels): a GPU warp is one tile, and a CPU core stays in the
+same part of the hierarchy. What is found is stored in the order of the threads.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from twin.render.build import Build
+from twin.render.light.light import SlotLight
+from twin.render.surface import is_ground, may_mirror
+from twin.render.trace.geometry import Scene, occluded, trace, turned
+from twin.render.trace.rays import Optics, SlotPose
+
+wp.set_module_options({"enable_backward": False})
+
+TILE_COLUMNS, TILE_ROWS = 8, 4
+_TILE_COLUMNS = wp.constant(TILE_COLUMNS)
+_TILE_ROWS = wp.constant(TILE_ROWS)
+_TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
+SUN_RANGE_M = wp.constant(400.0)
+"""How far away something may be that shadows [m]."""
+
+SECOND_RANGE_M = wp.constant(40.0)
+"""Farther glass and lacquer mirror nothing but the sky [m]."""
+# A film of water reflects less than a fifth of what meets it more steeply.
+_WET_COSINE = wp.constant(0.3)
+
+NOTHING = wp.constant(-1)
+"""Face of a pixel that sees the sky."""
+OUTSIDE = wp.constant(-2)
+"""Face of a pixel where the lens sees nothing."""
+LIT = wp.constant(1 << 16)
+"""Flag: the sun reaches the point."""
+ASKED = wp.constant(1 << 17)
+"""Flag: a ray to the sun was traced."""
+MIRRORED = wp.constant(1 << 18)
+"""Flag: second rays were followed."""
+OBJECT_MASK = wp.constant((1 << 16) - 1)
+"""Bits of the flags that hold the object + 1; 0: static."""
+
+BYTES_PER_PIXEL = 26
+"""Of :class:`Seen`."""
+CHUNK_PIXELS = 1 << 24
+"""Pixels that are under way at once: 436 MB of :class:`Seen`."""
+
+
+@wp.struct
+class Seen:
+    """What the pixels of some slots see."""
+
+    t: wp.array(dtype=wp.float32)
+    """Distance along the ray [m]."""
+    face: wp.array(dtype=wp.int32)
+    flags: wp.array(dtype=wp.int32)
+    bary: wp.array(dtype=wp.int32)
+    """Barycentric weights of the first two corners, 16 bits each, of 65535."""
+    listed: wp.array(dtype=wp.int32)
+    """Threads whose pixels need second rays, in any order."""
+    listed_count: wp.array(dtype=wp.int32)
+    """How many [1]."""
+    second: wp.array2d(dtype=wp.float16)
+    """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
+
+
+@wp.struct
+class Pixel:
+    """Which pixel a thread works on."""
+
+    slot: wp.int32
+    row: wp.int32
+    column: wp.int32
+    inside: wp.bool
+
+
+def threads(slots: int, height: int, width: int) -> int:
+    """Threads for the pictures of ``slots``."""
+    tiles = -(-width // TILE_COLUMNS) * -(-height // TILE_ROWS)
+    return slots * tiles * TILE_COLUMNS * TILE_ROWS
+
+
+def allocate_seen(
+    slots: int, height: int, width: int, device: wp.Device, second: bool = True
+) -> Seen:
+    """Buffers for ``slots`` at once; ``second``: for second rays as well."""
+    count = threads(slots, height, width)
+    seen = Seen()
+    seen.t = wp.empty(count, dtype=wp.float32, device=device)
+    seen.face = wp.empty(count, dtype=wp.int32, device=device)
+    seen.flags = wp.zeros(count, dtype=wp.int32, device=device)
+    seen.bary = wp.empty(count, dtype=wp.int32, device=device)
+    listed = count if second else 1
+    seen.listed = wp.empty(listed, dtype=wp.int32, device=device)
+    seen.listed_count = wp.zeros(1, dtype=wp.int32, device=device)
+    seen.second = wp.empty((listed, 3), dtype=wp.float16, device=device)
+    return seen
+
+
+def rays_traced(seen: Seen, count: int) -> int:
+    """Rays behind the first ``count`` threads' results: to what is seen, and to the sun; pixels
+    with second rays once more."""
+    face, flags = seen.face.numpy()[:count], seen.flags.numpy()[:count]
+    seen_any = np.count_nonzero(face != int(OUTSIDE))
+    listed = int(seen.listed_count.numpy()[0])
+    return seen_any + np.count_nonzero((face >= 0) & (flags & int(ASKED) != 0)) + listed
+
+
+# The threads of a warp take their places together. The order differs from run to run, what is found
+# for a pixel does not.
+_LIST = """
+    #if defined(__CUDA_ARCH__)
+    const unsigned mates = __activemask();
+    unsigned lane;
+    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
+    const int leader = __ffs(mates) - 1;
+    int first = 0;
+    if (lane == leader) first = atomicAdd(count.data, __popc(mates));
+    first = __shfl_sync(mates, first, leader);
+    places.data[first + __popc(mates & ((1u << lane) - 1u))] = thread;
+    #else
+    places.data[count.data[0]++] = thread;
+    #endif
+"""
+
+
+@wp.func_native(_LIST)
+def put_on_list(
+    places: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), thread: wp.int32
+):
+    """Append ``thread`` to the first ``count[0]`` of ``list``."""
+
+
+@wp.func
+def needs_second_rays(
+    material: wp.int32, wetness: wp.float32, cosine: wp.float32, distance: wp.float32
+) -> wp.bool:
+    """Whether mirrors and glass are worth a ray: near, and on wet ground at grazing angles."""
+    needs = may_mirror(material) and distance < SECOND_RANGE_M
+    if wetness > 0.5 and is_ground(material):
+        needs = cosine < _WET_COSINE
+    return needs
+
+
+@wp.func
+def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
+    """The pixel of a thread."""
+    pixel = Pixel()
+    tiles_x = (optics.width + _TILE_COLUMNS - 1) / _TILE_COLUMNS
+    tiles_y = (optics.height + _TILE_ROWS - 1) / _TILE_ROWS
+    tile = thread / _TILE
+    place = thread - tile * _TILE
+    slot = tile / (tiles_x * tiles_y)
+    tile = tile - slot * tiles_x * tiles_y
+    line = tile / tiles_x
+    pixel.slot = first_slot + slot
+    pixel.row = line * _TILE_ROWS + place / _TILE_COLUMNS
+    pixel.column = (tile - line * tiles_x) * _TILE_COLUMNS + place % _TILE_COLUMNS
+    pixel.inside = pixel.row < optics.height and pixel.column < optics.width
+    return pixel
+
+
+@cache
+def visibility_kernel(build: Build, second: bool) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says; ``second``: it lists pixels for second rays."""
+
+    @wp.kernel(**build.arguments())
+    def first_kernel(
+        # model
+        scene: Scene,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Trace every pixel of the slots from ``first_slot`` on, and the sun from where it ends."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        if lights[slot].active == 0:
+            return
+        ray = rays[pixel.row, pixel.column]
+        if ray[2] == 0.0 and ray[0] == 0.0 and ray[1] == 0.0:
+            seen.face[thread] = OUTSIDE
+            return
+        direction = (
+            poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
+        )
+        near = wp.float32(0.0)
+        far = optics.far
+        if optics.spherical != 0:
+            near = optics.near
+        elif ray[2] > 1.0e-3:
+            near = optics.near / ray[2]
+            far = wp.min(far / ray[2], 4.0 * far)
+        eye = poses[slot].eye + direction * near
+        hit = trace(scene, slot, eye, direction, far - near)
+        if not hit.found:
+            seen.face[thread] = NOTHING
+            return
+        flags = hit.object + 1
+        sun = lights[slot].sun_direction
+        if lights[slot].shadows != 0 and wp.dot(hit.normal, sun) > 0.0:
+            flags = flags | ASKED
+            start = eye + direction * hit.t + hit.normal * 0.02
+            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                flags = flags | LIT
+        seen.t[thread] = hit.t + near
+        seen.face[thread] = hit.face
+        seen.flags[thread] = flags
+        if wp.static(second):
+            material = scene.faces[hit.face].material
+            cosine = -wp.dot(hit.normal, direction)
+            if needs_second_rays(material, lights[slot].wetness, cosine, hit.t):
+                put_on_list(seen.listed, seen.listed_count, thread)
+        u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
+        v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
+        seen.bary[thread] = (u << 16) | v
+
+    return first_kernel
+
+
+@cache
+def sun_kernel(build: Build, second: bool) -> wp.Kernel:
+    """The kernel that asks for the sun after drawing, compiled as ``build`` says."""
+
+    @wp.kernel(**build.arguments())
+    def shadow_kernel(
+        # model
+        scene: Scene,
+        optics: Optics,
+        rays: wp.array2d(dtype=wp.vec3),
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: Seen,
+    ):
+        """Trace the sun from what the slots from ``first_slot`` on see."""
+        thread = wp.tid()
+        pixel = pixel_of(thread, first_slot, optics)
+        if not pixel.inside:
+            return
+        slot = pixel.slot
+        if lights[slot].active == 0:
+            return
+        face = seen.face[thread]
+        if face < 0:
+            return
+        pose = poses[slot]
+        ray = rays[pixel.row, pixel.column]
+        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        flags = seen.flags[thread]
+        normal = scene.faces[face].normal
+        m = (flags & OBJECT_MASK) - 1
+        if m >= 0:
+            cosine = scene.objects[slot, m].cosine
+            normal = turned(normal, cosine, scene.objects[slot, m].sine)
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        if wp.static(second):
+            material = scene.faces[face].material
+            cosine = -wp.dot(normal, direction)
+            if needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread]):
+                put_on_list(seen.listed, seen.listed_count, thread)
+        sun = lights[slot].sun_direction
+        if lights[slot].shadows != 0 and wp.dot(normal, sun) > 0.0:
+            flags = flags | ASKED
+            start = pose.eye + direction * seen.t[thread] + normal * 0.02
+            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                flags = flags | LIT
+            seen.flags[thread] = flags
+
+    return shadow_kernel

@@ -1,0 +1,83 @@
+"""``log.txt`` of an attempt: what happened, and what its stack printed meanwhile.
+
+A simulator writes it with the KPIs of a case that has ended (:mod:`twin.rig.attempt`); a worker
+writes it alone, for an attempt whose rig ended first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from msgspec import structs
+
+from schemas.identity import digest, stack_name
+from schemas.messages import Lease, Result
+from twin.base.errors import storage_error
+from twin.base.files import write_atomic
+from twin.rig.stack_output import ELSEWHERE, Kept
+
+
+def write_failure(lease: Lease, reason: str, output: Kept | None) -> Result:
+    """The result of a case whose stack failed before the case began: it has a log and no KPIs.
+
+    Raises:
+        TwinError: the folder cannot be written (disk full, no permission).
+    """
+    log = write_log(lease, f"failed: {reason}", output)
+    log_sha = hashlib.sha256(log).hexdigest()
+    return structs.replace(
+        failure(lease, reason),
+        attempt_dir=f"cases/{lease.case.id}/attempt-{lease.attempt}",
+        manifest_sha256=digest([b"log.txt", log_sha.encode()]),
+    )
+
+
+def failure(lease: Lease, reason: str) -> Result:
+    """The same without a log."""
+    return Result(
+        campaign=lease.case.campaign,
+        case=lease.case.id,
+        token=lease.token,
+        outcome="failed",
+        verdict="",
+        reasons=[reason],
+    )
+
+
+def write_log(lease: Lease, end: str, output: Kept | None) -> bytes:
+    """Write the log of an attempt without KPIs; its bytes.
+
+    Args:
+        lease: of the attempt.
+        end: how it ended, in a line.
+        output: what the stack printed; None: it is on another host.
+
+    Raises:
+        TwinError: the folder cannot be written (disk full, no permission).
+    """
+    path = Path(lease.out) / f"cases/{lease.case.id}/attempt-{lease.attempt}" / "log.txt"
+    log = joined([*head(lease), end], output).encode()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, log)
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+    return log
+
+
+def head(lease: Lease) -> list[str]:
+    """The first lines: which case it is."""
+    case = lease.case
+    told = f", told {', '.join(case.tell)}" if case.tell else ""
+    return [
+        f"case {case.id} of campaign {case.campaign}, seed {case.seed}",
+        f"perception {case.model} ({type(case.perception).__struct_config__.tag}), "
+        f"weather {case.weather}, {case.time_of_day_min // 60:02d}:{case.time_of_day_min % 60:02d}",
+        f"the stack knows it as {stack_name(case)}{told}",
+    ]
+
+
+def joined(lines: list[str], output: Kept | None) -> str:
+    """The text of a log: what happened, then what the stack printed."""
+    return "\n".join(lines) + "\n" + (f"{ELSEWHERE}\n" if output is None else output.text())

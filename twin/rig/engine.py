@@ -1,0 +1,567 @@
+"""The engine the simulator process drives: slots of cases, sensed and stepped in lockstep."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from schemas.campaign import Case, Scenario
+from schemas.files.assets import asset_digest
+from schemas.files.judging import JudgeRecord
+from schemas.files.yaml_file import YamlError
+from schemas.identity import stream_key
+from schemas.messages import Command, Lights, Pose, command_mistake
+from schemas.verdict import is_pass
+from twin.actors.intervention_motion import HandMotion
+from twin.actors.motion import Placement
+from twin.base.errors import RefusedError
+from twin.base.stopwatch import Stopwatch
+from twin.fabric.frames import Channel
+from twin.kpi import verdict as judging
+from twin.kpi.course import Course
+from twin.kpi.judge_record import judge_record
+from twin.kpi.lane_progress import LaneProgress
+from twin.kpi.recorder import Recorder
+from twin.kpi.table import KpiTable
+from twin.rig.command_delay import Delays
+from twin.rig.interventions.steerable import Steerable
+from twin.sensors import exteroceptive
+from twin.sensors.data import SensorData
+from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
+from twin.sensors.feedback import by_wire, environment
+from twin.sensors.suite import SensorSuite
+from twin.sensors.vehicle_truth import VehicleTruth
+from twin.vehicle.carry import Carrier
+from twin.vehicle.fleet import Fleet
+from twin.vehicle.ground import drivable
+from twin.vehicle.model import PHYSICS_STEP_NS
+from twin.vehicle.nearest import NEAREST
+from twin.vehicle.state import COLUMN
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.kernel_cache import prepare_kernels
+from twin.world.scene import load_scene
+from twin.world.sky.environment import CaseEnvironment
+from twin.world.sky.wind import Winds
+from twin.world.street.build import World, build_world
+from twin.world.things import Thing
+
+_NO_LIGHTS = Lights()
+
+CARRIED = "co-simulated: the stack commanded the car's poses"
+"""Reason beside the verdict of a case whose car the simulator's own model did not move."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A case that has ended; its slot is inactive already."""
+
+    slot: int
+    outcome: str
+    """``verdict``, or ``failed``: the case cannot be simulated, deterministically."""
+    verdict: str
+    """Empty when failed."""
+    reasons: list[str]
+    scalars: dict[str, float | int | None]
+    table: KpiTable
+    names: dict[str, str] = field(default_factory=dict)
+    """Scalars that are names, :data:`schemas.files.kpi.NAMES`."""
+    record: JudgeRecord | None = None
+    """What a judge needs beside the rows."""
+
+    @property
+    def passed(self) -> bool:
+        """See :func:`schemas.verdict.is_pass`."""
+        return is_pass(self.outcome, self.verdict)
+
+
+@dataclass(slots=True)
+class _Run:
+    """What a slot remembers of its case."""
+
+    case: Case
+    environment: CaseEnvironment
+    pending: deque[tuple[int, Command]] = field(default_factory=deque)
+    """Commands with the physics step from which they are in force."""
+    delays: Delays = field(init=False)
+    """Between command and effect."""
+    lights: Lights = _NO_LIGHTS
+    """Lamps in force."""
+    lane: LaneProgress | None = None
+    """Of a case of lane keeping."""
+    carried: bool = False
+    """The stack has commanded a pose."""
+
+    def __post_init__(self) -> None:
+        self.delays = Delays(self.case)
+
+
+class Engine(Steerable):
+    """Simulates up to ``slots`` cases of one rig at a time.
+
+    Call :meth:`reset` for every new case, then alternate :meth:`sense` and :meth:`step`. Nothing of
+    a case depends on its slot or on what else runs.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        slots: int,
+        device: str = "cpu",
+        buffers: Mapping[str, np.ndarray] | None = None,
+        watch: Stopwatch | None = None,
+    ) -> None:
+        """Build for the rig of ``case``: scene, vehicle, camera and rates are those of the case.
+
+        Args:
+            slots: number of slots S, at least 1.
+            device: ``cpu`` or ``cuda:N``.
+            buffers: host arrays that receive images, by the name of the channel
+                (:func:`frame_channels`).
+            watch: told where the time goes: ``sense``, ``render``, ``step``, ``physics``.
+
+        Raises:
+            ValueError: scene or vehicle file not usable, or no such device; one line.
+        """
+        super().__init__()
+        prepare_kernels()
+        try:
+            warp_device = wp.get_device(device)
+        except Exception as error:
+            known = ", ".join(str(d) for d in wp.get_devices())
+            raise ValueError(f"device '{device}': not here; allowed: {known}") from error
+        check_files(case)
+        scene = load_scene(case.scenario.scene)
+        vehicle = load_vehicle(case.scenario.vehicle)
+        self.slots = slots
+        self._device = warp_device
+        self._watch = watch or Stopwatch()
+        self.control_period_ns = 1_000_000_000 // case.control_hz
+        self.active = np.zeros(slots, np.bool_)
+        self.tick = np.zeros(slots, np.int32)
+        self.sim_time_ns = np.zeros(slots, np.int64)
+        self._steps = self.control_period_ns // PHYSICS_STEP_NS
+        self._world = build_world(scene)
+        for note in self._world.notes:
+            print(note, file=sys.stderr, flush=True)
+        self._motion = HandMotion(self._world.motion, self._world.kinds, slots)
+        self._origin = scene.origin
+        self._street = scene.street
+        self._winds = Winds(slots, self.control_period_ns / 1e9)
+        self._vehicle = vehicle
+        self._eyes = ExteroceptiveSuite(
+            case, vehicle, scene, self._world, slots, warp_device, buffers or {}
+        )
+        kinds = self._world.kinds
+        self._hull_sizes = np.array([(k.half_length_m, k.half_width_m) for k in kinds] or [(0, 0)])
+        self._vehicles = Fleet(
+            [vehicle],
+            slots,
+            warp_device,
+            colliders=self._world.colliders,
+            ground=drivable(self._world, warp_device),
+            movers=self._world.motion.count,
+            stop_at_impact=True,
+        )
+        self._carrier = Carrier(self._vehicles, self._steps)
+        if case.cosim:
+            self._carrier.prepare()
+        self.camera_sites = camera_sites(case, vehicle)
+        self.lidar_sites = self._eyes.lidar_sites
+        self._suite = SensorSuite(case, scene.origin, slots, warp_device)
+        looked_at = self._suite.needs_truth or self._eyes.needs_truth
+        self._truth = VehicleTruth(slots, warp_device) if looked_at else None
+        self.refill_every = math.lcm(self._eyes.period, self._suite.period)
+        """New cases begin only at ticks of this period: all sensors are due together then."""
+        self._illuminance_lx = np.zeros(slots)
+        self._extinction_per_m = np.zeros(slots)
+        self._runs: list[_Run | None] = [None] * slots
+        names = [thing.name for thing in self._world.things]
+        self._recorder = Recorder(slots, names, target=self._world.target is not None)
+        self._limits = judging.Limits.of(slots)
+        self._course = Course.of(self._world, vehicle)
+        self._nearest = np.zeros((slots, len(NEAREST)))
+        self._surveyed = False
+        """What egos are nearest to is being measured at the current ticks."""
+        self._placed_ns = np.full(slots, -1, np.int64)
+        """Sim times at which the scripted objects stand in the fleet."""
+        self._unmeasured = False  # no vehicle was placed since the state was measured last
+
+    @property
+    def state(self) -> np.ndarray:
+        """Vehicle state [S, T] at the current ticks, columns :data:`twin.vehicle.state.COLUMN`;
+        a view, for those who only look."""
+        self._refresh()
+        return self._vehicles.state[:, 0]
+
+    def _refresh(self) -> None:
+        """Measure the vehicles that were placed; once for all that begin together."""
+        if self._unmeasured:
+            self._vehicles.refresh()
+            self._unmeasured = False
+
+    @property
+    def world(self) -> World:
+        """The world all slots share, for those who only look."""
+        return self._world
+
+    @property
+    def placement(self) -> Placement:
+        """Scripted objects as they were when last sensed, for those who only look."""
+        return self._placement
+
+    @property
+    def colliders(self) -> np.ndarray:
+        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; first ``cars`` cars,
+        the obstacle before all, if there is one."""
+        return self._world.colliders
+
+    @property
+    def cars(self) -> int:
+        """How many of the colliders are cars."""
+        return self._world.cars
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin ``case`` in ``slot``, at case tick 0."""
+        environment = CaseEnvironment(case, self._origin)
+        self._motion.begin(slot, case.objects)
+        x_m, y_m, yaw_rad = self._start(case.scenario)
+        speed_mps = case.scenario.ego_speed_mps
+        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
+        self._unmeasured = True  # once for all that begin together
+        self._surveyed = False
+        self._vehicles.active[slot] = 1
+        self._eyes.reset(slot, case)
+        self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
+        self._apply(slot, environment, 0)
+        self._suite.reset(slot, case)
+        self._runs[slot] = _Run(case, environment)
+        self._recorder.begin(slot)
+        self._limits.begin(slot, case.scenario)
+        if case.scenario.type == "lane_keeping":
+            self._runs[slot].lane = LaneProgress(self._world.lane, x_m, y_m)
+        self.active[slot] = True
+        self.tick[slot] = 0
+        self.sim_time_ns[slot] = 0
+
+    def _start(self, scenario: Scenario) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] of the ego at the start."""
+        if scenario.type == "jump_scare":
+            return self._world.before_obstacle(scenario.ego_start_m + self._vehicle.front_offset_m)
+        self._check_lane(scenario)
+        pose = self._world.lane.at(0.0)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+
+    def _check_lane(self, scenario: Scenario) -> None:
+        """Lane keeping needs a lane that is long enough and free.
+
+        Raises:
+            ValueError: this scene has none; one line.
+        """
+        world, lane = self._world, self._world.lane
+        name = f"scene {scenario.scene}: lane_keeping"
+        if not self._street:
+            raise ValueError(f"{name} needs a street, and this scene has none of its own")
+        if not lane.closed and lane.length_m < scenario.distance_m:
+            raise ValueError(
+                f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
+                "set scenario.distance_m, or take a closed road such as downtown-loop"
+            )
+        if world.target is None:
+            return
+        x_m, y_m, _, half_length_m, half_width_m = world.target
+        place = lane.locate(x_m, y_m)
+        gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
+        free_m = float(place.s_m) - half_length_m - self._vehicle.front_offset_m
+        if gap_m <= 0.0 and (lane.closed or free_m < scenario.distance_m):
+            raise ValueError(f"{name}: the broken-down car stands in the lane; set obstacle.y_m")
+
+    def clear(self, slot: int) -> None:
+        """Make ``slot`` inactive; its case is forgotten."""
+        self._runs[slot] = None
+        self._held.pop(slot, None)
+        self._motion.clear(slot)
+        self.active[slot] = False
+        self.tick[slot] = 0
+        self.sim_time_ns[slot] = 0
+        self._vehicles.active[slot] = 0
+        self._winds.clear(slot)
+        self._vehicles.state[slot] = 0.0
+        self._eyes.clear(slot)
+        self._suite.clear(slot)
+
+    def sense(self) -> dict[str, SensorData]:
+        """Sensors at the current ticks, those that are due; once per tick.
+
+        All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
+        """
+        for slot, run in enumerate(self._runs):
+            if run is not None and run.environment.changes:
+                self._apply(slot, run.environment, int(self.sim_time_ns[slot]))
+        state = self.state
+        sensors = {
+            "vehicle": SensorData(by_wire(state, self.active)),
+            "environment": SensorData(
+                environment(self._illuminance_lx, self._extinction_per_m, self.active)
+            ),
+        }
+        truth = self._truth.update(self._vehicles.rows_device) if self._truth else None
+        own = self._suite.read(truth, self.tick, self.active)
+        sensors.update((name, SensorData(values)) for name, values in own.items())
+        now = Moment(self.tick, self.sim_time_ns, self.active)
+        self._place_objects()
+        # It is done long before the stack has answered: no tick waits for it.
+        self._survey()
+        lamps = self._lamps()
+        self._watch.lap("sense")
+        images = self._eyes.read(now, lamps, self._placement, self._vehicles.ego_device, truth)
+        self._watch.lap("render")
+        sensors.update(images)
+        return sensors
+
+    def _apply(self, slot: int, environment: CaseEnvironment, time_ns: int) -> None:
+        """Weather and light of a slot as they are at its sim time."""
+        weather, light = environment.at(time_ns)
+        self._vehicles.friction[slot] = weather.friction
+        self._winds.set(slot, weather.wind_mps, weather.gust_mps)
+        self._eyes.light(slot, light, weather, environment.wind_towards)
+        self._illuminance_lx[slot] = light.illuminance_lx
+        self._extinction_per_m[slot] = weather.extinction_per_m
+
+    def _place_objects(self) -> None:
+        """Scripted objects as they are at the current ticks, for eyes and for contacts."""
+        self._placement = self._motion.at(self.sim_time_ns / 1e9)
+        self._placed_ns[...] = self.sim_time_ns
+        self._vehicles.movers[...] = self._movers(self._placement)
+
+    def _movers(self, placement: Placement) -> np.ndarray:
+        """Hulls of scripted objects [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`."""
+        there = placement.kind >= 0
+        hulls = np.zeros_like(self._vehicles.movers)
+        if hulls.size:
+            hulls[..., 0:2] = placement.position_m[..., :2]
+            hulls[..., 2] = placement.yaw_rad
+            hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
+            hulls[..., 5:7] = placement.velocity_mps[..., :2]
+            hulls[..., 7] = placement.yaw_rate_radps
+        return hulls
+
+    def _lamps(self) -> list[Lights | None]:
+        """The lamps in force at the current ticks; a command that is due now counts already."""
+        lamps: list[Lights | None] = [None] * self.slots
+        first_steps = (self.sim_time_ns // PHYSICS_STEP_NS).tolist()
+        for slot, run in enumerate(self._runs):
+            if run is None:
+                continue
+            lamps[slot] = run.lights
+            for step, command in run.pending:
+                if step <= first_steps[slot]:
+                    lamps[slot] = command.lights
+        return lamps
+
+    def step(self, commands: list[Command | None]) -> list[Finished]:
+        """Record the current tick with its commands, then advance one control period.
+
+        Args:
+            commands: one per slot, None for inactive slots.
+
+        Returns:
+            The cases that ended, at their last tick or, for commands that are no numbers or out
+            of range, at the current one.
+        """
+        mistakes = {}
+        good: list[tuple[int, _Run, Command]] = []
+        for slot, run in enumerate(self._runs):
+            if run is None:
+                continue
+            command = commands[slot]
+            assert command is not None, f"slot {slot} is active and has no command"
+            mistake = command_mistake(command) or self._suite.mistake(command.sensors)
+            mistake = mistake or self._carrier.mistake(
+                slot, command.pose, allowed=run.case.cosim, first=not run.carried
+            )
+            if mistake:
+                mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
+            else:
+                good.append((slot, run, command))
+        if not self._surveyed:
+            self._survey()
+        self._nearest = self._vehicles.nearest()
+        self._record([slot for slot, _, _ in good], [command for _, _, command in good])
+        self._record(list(mistakes), [None] * len(mistakes))
+        finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
+        self._schedule(good)
+        for slot, _, command in good:
+            if command.sensors is not None:
+                self._suite.modulate(slot, command.sensors)
+        self._vehicles.wind[...] = self._winds.advance(self.tick)
+        poses = {slot: command.pose for slot, _, command in good if command.pose is not None}
+        self._watch.lap("step")
+        if poses:
+            self._carry(poses)
+        else:
+            self._vehicles.advance(self._steps)
+        self._watch.lap("physics")
+        self._surveyed = False
+        self.tick[self.active] += 1
+        self.sim_time_ns[self.active] += self.control_period_ns
+        finished += self._ended()
+        self._watch.lap("step")
+        return finished
+
+    def _carry(self, poses: Mapping[int, Pose]) -> None:
+        """One control period of which the stack says how it ends in some slots."""
+        for slot in poses:
+            self._vehicles.active[slot] = 0
+        self._vehicles.advance(self._steps)
+        for slot in self._carrier.carry(poses):
+            self._eyes.moved(slot)
+        for slot in poses:
+            self._vehicles.active[slot] = 1
+            self._runs[slot].carried = True
+
+    def wait(self) -> None:
+        """Until what was sensed is written: another process may read it then."""
+        wp.synchronize_device(self._device)
+
+    def close(self) -> None:
+        """Make all slots inactive; the engine is not used afterwards."""
+        for slot in range(self.slots):
+            self.clear(slot)
+
+    def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
+        """Work out which commands are in force in the coming period, and from which step.
+
+        Of several that arrive within one period the newest counts.
+        """
+        vehicles = self._vehicles
+        first_steps = self.sim_time_ns // PHYSICS_STEP_NS
+        which = np.array([slot for slot, _, _ in good], np.int64)
+        vehicles.first_step[which] = first_steps[which]
+        vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
+        vehicles.switch_step[which] = self._steps
+        slots, asked, switches = [], [], []
+        for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
+            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
+            while run.pending and run.pending[0][0] < first_step + self._steps:
+                step, current = run.pending.popleft()
+                slots.append(slot)
+                pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
+                asked.append((*pedals, -1.0 if current.reverse else 1.0))
+                switches.append(step - first_step)
+                run.lights = current.lights
+        if slots:
+            vehicles.commands[slots, 0, 1] = asked
+            vehicles.switch_step[slots] = switches
+
+    def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
+        if not slots:
+            return
+        lateral_m = []
+        for slot in slots:
+            run = self._runs[slot]
+            lateral_m.append(run.lane.lateral_m if run is not None and run.lane else None)
+        self._recorder.add(
+            slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m, self._nearest
+        )
+
+    def _survey(self) -> None:
+        """Begin to measure what every ego is nearest to at the current ticks, see
+        :meth:`Fleet.survey`."""
+        self._refresh()
+        movers = self._vehicles.movers
+        if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
+            movers = self._movers(self._motion.at(self.sim_time_ns / 1e9))
+        self._vehicles.survey(movers)
+        self._surveyed = True
+
+    def _ended(self) -> list[Finished]:
+        """The cases that end at the tick just reached."""
+        state = self.state
+        over = judging.have_ended(self._limits, self.sim_time_ns, state)
+        faulty = self._vehicles.faulty()
+        for slot, run in enumerate(self._runs):
+            if run is not None and run.lane is not None and not faulty[slot]:
+                run.lane.move(float(state[slot, COLUMN["x_m"]]), float(state[slot, COLUMN["y_m"]]))
+                over[slot] |= judging.has_left(run.case.scenario, run.lane)
+        finished = []
+        ending = np.flatnonzero((over | faulty) & self.active).tolist()
+        if ending:
+            self._survey()
+            self._nearest = self._vehicles.nearest()
+            self._surveyed = False
+        for slot in ending:
+            if faulty[slot]:
+                fault = self._vehicles.fault(slot)
+                time_s = self.sim_time_ns[slot] / 1e9
+                finished.append(self._fail(slot, f"{fault}, at {time_s:.3f} s"))
+            else:
+                finished.append(self._judge(slot))
+        return finished
+
+    def _judge(self, slot: int) -> Finished:
+        run, state = self._runs[slot], self.state[slot]
+        assert run is not None
+        self._record([slot], [None])
+        rows = self._recorder.of(slot)
+        hit = self._hit(slot)
+        result = judging.judge(run.case.scenario, rows, state, run.lane, self._course, hit)
+        reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
+        scalars = judging.scalars(rows, state, run.lane, hit)
+        names = judging.names(rows, state, hit)
+        table = rows.table()
+        record = judge_record(run.case, state, self._course, hit)
+        self.clear(slot)
+        return Finished(slot, "verdict", result.verdict, reasons, scalars, table, names, record)
+
+    def _hit(self, slot: int) -> Thing | None:
+        """What the ego of a slot hit first."""
+        index = self._vehicles.first_hit(slot)
+        return self._world.things[index] if 0 <= index < len(self._world.things) else None
+
+    def fail(self, slot: int, reason: str) -> Finished:
+        """End the case of a slot whose stack cannot go on, at the current tick."""
+        self._record([slot], [None])
+        return self._fail(slot, f"{reason}, at tick {self.tick[slot]}")
+
+    def _fail(self, slot: int, reason: str) -> Finished:
+        run, rows = self._runs[slot], self._recorder.of(slot)
+        assert run is not None
+        scalars = judging.scalars(rows, self.state[slot], run.lane)
+        table = rows.table()
+        record = judge_record(run.case, self.state[slot], self._course, None)
+        self.clear(slot)
+        return Finished(slot, "failed", "", [reason], scalars, table, record=record)
+
+
+def frame_channels(case: Case, slots: int) -> list[Channel]:
+    """The arrays of a rig that are large enough to be worth sharing.
+
+    Raises:
+        ValueError: the vehicle has no such sensor; one line.
+    """
+    return exteroceptive.frame_channels(case, load_vehicle(case.scenario.vehicle), slots)
+
+
+def check_files(case: Case) -> None:
+    """Refuse scene and vehicle files that are not those of the submission.
+
+    Raises:
+        RefusedError: one is another, or is missing; one line.
+    """
+    for name, digest in case.simulator_files().items():
+        try:
+            found = asset_digest(Path(name))
+        except (YamlError, OSError):  # gone, or cut short
+            found = ""
+        if found != digest:
+            raise RefusedError(
+                f"{name}: it, or a file it names, is not what the campaign was submitted with; "
+                "put it back, or run the campaign anew with another --out"
+            )

@@ -1,0 +1,1 @@
+"""Interventions: somebody changes a running case from outside."""

@@ -1,0 +1,189 @@
+"""Messages between the worker and its simulator process, over the child's standard streams."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from typing import BinaryIO
+
+from msgspec import Struct
+
+from schemas.messages import Lease, Result, Touch
+from schemas.sections.view_mode import ViewMode
+from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.interventions import Intervention
+
+_LENGTH = struct.Struct("<I")
+
+
+class Build(Struct, frozen=True, tag_field="kind", tag="build"):
+    """The first message: build the engine for the rig of this lease's case."""
+
+    lease: Lease
+    rig: str
+    listen: str
+    """Where the drive session listens."""
+    namespace: str
+    """Of the drive session."""
+    slots: int
+    device: str
+    """``cpu`` or ``cuda:N``."""
+    view: ViewMode
+    view_namespace: str
+    view_connect: str
+    """The conductor's router; plain TCP beyond loopback only if somebody typed ``--insecure``."""
+    key: str = ""
+    """Path of the worker's key file, for viewers; empty: none."""
+    rig_key: bytes = b""
+    """The simulator's own key, for the drive session; empty: none."""
+    output: int = -1
+    """Descriptor of the log of the stack's process; -1: it is on another host, or in this
+    process."""
+
+
+class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
+    """Run this lease in a free slot."""
+
+    lease: Lease
+    replay: list[Intervention] = []
+    """What the journal of a steered attempt says was done to it."""
+
+
+class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
+    """Stop working on a token; its result is no longer wanted."""
+
+    token: int
+
+
+class Fail(Struct, frozen=True, tag_field="kind", tag="fail"):
+    """The stack cannot go on, and this case ends as ``failed`` with the reason."""
+
+    token: int
+    reason: str
+
+
+class Close(Struct, frozen=True, tag_field="kind", tag="close"):
+    """Stop working and hand the recorder what it has not got yet; the process is ended soon."""
+
+
+class Drain(Struct, frozen=True, tag_field="kind", tag="drain"):
+    """The rig is about to be ended: write the attempts of cases that are over, and say so."""
+
+
+class Drained(Struct, frozen=True, tag_field="kind", tag="drained"):
+    """Nothing is left to be written, or it took too long."""
+
+
+class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
+    """The drive session is open."""
+
+    endpoint: str
+    view: str = ""
+    """Where a recorder connects; empty: nothing is to be recorded."""
+
+
+class Refused(Struct, frozen=True, tag_field="kind", tag="refused"):
+    """Somebody was not let into the rig; a sentence for the worker's log."""
+
+    line: str
+
+
+class Built(Struct, frozen=True, tag_field="kind", tag="built"):
+    """Engine built and stack connected."""
+
+    transport: str
+    """How large arrays reach the stack, see :data:`twin.fabric.drive.Transport`."""
+
+
+class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
+    """Case ticks of the tokens being worked on; proves that the loop moves."""
+
+    tokens: list[int]
+    ticks: list[int]
+    waiting: list[int] = []
+    """Tokens among them that stand still because somebody asked for it."""
+    ended: list[int] = []
+    """Tokens of cases that are over and whose attempt folders are being written."""
+
+
+class Touched(Struct, frozen=True, tag_field="kind", tag="touched"):
+    """A hand has done something to a case."""
+
+    token: int
+    note: Touch
+
+
+class Faulted(Struct, frozen=True, tag_field="kind", tag="faulted"):
+    """The stack cannot go on, which is its own doing; no case takes another step."""
+
+    reason: str
+
+
+class Done(Struct, frozen=True, tag_field="kind", tag="done"):
+    """A case ended; its attempt folder is complete."""
+
+    result: Result
+
+
+class Steered(Struct, frozen=True, tag_field="kind", tag="steered"):
+    """A case ended that a hand had steered; its attempt folder is complete, and is no result."""
+
+    result: Result
+    changes: int
+
+
+class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
+    """The rig cannot go on."""
+
+    reason: str
+    detail: str
+
+
+Downward = Build | Assign | Abandon | Fail | Close | Drain
+Upward = (
+    Listening | Refused | Built | Progress | Touched | Faulted | Done | Steered | Drained | Broken
+)
+
+
+def pack(message: Struct) -> bytes:
+    """Length-prefixed bytes of one message."""
+    data = encode(message)
+    return _LENGTH.pack(len(data)) + data
+
+
+class Unpacker:
+    """Cuts a byte stream into messages of ``type_``."""
+
+    def __init__(self, type_: object) -> None:
+        self._type = type_
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Struct]:
+        """Messages completed by ``data``."""
+        self._buffer += data
+        messages: list[Struct] = []
+        while len(self._buffer) >= _LENGTH.size:
+            (size,) = _LENGTH.unpack_from(self._buffer)
+            if size > MESSAGE_BYTES_MAX:
+                raise WireError(f"message of {size} bytes, at most {MESSAGE_BYTES_MAX} are read")
+            if len(self._buffer) < _LENGTH.size + size:
+                break
+            body = bytes(self._buffer[_LENGTH.size : _LENGTH.size + size])
+            del self._buffer[: _LENGTH.size + size]
+            messages.append(decode(body, self._type))
+        return messages
+
+
+class Upstream:
+    """Where a simulator writes to its worker, from any thread."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def send(self, message: Struct) -> None:
+        """Write one message, whole."""
+        data = memoryview(pack(message))
+        with self._lock:
+            while data:  # an unbuffered pipe may take less than all of it
+                data = data[self._stream.write(data) :]

@@ -1,0 +1,1 @@
+"""Roads as lines to follow."""

@@ -1,0 +1,133 @@
+"""Which face each ray of a LiDAR meets first: one thread per ray, for GPUs.
+
+:mod:`twin.sensors.lidar.packet` is the same for the CPU.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from twin.render.trace.geometry import Scene, turned
+from twin.render.trace.traverse import closest
+from twin.sensors.lidar.air import LidarAir
+from twin.sensors.lidar.sweep import (
+    MASK_BITS,
+    Beams,
+    Hit,
+    SweepPose,
+    direction_of,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+_MASK_BITS = wp.constant(MASK_BITS)
+_UP = wp.constant(0.5)
+
+
+@wp.struct
+class _Best:
+    """The nearest face so far."""
+
+    t: wp.float32
+    face: wp.int32
+    object: wp.int32
+    direction: wp.vec3
+    """Of the ray, in the axes of what it meets."""
+
+
+@wp.func
+def _against_object(
+    scene: Scene,
+    slot: wp.int32,
+    m: wp.int32,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    time: wp.float32,
+    best: _Best,
+) -> _Best:
+    """``best``, or what is hit of the object ``m`` where it was ``time`` [s] from the tick."""
+    radius = scene.objects[slot, m].radius
+    velocity = scene.objects[slot, m].velocity
+    to = scene.objects[slot, m].centre + velocity * time - origin
+    along = wp.dot(to, direction)
+    inside = radius * radius + along * along - wp.dot(to, to)
+    # The sphere's centre is not turned back with the object; it reaches farther by that little.
+    if inside < -0.5 * radius * radius or along + 1.5 * radius < 0.0:
+        return best
+    if along - 1.5 * radius > best.t:
+        return best
+    pose = scene.objects[slot, m]
+    angle = pose.yaw_rate * time
+    c = wp.cos(angle)
+    s = wp.sin(angle)
+    cosine = pose.cosine * c - pose.sine * s
+    sine = pose.sine * c + pose.cosine * s
+    local = turned(origin - (pose.position + velocity * time), cosine, -sine)
+    ahead = turned(direction, cosine, -sine)
+    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, best.t)
+    face = wp.cast(own[3], wp.int32)
+    if face >= 0:
+        best.t = own[0]
+        best.face = pose.first_face + face
+        best.direction = ahead
+        best.object = m
+    return best
+
+
+BLOCK = 128
+"""Threads of a block at most; eight blocks fit a multiprocessor of 64 k registers."""
+
+
+@wp.kernel(grid_stride=False, launch_bounds=(BLOCK, 8))
+def cast_kernel(
+    # model
+    scene: Scene,
+    beams: Beams,
+    # state in
+    air: wp.array(dtype=LidarAir),
+    poses: wp.array2d(dtype=SweepPose),
+    mask: wp.array3d(dtype=wp.uint32),
+    # out
+    hits_out: wp.array2d(dtype=Hit),
+):
+    """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, ray)."""
+    thread = wp.tid()
+    rays = beams.tile_columns * beams.tile_rows
+    tile = thread / rays
+    inside = thread - tile * rays
+    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
+    group = tile / (tiles_x * tiles_y)
+    tile = tile - group * tiles_x * tiles_y
+    slot = group / beams.sub_rays
+    sub = group - slot * beams.sub_rays
+    tile_x = tile / tiles_y
+    row = inside / beams.tile_columns
+    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row
+    column = tile_x * beams.tile_columns + inside - row * beams.tile_columns
+    if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
+        return
+    pose = poses[slot, column]
+    direction = pose.rotation * direction_of(beams, channel, column, sub)
+    best = _Best()
+    best.object = wp.int32(-1)
+    best.direction = direction
+    static = closest(scene.nodes, scene.leaves, 0, pose.origin, direction, beams.range_max)
+    best.t = static[0]
+    best.face = wp.cast(static[3], wp.int32)
+    for word in range(mask.shape[2]):
+        bits = mask[slot, tile_x, word]
+        m = word * _MASK_BITS
+        while bits != wp.uint32(0):
+            if (bits & wp.uint32(1)) != wp.uint32(0):
+                best = _against_object(scene, slot, m, pose.origin, direction, pose.time, best)
+            bits = bits >> wp.uint32(1)
+            m += 1
+    hit = Hit()
+    hit.t = best.t
+    hit.face = best.face
+    if best.face >= 0:
+        normal = scene.faces[best.face].normal
+        hit.cosine = wp.abs(wp.dot(normal, best.direction))
+        hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
+    hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit

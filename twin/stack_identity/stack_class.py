@@ -1,0 +1,181 @@
+"""Whether a stack class can be built, read from its source: nothing of it is imported or run.
+
+What the syntax does not tell (a base class of a library, a class that a function makes) counts as
+right; the process that loads the stack says what is wrong with it then.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+from schemas.files.regular_file import read_regular
+from schemas.validation import Mistake, suggest
+from twin.stack_identity.imports import SOURCE_BYTES_MAX, locate
+
+CHAIN_MAX = 20
+"""Most modules that are looked through for a class: re-exports and bases lead from one to the
+next."""
+
+
+def class_mistakes(entry_point: str, parameters: Iterable[str]) -> list[Mistake]:
+    """A missing module or class, and parameters that the class does not take.
+
+    Args:
+        entry_point: ``module:Class``.
+        parameters: names of the keyword arguments that it will get.
+    """
+    module, _, name = entry_point.partition(":")
+    spec = locate(module)
+    if spec is None:
+        missing = f"given '{entry_point}', no module '{module}'"
+        return [Mistake("autonomy.stack", f"{missing}; install it or put its folder on PYTHONPATH")]
+    source = _Source.of(spec)
+    if source is None:
+        return []
+    found = _find(source, name)
+    if found is None:
+        classes = [known for known in source.classes() if not known.startswith("_")]
+        hint = suggest(name, classes) if classes else "it defines none"
+        missing = f"given '{entry_point}', no class '{name}' in module '{module}'; {hint}"
+        return [Mistake("autonomy.stack", missing)]
+    allowed = _parameters(found)
+    if allowed is None:
+        return []
+    unknown = f"unknown parameter of {entry_point}"
+    return [
+        Mistake(
+            f"autonomy.parameters.{given}",
+            f"{unknown}; {suggest(given, allowed) if allowed else 'it takes none'}",
+        )
+        for given in parameters
+        if given not in allowed
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A module's syntax."""
+
+    module: str
+    is_package: bool
+    tree: ast.Module
+
+    @classmethod
+    def of(cls, spec: ModuleSpec) -> _Source | None:
+        """None: it is no Python source, or one with mistakes, which its import will tell."""
+        if spec.origin is None or not spec.origin.endswith(".py"):
+            return None
+        try:
+            tree = ast.parse(read_regular(Path(spec.origin), SOURCE_BYTES_MAX))
+        except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+            return None
+        return cls(spec.name, spec.submodule_search_locations is not None, tree)
+
+    def statements(self) -> Iterator[ast.stmt]:
+        """Those of the module itself, also inside ``if`` and ``try``."""
+        waiting: list[ast.AST] = list(reversed(self.tree.body))
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, ast.stmt):
+                yield node
+            if isinstance(node, ast.If | ast.Try | ast.With | ast.ExceptHandler):
+                waiting += reversed(list(ast.iter_child_nodes(node)))
+
+    def classes(self) -> list[str]:
+        """Names of the classes that it defines."""
+        return [node.name for node in self.statements() if isinstance(node, ast.ClassDef)]
+
+    def imported_from(self, node: ast.ImportFrom) -> _Source | None:
+        """The module that ``from ... import`` names; None: it cannot be read."""
+        name = node.module or ""
+        if node.level:
+            package = self.module if self.is_package else self.module.rpartition(".")[0]
+            parents = package.split(".")
+            parents = parents[: len(parents) - (node.level - 1)]
+            name = ".".join([*parents, name] if name else parents)
+        spec = locate(name) if name else None
+        return None if spec is None else _Source.of(spec)
+
+
+@dataclass(frozen=True, slots=True)
+class _Class:
+    """A class, and where it stands; ``node`` None: the syntax does not tell what it is."""
+
+    source: _Source
+    node: ast.ClassDef | None
+
+
+def _find(source: _Source, name: str, left: int = CHAIN_MAX) -> _Class | None:
+    """What ``name`` is in a module; None: nothing."""
+    found: _Class | None = None
+    for node in source.statements():
+        match node:
+            case ast.ClassDef() if node.name == name:
+                found = _Class(source, node)
+            case ast.ImportFrom():
+                for alias in node.names:
+                    if alias.name == "*":
+                        found = found or _Class(source, None)
+                    elif (alias.asname or alias.name) == name:
+                        origin = source.imported_from(node) if left else None
+                        known = origin and _find(origin, alias.name, left - 1)
+                        found = known or _Class(source, None)
+            case ast.FunctionDef() if node.name == "__getattr__":
+                found = found or _Class(source, None)
+            case _ if name in _bound(node):
+                found = _Class(source, None)
+    return found
+
+
+def _bound(node: ast.stmt) -> set[str]:
+    """Names that a statement binds otherwise: assignments, functions, imports."""
+    if isinstance(node, ast.Import):
+        return {alias.asname or alias.name.partition(".")[0] for alias in node.names}
+    if isinstance(node, ast.FunctionDef):
+        return {node.name}
+    return {
+        part.id
+        for part in ast.walk(node)
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.For | ast.With)
+        and isinstance(part, ast.Name)
+        and isinstance(part.ctx, ast.Store)
+    }
+
+
+def _parameters(of: _Class, left: int = CHAIN_MAX) -> list[str] | None:
+    """Names of the parameters that a class takes beside ``slots``; None: the syntax does not tell.
+
+    The first ``__init__`` along the bases counts. Decorators and metaclasses may add another one.
+    """
+    node = of.node
+    if node is None or node.decorator_list or node.keywords or not left:
+        return None
+    for statement in node.body:
+        if isinstance(statement, ast.FunctionDef) and statement.name == "__init__":
+            return _taken(statement)
+    if any(part in ("__new__", "__init__") for part in _names_in(node)) or len(node.bases) != 1:
+        return None
+    base = node.bases[0]
+    if not isinstance(base, ast.Name):
+        return None
+    parent = _find(of.source, base.id)
+    return None if parent is None else _parameters(parent, left - 1)
+
+
+def _names_in(node: ast.ClassDef) -> set[str]:
+    """Names that the body of a class binds."""
+    functions = {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
+    return functions.union(*(_bound(part) for part in node.body))
+
+
+def _taken(init: ast.FunctionDef) -> list[str] | None:
+    """Keyword arguments of an ``__init__`` after ``self`` and ``slots``; None: any."""
+    given = init.args
+    if given.kwarg is not None or init.decorator_list:
+        return None
+    plain = [argument.arg for argument in (*given.posonlyargs, *given.args)][1:]
+    return [name for name in (*plain, *(a.arg for a in given.kwonlyargs)) if name != "slots"]

@@ -1,0 +1,1 @@
+"""The view feed: what a simulator shows of its cases."""

@@ -1,0 +1,102 @@
+"""Who looks at a rig's cases, and what they are due: paced by the wall clock, at the source.
+
+Streams are named as their sensor messages (``camera.front_left``, ``lidar.roof``), beside
+``thumbnail`` for the wall, and ``start`` and ``state`` for those who look at a single case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from schemas.wire import topics
+from schemas.wire.view import ViewMode
+from twin.fabric.bus import Bus
+from twin.view.items import Run
+
+PERIODS_S = {"thumbnail": 0.5, "start": 1.0, "state": 0.1, "camera": 0.1, "lidar": 0.2}
+"""Shortest wall time between two samples of a kind of stream of one case [s]."""
+
+FOCUS_MAX = 8
+"""Cases of a rig that are shown in full at the same time, at most; further ones stay small."""
+
+NOTHING: frozenset[str] = frozenset()
+
+
+class Demand:
+    """Asks the bus who subscribes; used by the simulator's loop alone."""
+
+    def __init__(self, bus: Bus, mode: ViewMode) -> None:
+        self._bus = bus
+        self._shows = mode.shows
+        self._focused: set[int] = set()
+        """Tokens of the cases that are shown in full."""
+
+    def wall(self) -> bool:
+        """Somebody looks at the wall of all cases."""
+        everything = topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*")
+        return self._shows and self._bus.wanted(everything)
+
+    def singles(self) -> bool:
+        """Somebody looks at some single case, not necessarily of this rig."""
+        return self._shows and self._bus.wanted(topics.live_keys("*", "*"))
+
+    def focused(self, run: Run) -> bool:
+        """Somebody looks at this case alone; ask only while :meth:`singles`."""
+        token = run.lease.token
+        if not self._bus.wanted(_keys(run)):
+            self._focused.discard(token)
+            return False
+        if token not in self._focused and len(self._focused) >= FOCUS_MAX:
+            return False
+        self._focused.add(token)
+        return True
+
+    def due(
+        self, run: Run, sensed: Iterable[str], now_s: float, *, wall: bool, singles: bool
+    ) -> frozenset[str]:
+        """Streams of ``run`` that are due at ``now_s``, which count as sent.
+
+        Args:
+            run: the case.
+            sensed: names of this tick's sensor messages.
+            now_s: wall clock [s].
+            wall: :meth:`wall` of this tick.
+            singles: :meth:`singles` of this tick.
+        """
+        if not (wall or singles):
+            return NOTHING
+        names = set(sensed)
+        due = set()
+        blind = not run.lease.case.seeing
+        if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
+            due.add("thumbnail")
+        if singles and self.focused(run):
+            eyes = (n for n in names if n.partition(".")[0] in ("camera", "lidar"))
+            due.update(n for n in eyes if _elapsed(run, n, now_s) >= 1)
+            # With its picture, so that boxes stand where they belong; without one, half as often.
+            if "camera" in due or _elapsed(run, "state", now_s) >= (1 if blind else 2):
+                due.add("state")
+            if _elapsed(run, "start", now_s) >= 1:
+                due.add("start")  # again and again: who comes later knows the case from the next
+        for name in due:
+            run.shown_s[name] = now_s
+        return frozenset(due)
+
+    def ended(self, run: Run) -> bool:
+        """The case of ``run`` has ended; whether somebody looked at it alone."""
+        live = self.singles() and self.focused(run)
+        self._focused.discard(run.lease.token)
+        self._bus.release(_keys(run))
+        return live
+
+
+def _keys(run: Run) -> str:
+    case = run.lease.case
+    return topics.live_keys(case.campaign, case.id)
+
+
+def _elapsed(run: Run, name: str, now_s: float) -> float:
+    """Wall time since the stream was last due, in its periods; infinite at first."""
+    if name not in run.shown_s:
+        return float("inf")
+    return (now_s - run.shown_s[name]) / PERIODS_S[name.partition(".")[0]]

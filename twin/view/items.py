@@ -1,0 +1,148 @@
+"""What the simulator's loop hands to the view feed: copies, ready to be encoded elsewhere.
+
+Imports nothing heavy: the simulator opens its sessions before Warp is loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.messages import CameraSite, Command, Lease, LidarSite
+from twin.view.quality import Quality
+
+if TYPE_CHECKING:
+    from twin.rig.engine import Finished
+    from twin.world.street.build import World
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A slot at one tick, copied out of the simulator."""
+
+    tick: int
+    sim_time_ns: int
+    state: np.ndarray
+    """[T] of :data:`twin.vehicle.state.COLUMN`."""
+    command: Command | None
+    image: np.ndarray | None
+    """uint8 [H, W, 3] RGB of the main camera; None: no frame was due, or nobody wants it."""
+    boxes: np.ndarray | None
+    """float32 [B, 7] of :data:`schemas.messages.BOX_COLUMNS`, valid rows only."""
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    """Of further cameras, by message; like ``image``."""
+    clouds: dict[str, Cloud] = field(default_factory=dict)
+    """Of lidars, by message."""
+    hand: str = ""
+    """See :attr:`Run.hand`."""
+    target: bool = True
+    """Something stands in the lane, to which the state's distance is measured."""
+    movers: np.ndarray | None = None
+    """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
+
+    @property
+    def nbytes(self) -> int:
+        """Of the large arrays."""
+        arrays = [*self.pictures.values(), *(cloud.points for cloud in self.clouds.values())]
+        return sum(a.nbytes for a in (self.image, *arrays) if a is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """A lidar's sweep, thinned."""
+
+    points: np.ndarray
+    """float32 [N, K] of :data:`schemas.sections.lidar.POINT_COLUMNS`; NaN: no return."""
+    stride: int
+    """Every so many rays."""
+
+
+@dataclass(slots=True)
+class Run:
+    """An attempt in a slot; the simulator's loop hands out its running numbers."""
+
+    lease: Lease
+    recorded: bool
+    samples: int = 0
+    """Running numbers handed out."""
+    last_tick: int = -1
+    shown_s: dict[str, float] = field(default_factory=dict)
+    """When a stream for viewers was last due, by its name [s]."""
+    hand: str = ""
+    """What somebody has done to it by hand: ``by hand``, ``paused``, ``steered``."""
+
+    qualities: dict[str, Quality] = field(default_factory=dict)
+    """Of its cameras' pictures, by message; the feed's thread alone looks at them."""
+
+    def number(self, count: int = 1) -> int:
+        """The first of ``count`` running numbers."""
+        first = self.samples
+        self.samples += count
+        return first
+
+
+@dataclass(frozen=True, slots=True)
+class Began:
+    """A case begins."""
+
+    run: Run
+    seq: int
+    colliders: np.ndarray
+    """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first, if
+    there is one."""
+    cars: int
+    """How many of the colliders are cars, an obstacle included."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenery:
+    """What stands still around a case that a viewer has just begun to look at."""
+
+    run: Run
+    rig: str
+    world: World
+    cameras: list[CameraSite]
+    lidars: list[LidarSite]
+
+
+@dataclass(frozen=True, slots=True)
+class Ticked:
+    """A case is at a tick, commanded and not yet stepped."""
+
+    run: Run
+    seq: int
+    """First running number (picture, then state); -1: for viewers only."""
+    seen: Seen
+    due: frozenset[str] = frozenset()
+    """Streams that viewers are to get, see :mod:`twin.view.demand`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A case has ended."""
+
+    run: Run
+    seq: int
+    """First running number (last row, then end); -1: for viewers only."""
+    finished: Finished | None
+    """None: abandoned."""
+    last_row: bool
+    """The last KPI row has not been sent with a tick."""
+    sim_time_ns: int
+    thumbnail: bool = False
+    live: bool = False
+    """A viewer looks at this case alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A viewer asks for the standing world."""
+
+    world: World
+    respond: Callable[[bytes], None]
+
+
+Item = Began | Scenery | Ticked | Ended | Asked

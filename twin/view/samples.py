@@ -1,0 +1,198 @@
+"""What the view feed was handed -> samples of the view plane. No session, thread or clock."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from schemas import SCHEMA_VERSION
+from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, Lease, command_mistake
+from schemas.sections.lidar import POINT_COLUMNS
+from schemas.wire.view import (
+    POINT_CM,
+    Box,
+    CaseStart,
+    Controls,
+    Stage,
+    StateSample,
+)
+from twin.actors.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
+from twin.kpi.recorder import CLOSING_MIN_MPS
+from twin.kpi.table import KpiTable
+from twin.vehicle.state import COLUMN
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.view.items import Cloud, Seen
+from twin.world.scene import load_scene
+
+JPEG_QUALITY = 80
+"""Quality of small pictures; for large ones see :mod:`twin.view.quality`."""
+
+THUMBNAIL_WIDTH_PX = 160
+"""Widest thumbnail [px]."""
+
+_LANE_STEP_M = 3.0
+
+_BOX = {name: i for i, name in enumerate(BOX_COLUMNS)}
+_POINT = {name: i for i, name in enumerate(POINT_COLUMNS)}
+
+
+def points_of(cloud: Cloud) -> np.ndarray:
+    """Returns of a sweep as :class:`schemas.wire.view.PointsSample` says: int16 [N, 4]."""
+    columns = [_POINT[name] for name in ("x_m", "y_m", "z_m")]
+    limit = np.iinfo(np.int16).max
+    xyz = np.rint(cloud.points[:, columns] / POINT_CM)
+    # A comparison with NaN, which is what a ray without a return has, is False.
+    inside = (np.abs(xyz) <= limit).all(axis=1)
+    rows = np.empty((int(inside.sum()), 4), "<i2")
+    rows[:, :3] = xyz[inside]
+    rows[:, 3] = np.clip(cloud.points[inside, _POINT["intensity"]], 0, 255)
+    return rows
+
+
+def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
+    """The standing world of a lease's case; ``colliders`` [N, 5], the obstacle first, if there is
+    one."""
+    scene = load_scene(lease.case.scenario.scene)
+    standing = colliders[: 0 if scene.obstacle is None else 1].tolist()
+    others = colliders[len(standing) :].tolist()
+    vehicle = load_vehicle(lease.case.scenario.vehicle)
+    road = scene.road
+    return Stage(
+        lane=road.lane().places(_LANE_STEP_M).tolist(),
+        lane_width_m=road.lane_width_m,
+        parking_width_m=road.parking_width_m,
+        sidewalk_width_m=road.sidewalk_width_m,
+        obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],
+        obstacle_yaw_rad=standing[0][2] if standing else 0.0,
+        obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
+        ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
+        ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
+        camera_m=list(vehicle.camera(lease.case.camera.name).position_m),
+        hulls=others,
+        cars=cars - len(standing),
+    )
+
+
+def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
+    """The message that begins an attempt."""
+    case = lease.case
+    return CaseStart(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=lease.token,
+        campaign=case.campaign,
+        case=case.id,
+        attempt=lease.attempt,
+        folder=f"{lease.out}/cases/{case.id}/attempt-{lease.attempt}",
+        model=case.model,
+        weather=case.weather,
+        time_of_day_min=case.time_of_day_min,
+        scene=case.scenario.scene,
+        vehicle=case.scenario.vehicle,
+        seed=case.seed,
+        control_hz=case.control_hz,
+        camera=case.camera.name,
+        width=case.camera.width,
+        height=case.camera.height,
+        hfov_deg=case.camera.hfov_deg,
+        stage=stage,
+        keep=case.keep,
+    )
+
+
+def state_of(seen: Seen, token: int, seq: int) -> StateSample:
+    """The state message of a tick; the same values as its KPI row."""
+    state = seen.state
+
+    def value(name: str) -> float:
+        return float(state[COLUMN[name]])
+
+    closing = value("closing_mps")
+    return StateSample(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=token,
+        tick=seen.tick,
+        sim_time_ns=seen.sim_time_ns,
+        x_m=value("x_m"),
+        y_m=value("y_m"),
+        yaw_rad=value("yaw_rad"),
+        speed_mps=value("speed_mps"),
+        accel_mps2=value("accel_mps2"),
+        dtc_m=value("dtc_m") if seen.target else None,
+        ttc_s=value("dtc_m") / closing if seen.target and closing > CLOSING_MIN_MPS else None,
+        collisions=int(state[COLUMN["collisions"]]),
+        controls=_controls(seen.command),
+        boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
+        movers=[] if seen.movers is None else seen.movers.tolist(),
+        hand=seen.hand,
+    )
+
+
+def last_row_of(table: KpiTable, token: int, seq: int) -> StateSample:
+    """The state message of a finished case's last KPI row, for which nothing was asked."""
+
+    def value(name: str) -> float:
+        return float(table.columns[name].values[-1])
+
+    return StateSample(
+        v=SCHEMA_VERSION,
+        seq=seq,
+        token=token,
+        tick=int(value("tick")),
+        sim_time_ns=int(table.columns["sim_time_ns"].values[-1]),
+        x_m=value("x_m"),
+        y_m=value("y_m"),
+        yaw_rad=value("yaw_rad"),
+        speed_mps=value("speed_mps"),
+        accel_mps2=value("accel_mps2"),
+        dtc_m=last_of(table, "dtc_m"),
+        ttc_s=last_of(table, "ttc_s"),
+        collisions=int(value("collisions")),
+        controls=None,
+        boxes=None,
+    )
+
+
+def last_of(table: KpiTable, name: str) -> float | None:
+    """A number of the last row; None: missing."""
+    column = table.columns[name]
+    known = column.valid is None or bool(column.valid[-1])
+    return float(column.values[-1]) if known else None
+
+
+def jpeg(image: np.ndarray, width_max_px: int | None = None, quality: int = JPEG_QUALITY) -> bytes:
+    """RGB picture [H, W, 3] -> JPEG, scaled down to ``width_max_px``."""
+    height, width = image.shape[:2]
+    if width_max_px is not None and width > width_max_px:
+        size = (width_max_px, max(1, height * width_max_px // width))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return bytes(data)
+
+
+def _controls(command: Command | None) -> Controls | None:
+    """None for a command that is none: the case has failed with it."""
+    if command is None or command_mistake(command):
+        return None
+    return Controls(
+        throttle=command.throttle,
+        brake=command.brake,
+        steering_rad=command.steering_rad,
+        aeb=command.aeb,
+        lights=command.lights,
+        detections=command.detections,
+        trigger=command.trigger,
+    )
+
+
+def _box(row: np.ndarray) -> Box:
+    return Box(
+        label=OBJECT_CLASSES[int(row[_BOX["class_id"]])],
+        x_px=float(row[_BOX["x_px"]]),
+        y_px=float(row[_BOX["y_px"]]),
+        width_px=float(row[_BOX["width_px"]]),
+        height_px=float(row[_BOX["height_px"]]),
+        distance_m=float(row[_BOX["distance_m"]]),
+    )

@@ -1,0 +1,1 @@
+"""Triangle meshes, their materials, and files of them."""

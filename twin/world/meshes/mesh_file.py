@@ -1,0 +1,245 @@
+"""Meshes from files (glTF, GLB, OBJ, PLY, STL), read by trimesh and checked.
+
+Scanned meshes bring vertex colours or a texture with them: vertex colours become one colour per
+face, textures stay images of at most :data:`TEXTURE_SIDE_MAX` pixels a side.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from schemas.files.assets import mesh_files
+from schemas.files.regular_file import open_regular
+from twin.world.meshes.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
+from twin.world.meshes.srgb import linear, srgb
+
+TEXTURE_SIDE_MAX = 2048
+"""Longer sides of images are scaled down to this [px]."""
+TEXTURES_MAX = 64
+"""Most images of one mesh file."""
+_AREA_MIN = 1e-12  # of the mean square edge
+_GREY = 0.35
+_IMAGE_PIXELS_MAX = 1 << 28
+
+
+@dataclass(slots=True)
+class Part:
+    """A piece of a file with one look, in the file's own axes and units."""
+
+    points: np.ndarray
+    """float64 [V, 3]"""
+    faces: np.ndarray
+    """int64 [F, 3]"""
+    color: np.ndarray
+    """float64 [F, 3], linear RGB; of textured faces, the texture's mean colour."""
+    uv: np.ndarray | None = None
+    """float64 [V, 2]"""
+    image: np.ndarray | None = None
+    """uint8 [h, w, 3], sRGB."""
+
+
+@dataclass(slots=True)
+class MeshData:
+    """What was read from a file."""
+
+    parts: list[Part]
+    notes: list[str] = field(default_factory=list)
+
+
+def load_mesh(path: Path) -> MeshData:
+    """Read and check a mesh file.
+
+    Raises:
+        ValueError: one line that names the file: not there, not a mesh, too large, NaN, no faces,
+            a face that names a vertex that is not there.
+    """
+    _check_before(path)
+    scene = _read(path)
+    data = MeshData([])
+    faces = dropped = 0
+    images: dict[int, np.ndarray] = {}
+    for geometry in scene:
+        if not hasattr(geometry, "faces"):
+            continue
+        part, lost = _part(geometry, path, data.notes, images)
+        dropped += lost
+        faces += len(part.faces)
+        if faces > FACES_MAX:
+            raise ValueError(f"{path}: more than {FACES_MAX} faces, simplify the mesh first")
+        if len(part.faces):
+            data.parts.append(part)
+    if not faces:
+        why = f" left: all {dropped} have no area" if dropped else ""
+        raise ValueError(f"{path}: the mesh has no faces{why}")
+    if dropped:
+        data.notes.append(f"{path.name}: {dropped} faces without area left out")
+    if len(images) > TEXTURES_MAX:
+        raise ValueError(f"{path}: {len(images)} textures, allowed: {TEXTURES_MAX}")
+    return data
+
+
+def _check_before(path: Path) -> None:
+    """Refuse by name, size and header what need not be loaded."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path}: not a mesh format; allowed: {', '.join(SUFFIXES)}")
+    try:
+        if path.is_dir():
+            raise ValueError(f"{path}: a folder, needed a mesh file")
+        open_regular(path).close()
+        size = path.stat().st_size
+        if not size:
+            raise ValueError(f"{path}: the file is empty")
+        declared = declared_faces(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}") from None
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if str(path) in text else f"{path}: {text}") from None
+    if declared is not None and declared > FACES_MAX:
+        raise ValueError(f"{path}: {declared} faces, at most {FACES_MAX}; simplify the mesh first")
+    if size > FILE_BYTES_MAX:
+        raise ValueError(f"{path}: {size} bytes, at most {FILE_BYTES_MAX}; simplify the mesh first")
+    for file in mesh_files(path)[1:]:
+        _check_named(file, path)
+
+
+def _check_named(file: Path, path: Path) -> None:
+    """Refuse a file that the mesh ``path`` names and trimesh would read: a device, a pipe, a
+    giant."""
+    try:
+        if not file.exists() or file.is_dir():
+            return
+    except (OSError, ValueError):
+        return  # no name of a file
+    try:
+        open_regular(file, FILE_BYTES_MAX).close()
+    except OSError as error:
+        raise ValueError(f"{path}: it names {file}: {error.strerror or error}") from None
+
+
+def _read(path: Path) -> list[Any]:
+    """Its geometries, moved to where the file's nodes put them."""
+    import trimesh  # heavy, and most scenes have no mesh files
+
+    log = logging.getLogger("trimesh")
+    before = log.level
+    log.setLevel(logging.CRITICAL)  # it logs what it raises
+    try:
+        scene = trimesh.load_scene(path, process=False, validate=False)
+        return list(scene.dump(concatenate=False))
+    except MemoryError:
+        raise ValueError(f"{path}: not enough memory to load it") from None
+    except ModuleNotFoundError:  # it asks for a package that guesses encodings
+        raise ValueError(f"{path}: cannot be read as a mesh: not UTF-8 text") from None
+    except Exception as error:  # its loaders raise whatever their parsers do
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as a mesh: {reason[:160]}") from None
+    finally:
+        log.setLevel(before)
+
+
+def _part(
+    geometry: Any, path: Path, notes: list[str], images: dict[int, np.ndarray]
+) -> tuple[Part, int]:
+    """One geometry, checked; and how many faces without area it had."""
+    points = np.asarray(geometry.vertices, np.float64)
+    faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{path}: vertices of shape {list(points.shape)}, needed x, y, z each")
+    if not np.isfinite(points).all():
+        bad = int((~np.isfinite(points)).any(axis=1).sum())
+        raise ValueError(f"{path}: {bad} vertices are NaN or infinite")
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(points)):
+        bad = int(((faces < 0) | (faces >= len(points))).any(axis=1).sum())
+        raise ValueError(
+            f"{path}: {bad} faces name vertices that are not there (it has {len(points)})"
+        )
+    corners = points[faces]
+    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.linalg.norm(np.cross(*edges), axis=1)
+    longest = np.maximum(*((e * e).sum(axis=1) for e in edges))
+    keep = area > _AREA_MIN * np.maximum(longest, 1e-30)
+    look = _look(geometry, faces, path, notes, images)
+    look.points, look.faces, look.color = points, faces[keep], look.color[keep]
+    return look, int((~keep).sum())
+
+
+def _look(
+    geometry: Any, faces: np.ndarray, path: Path, notes: list[str], images: dict[int, np.ndarray]
+) -> Part:
+    """Colours and texture of a geometry."""
+    visual = geometry.visual
+    kind = getattr(visual, "kind", None)
+    part = Part(np.zeros((0, 3)), faces, np.full((len(faces), 3), _GREY))
+    if kind == "vertex":
+        rgb = np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0
+        # glTF says that vertex colours are linear; scanners write sRGB.
+        rgb = rgb if path.suffix.lower() in (".glb", ".gltf") else linear(rgb)
+        part.color = rgb[faces].mean(axis=1)
+    elif kind == "face":
+        part.color = linear(np.asarray(visual.face_colors, np.float64)[:, :3] / 255.0)
+    elif kind == "texture":
+        image, factor = _material(visual.material)
+        uv = getattr(visual, "uv", None)
+        if image is not None and uv is not None and np.isfinite(uv).all():
+            part.image = _small(image, factor, path, notes, images)
+            part.uv = np.asarray(uv, np.float64)
+            mean = linear(part.image.reshape(-1, 3) / 255.0).mean(axis=0)
+            part.color = np.broadcast_to(mean, (len(faces), 3)).copy()
+        elif factor is not None:
+            part.color = np.broadcast_to(factor, (len(faces), 3)).copy()
+    return part
+
+
+def _material(material: Any) -> tuple[Any, np.ndarray | None]:
+    """Image (PIL) and linear colour of a trimesh material, each None if it has none."""
+    image = getattr(material, "baseColorTexture", None)
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is not None:
+        values = np.asarray(factor, np.float64)[:3]
+        # trimesh holds the linear factors of glTF as bytes.
+        return image, values / 255.0 if np.asarray(factor).dtype.kind in "ui" else values
+    if image is None:
+        image = getattr(material, "image", None)
+        diffuse = getattr(material, "diffuse", None)
+        if image is None and diffuse is not None:
+            return None, linear(np.asarray(diffuse, np.float64)[:3] / 255.0)
+    return image, None
+
+
+def _small(
+    image: Any,
+    factor: np.ndarray | None,
+    path: Path,
+    notes: list[str],
+    images: dict[int, np.ndarray],
+) -> np.ndarray:
+    """The image as uint8 sRGB, scaled down to the limit and times the material's factor."""
+    key = id(image)
+    if key in images and factor is None:
+        return images[key]
+    try:
+        if image.width * image.height > _IMAGE_PIXELS_MAX:
+            raise ValueError(f"{image.width} x {image.height} px")
+        rgb = np.asarray(image.convert("RGB"))
+    except Exception as error:  # a broken picture fails here, when it is decoded
+        reason = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: a texture cannot be read: {reason}") from None
+    height, width = rgb.shape[:2]
+    side = max(height, width)
+    if side > TEXTURE_SIDE_MAX:
+        size = tuple(max(1, round(n * TEXTURE_SIDE_MAX / side)) for n in (width, height))
+        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        notes.append(
+            f"{path.name}: a texture of {width} x {height} px scaled to {size[0]} x {size[1]}"
+        )
+    if factor is not None and (factor < 0.999).any():
+        rgb = np.rint(255.0 * srgb(linear(rgb / 255.0) * factor)).astype(np.uint8)
+    images[key] = rgb
+    return rgb

@@ -1,0 +1,1 @@
+"""Sun, moon, sky, weather and wind."""

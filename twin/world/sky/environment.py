@@ -1,0 +1,147 @@
+"""A case's weather and light at any moment of its sim time."""
+
+from __future__ import annotations
+
+import math
+
+from schemas.campaign import Case
+from schemas.names import minutes
+from schemas.sections.environment import Change, Environment
+from schemas.wire.interventions import SetEnvironment
+from twin.world.sky.almanac import Place, heavens
+from twin.world.sky.sun import Daylight, daylight_under
+from twin.world.sky.weather import (
+    WeatherParameters,
+    blended,
+    overridden,
+    parameters,
+    weather_of,
+)
+
+_DAY_MIN = 1440.0
+
+
+class CaseEnvironment:
+    """Weather and light of a case over a scene's ``origin``.
+
+    Between changes nothing moves but clouds and wind: a case is too short for the sun. A change
+    runs on straight lines, in every parameter of the weather and in the clock.
+    """
+
+    def __init__(self, case: Case, origin: Place) -> None:
+        """
+        Raises:
+            ValueError: the case's weather is neither a preset nor one of its own; one line.
+        """
+        self._environment = case.environment
+        self._place = origin
+        self._weathers = {
+            name: self._weather(name)
+            for name in {case.weather, *(c.weather for c in case.environment.timeline)} - {None}
+        }
+        self._first = self._weathers[case.weather]
+        self._minute = float(case.time_of_day_min)
+        self._last: tuple[float, WeatherParameters] | None = None
+        self._light: Daylight | None = None
+        self._hand_weather: WeatherParameters | None = None
+        self._hand_minute: float | None = None
+        self.shown = case.weather
+        """Name of the weather now; empty: intensities that somebody set by hand."""
+
+    def override(self, change: SetEnvironment) -> None:
+        """Weather and clock by hand, from now on and whatever the timeline says.
+
+        Raises:
+            ValueError: no such weather; one line.
+        """
+        found = self.check(change)
+        if found is not None:
+            self._hand_weather = found
+            self.shown = change.weather
+        if change.time_of_day_min is not None:
+            self._hand_minute = change.time_of_day_min
+
+    def check(self, change: SetEnvironment) -> WeatherParameters | None:
+        """The weather that :meth:`override` would bring; None: it stays.
+
+        Raises:
+            ValueError: no such weather; one line.
+        """
+        own = self._environment
+        if change.weather:
+            return self._weather(change.weather)
+        if change.conditions is not None:
+            return overridden(parameters(change.conditions, own.family), own.friction, own.water_mm)
+        return None
+
+    def clock_min(self, time_ns: int) -> float:
+        """Local time at a sim time [minutes after midnight]."""
+        return self._clock(time_ns / 1e9) % _DAY_MIN
+
+    @property
+    def changes(self) -> bool:
+        """Whether there is anything to ask for again while the case runs."""
+        return bool(self._environment.timeline)
+
+    @property
+    def wind_towards(self) -> tuple[float, float]:
+        """Where the wind blows, unit vector in the world frame."""
+        return wind_towards(self._environment, self._place)
+
+    def at(self, time_ns: int) -> tuple[WeatherParameters, Daylight]:
+        """Weather and light at a sim time; cheap while nothing changes."""
+        time_s = time_ns / 1e9
+        now = (self._clock(time_s), self._weather_at(time_s))
+        if self._light is None or now != self._last:
+            minute, weather = now
+            self._light = light_of(self._environment, self._place, minute, weather)
+            self._last = now
+        return now[1], self._light
+
+    def _weather(self, name: str) -> WeatherParameters:
+        environment = self._environment
+        found = weather_of(name, environment.family, environment.custom)
+        return overridden(found, environment.friction, environment.water_mm)
+
+    def _weather_at(self, time_s: float) -> WeatherParameters:
+        if self._hand_weather is not None:
+            return self._hand_weather
+        weather = self._first
+        for change in self._environment.timeline:
+            if change.weather is None or change.at_s > time_s:
+                continue
+            share = _progress(change, time_s)
+            target = self._weathers[change.weather]
+            weather = target if share >= 1.0 else blended(weather, target, share)
+        return weather
+
+    def _clock(self, time_s: float) -> float:
+        if self._hand_minute is not None:
+            return self._hand_minute
+        minute = self._minute
+        for change in self._environment.timeline:
+            if change.time_of_day is None or change.at_s > time_s:
+                continue
+            forward = (minutes(change.time_of_day) - minute) % _DAY_MIN
+            minute += forward * _progress(change, time_s)
+        return minute
+
+
+def light_of(
+    environment: Environment, place: Place, minute: float, weather: WeatherParameters
+) -> Daylight:
+    """Light at a local time [minutes after the first midnight] under ``weather``."""
+    bodies = heavens(place, environment.date, minute, environment.sun)
+    return daylight_under(bodies, weather, environment.exposure_ev100)
+
+
+def wind_towards(environment: Environment, place: Place) -> tuple[float, float]:
+    """Where the wind blows, unit vector in the world frame, x and y."""
+    turn = math.radians(environment.wind_from_deg - place.heading_deg)
+    return round(-math.cos(turn), 9), round(math.sin(turn), 9)  # the same on every host
+
+
+def _progress(change: Change, time_s: float) -> float:
+    if change.over_s <= 0.0:
+        return 1.0
+    return min(1.0, (time_s - change.at_s) / change.over_s)

@@ -1,0 +1,1 @@
+"""A generated street: roadways, buildings, and what stands on it."""

@@ -1,0 +1,194 @@
+"""A scene file -> the world: one static mesh, colliders, object instances and a script."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from schemas.messages import OBJECT_CLASSES
+from twin.actors.motion import Motion, ObjectKind, Still
+from twin.actors.objects import build_cast
+from twin.road.lane import LanePath, straight
+from twin.world.kept import kept
+from twin.world.meshes.imports import add_imports
+from twin.world.meshes.mesh import Mesh, MeshBuilder
+from twin.world.scene import Scene
+from twin.world.street import sidewalks
+from twin.world.street.ambient import baked
+from twin.world.street.bends import add_bends
+from twin.world.street.buildings import add_buildings
+from twin.world.street.ground import add_ground
+from twin.world.street.layout import Hull, lay_out
+from twin.world.street.parking import add_obstacle, add_parked
+from twin.world.things import Thing, named, numbered
+
+_NO_LAMPS = (0.0, -1.0e6)
+"""Lamps of a world without a street: so far away that they light nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Everything of a scene that does not change."""
+
+    mesh: Mesh
+    colliders: np.ndarray
+    """float64 [K, 5]: centre x, y [m], yaw [rad], half length and width [m]; the obstacle first, if
+    there is one."""
+    instances: int
+    """Number of static objects the box sensor reports: an obstacle, then the other vehicles, then
+    signs and the like."""
+    lamps_right: tuple[float, float]
+    """World x of one right-hand lamp and world y of the row [m]."""
+    lamps_left: tuple[float, float]
+    """World x of one left-hand lamp and world y of the row [m]."""
+    lamps: np.ndarray | None = None
+    """World x, y of the street lamps of a road that bends, float64 [L, 2] [m]; None: the rows."""
+    lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
+    """Centre line of the ego's lane."""
+    kinds: tuple[ObjectKind, ...] = ()
+    """Meshes of movable objects."""
+    motion: Motion = field(default_factory=Still)
+    """Where the movable objects are."""
+    textures: tuple[np.ndarray, ...] = ()
+    """Images uint8 [h, w, 3], sRGB."""
+    static_classes: tuple[int, ...] = ()
+    """Class of each static instance, index into :data:`schemas.messages.OBJECT_CLASSES`; by default
+    all are cars."""
+    mover_classes: tuple[int, ...] = ()
+    """Class of each movable object."""
+    has_obstacle: bool = True
+    """The first collider is the broken-down car."""
+    cars: int = 0
+    """How many of the first colliders are vehicles; instance i is the object of collider i."""
+    things: tuple[Thing, ...] = ()
+    """What the hulls belong to: one entry per collider, then one per movable object."""
+    notes: tuple[str, ...] = ()
+    """What was left out or made smaller when files were imported, one line each."""
+
+    key: bytes = b""
+    """Everything it was built from, beside the software; empty: files of its own as well."""
+
+    @property
+    def first_mover(self) -> int:
+        """Instance of the first movable object; the static ones come before."""
+        return self.instances
+
+    @property
+    def classes(self) -> np.ndarray:
+        """int32 [I]: class of every instance."""
+        static = self.static_classes or (0,) * self.instances
+        return np.array([*static, *self.mover_classes], np.int32)
+
+    @property
+    def target(self) -> np.ndarray | None:
+        """What a jump scare is about, its hull [5]: the broken-down car; None: nothing stands in
+        the lane."""
+        return self.colliders[0] if self.has_obstacle else None
+
+    def before_obstacle(self, distance_m: float) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the obstacle's rear
+        bumper; along the lane. Without an obstacle, where the lane begins."""
+        if not self.has_obstacle:
+            pose = self.lane.at(0.0)
+            return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+        x, y, yaw, half_length, _ = self.colliders[0].tolist()
+        if not self.lane.closed:
+            return x - half_length - distance_m, 0.0, 0.0
+        rear = (x - half_length * math.cos(yaw), y - half_length * math.sin(yaw))
+        pose = self.lane.at(self.lane.locate(*rear).s_m - distance_m)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+
+    @property
+    def obstacle_rear_m(self) -> float:
+        """World x of the obstacle's rear bumper [m]."""
+        return float(self.colliders[0, 0] - self.colliders[0, 3])
+
+
+def build_world(scene: Scene) -> World:
+    """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
+
+    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`).
+
+    Raises:
+        ValueError: a file or an object of the scene that cannot be used; one line.
+    """
+    if scene.meshes or scene.terrain:
+        return _build(scene)
+    key = msgspec.json.encode(scene)
+    if key not in _built:
+        _built.clear()  # one is enough, and they are large
+        world = kept("worlds", key, lambda: _build(scene))
+        _built[key] = replace(world, key=key)
+    return _built[key]
+
+
+_built: dict[bytes, World] = {}
+
+
+def _build(scene: Scene) -> World:
+    mesh = MeshBuilder()
+    layout = lay_out(scene)
+    colliders: list[Hull] = add_obstacle(mesh, scene, layout)
+    classes = ["car"] * len(colliders)
+    things = [Thing("obstacle", "car")] * len(colliders)
+    others: list[Hull] = []
+    lamps_right = lamps_left = _NO_LAMPS
+    bent_lamps: np.ndarray | None = None
+    if scene.street:
+        stop = sidewalks.bus_stop(layout)
+        add_ground(mesh, scene, layout)
+        free = [(*stop, 1.0)] if stop else []
+        parked, bodies = add_parked(mesh, scene, layout, len(colliders), free)
+        colliders += parked
+        classes += bodies
+        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(bodies, start=1)]
+        houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
+        trees = sidewalks.add_trees(mesh, scene, layout)
+        others += [*houses, *trees]
+        lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
+        if layout.lane.closed:
+            bent_lamps = np.concatenate(lamps)
+        else:
+            lamps_right, lamps_left = (
+                tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
+            )
+        signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
+        classes += ["traffic_sign"] * signs
+        pieces = sidewalks.add_pieces(mesh, scene, layout)
+        others += posts + poles + pieces
+        things += numbered("building", "building", len(houses))
+        things += numbered("tree", "vegetation", len(trees))
+        things += numbered("street lamp", "pole", len(posts))
+        things += numbered("sign", "traffic_sign", len(poles))
+        things += numbered("street furniture", "pole", len(pieces))
+    imported = add_imports(mesh, scene, len(classes))
+    classes += imported.classes
+    solid = [item for item in scene.meshes if item.solid]
+    things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
+    cast = build_cast(scene.objects)
+    meshes = [mesh.build(), *(kind.mesh for kind in cast.kinds)]
+    if scene.bake:
+        meshes = baked(meshes)
+    kinds = zip(cast.kinds, meshes[1:], strict=True)
+    return World(
+        mesh=meshes[0],
+        colliders=np.array(colliders + others + imported.hulls, float).reshape(-1, 5),
+        instances=len(classes),
+        lamps_right=lamps_right,
+        lamps_left=lamps_left,
+        lamps=bent_lamps,
+        lane=layout.lane,
+        kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
+        motion=cast.motion,
+        textures=imported.textures,
+        static_classes=tuple(OBJECT_CLASSES.index(name) for name in classes),
+        mover_classes=cast.classes,
+        has_obstacle=scene.obstacle is not None,
+        cars=len(colliders),
+        things=(*things, *cast.things),
+        notes=imported.notes,
+    )

@@ -1,0 +1,1 @@
+"""``viewer bench``: what looking costs."""

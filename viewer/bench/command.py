@@ -1,0 +1,237 @@
+"""``viewer bench``: what looking costs, on the viewer's side and on the simulation's.
+
+Its targets for the simulation are in :mod:`viewer.bench.compare`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
+from twin.base.process import end, last_lines, spawn
+from viewer.bench import compare as bench_compare
+from viewer.bench.compare import MODES, Run, compare, window
+from viewer.bench.course import Course
+from viewer.recording import naming
+
+WARM_UP_S = 10.0
+"""Before anything is measured: imports, first pictures, subscriptions [s]."""
+
+CAMPAIGN = Path(__file__).with_name("bench_campaign.yaml")
+"""What is simulated with and without viewers."""
+
+SIMULATED = 32
+"""Cases of it that are simulated unless somebody says otherwise."""
+
+LOOK_S = 0.1
+"""How often it is looked how far a campaign has come [s]."""
+
+CPU_MAX = 0.25
+"""Target: the viewer process takes at most this share of a core [-]."""
+MEMORY_MAX_MB = 600.0
+"""Target: and at most so much memory at the end [MB]."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """What the command line says."""
+
+    cases: int = 64
+    focus: int = 1
+    """Cases of these in full."""
+    seconds: float = 60.0
+    """How long the viewer is measured; 0: not at all [s]."""
+    campaign: str = str(CAMPAIGN)
+    """What is simulated with and without viewers."""
+    rounds: int = 3
+    """Runs of each mode, interleaved; 0: none."""
+    simulate: int | None = None
+    """Cases of it, the first; None: all."""
+    workers: int | None = None
+    slots: int = 1
+    device: str = "cpu"
+
+
+def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
+    """Measure and print; the exit code."""
+    if options.focus > min(8, options.cases):
+        raise UsageError(f"--focus {options.focus}: at most 8, and at most --cases")
+    found: dict[str, Any] = {}
+    if options.seconds:
+        found["viewer"] = measure_viewer(options)
+    if options.rounds:
+        found["simulation"] = measure_simulation(options)
+    missed = misses(found)
+    found["missed"] = missed
+    if as_json:
+        print(json.dumps(found))
+    else:
+        for line in _lines(found):
+            print(line)
+    return EXIT_FAILED if check and missed else EXIT_PASS
+
+
+def measure_viewer(options: BenchOptions) -> dict[str, Any]:
+    """CPU share and memory of ``viewer live`` over many synthetic cases."""
+    with _source(options.cases) as endpoint:
+        full = [word for i in range(options.focus) for word in ("--case", f"case-{i:03d}")]
+        with _viewer("--connect", endpoint, "--insecure", *full) as child:
+            process = psutil.Process(child.pid)
+            time.sleep(WARM_UP_S)
+            before, begun_s = process.cpu_times(), time.monotonic()
+            first_mb = process.memory_info().rss / 1e6
+            time.sleep(options.seconds)
+            after, wall_s = process.cpu_times(), time.monotonic() - begun_s
+            last_mb = process.memory_info().rss / 1e6
+            counts = _counts(child)
+    used_s = after.user + after.system - before.user - before.system
+    return {
+        "cases": options.cases,
+        "in_full": options.focus,
+        "seconds": round(wall_s, 1),
+        "cpu_share": round(used_s / wall_s, 4),
+        "memory_first_mb": round(first_mb, 1),
+        "memory_last_mb": round(last_mb, 1),
+        **counts,
+    }
+
+
+def measure_simulation(options: BenchOptions) -> dict[str, Any]:
+    """One campaign with nobody, a viewer, a frozen viewer and recorders; interleaved."""
+    runs: dict[str, list[Run]] = {mode: [] for mode in MODES}
+    with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
+        for index in range(options.rounds):
+            # Another order every round: machines warm up, and neighbours come and go.
+            first = index % len(MODES)
+            for mode in MODES[first:] + MODES[:first]:
+                out = Path(folder) / f"{mode}-{index}"
+                runs[mode].append(_simulate(options, mode, out))
+                shutil.rmtree(out, ignore_errors=True)
+    return {"campaign": options.campaign, "rounds": options.rounds, **compare(runs)}
+
+
+def misses(found: dict[str, Any]) -> list[str]:
+    """A line per target that was missed."""
+    missed = []
+    if viewer := found.get("viewer"):
+        if viewer["cpu_share"] > CPU_MAX:
+            missed.append(f"viewer: {viewer['cpu_share']:.0%} of a core, at most {CPU_MAX:.0%}")
+        if viewer["memory_last_mb"] > MEMORY_MAX_MB:
+            missed.append(f"viewer: {viewer['memory_last_mb']} MB, at most {MEMORY_MAX_MB:.0f}")
+    if simulation := found.get("simulation"):
+        missed += bench_compare.misses(simulation)
+    return missed
+
+
+def _simulate(options: BenchOptions, mode: str, out: Path) -> Run:
+    view = mode if mode in ("none", "record") else "live"
+    arguments = [
+        *("run", options.campaign, "--out", str(out), "--view", view, "--output", "json"),
+        *("--slots", str(options.slots), "--device", options.device),
+        *(() if options.workers is None else ("--workers", str(options.workers))),
+        *(() if options.simulate is None else ("--cases", str(options.simulate))),
+    ]
+    if mode in ("none", "record"):
+        found, course = _run(arguments, out)
+    else:
+        with _viewer("--run", str(out)) as child:
+            found, course = _run(arguments, out, child if mode == "frozen" else None)
+    sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
+    measured = window(course.samples, course.workers * options.slots)
+    return Run(found["cases"], measured, found["fingerprint"], tuple(sorted(sizes)))
+
+
+def _run(
+    arguments: list[str], out: Path, freeze: subprocess.Popen[bytes] | None = None
+) -> tuple[dict[str, Any], Course]:
+    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended."""
+    with tempfile.TemporaryFile() as log:
+        child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
+        try:
+            course = Course(child.pid, out)
+            frozen = freeze is None
+            while child.poll() is None:
+                course.look()
+                if freeze is not None and not frozen:
+                    frozen = any(out.glob("cases/*/attempt-*"))
+                    if frozen:
+                        freeze.send_signal(signal.SIGSTOP)
+                time.sleep(LOOK_S)
+            assert child.stdout is not None
+            text = child.stdout.read()
+            try:
+                found: dict[str, Any] = json.loads(text)
+            except ValueError:
+                raise InfrastructureError(f"conductor run: {last_lines(log)}") from None
+            return found, course
+        finally:
+            if freeze is not None:
+                freeze.send_signal(signal.SIGCONT)
+            end(child)
+
+
+@contextmanager
+def _source(cases: int) -> Iterator[str]:
+    """Synthetic cases; yields their endpoint."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer.bench.source", str(cases)]
+        child = spawn(command, log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            line = child.stdout.readline()
+            if not line:
+                raise InfrastructureError(f"synthetic cases: {last_lines(log)}")
+            yield json.loads(line)["endpoint"]
+        finally:
+            end(child)
+
+
+@contextmanager
+def _viewer(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``viewer live`` without a window."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer", "live", *arguments]
+        child = spawn([*command, "--no-window", "--output", "json"], log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            if not child.stdout.readline():
+                raise InfrastructureError(f"viewer live: {last_lines(log)}")
+            yield child
+        finally:
+            end(child)
+
+
+def _counts(child: subprocess.Popen[bytes]) -> dict[str, Any]:
+    """What the viewer says at its end."""
+    child.send_signal(signal.SIGINT)
+    assert child.stdout is not None
+    found: dict[str, Any] = json.loads(child.stdout.readline() or "{}")
+    return {name: found.get(name, 0) for name in ("received", "overwritten", "logged", "skipped")}
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    lines = []
+    if viewer := found.get("viewer"):
+        lines.append(
+            f"viewer, {viewer['cases']} cases of which {viewer['in_full']} in full, "
+            f"{viewer['seconds']} s: {viewer['cpu_share']:.1%} of a core, "
+            f"{viewer['memory_first_mb']} MB at first, {viewer['memory_last_mb']} MB at last, "
+            f"{viewer['received']} messages"
+        )
+    if simulation := found.get("simulation"):
+        lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")
+        lines += [f"  {line}" for line in bench_compare.lines(simulation)]
+    return lines + [f"missed: {line}" for line in found["missed"]]

@@ -1,0 +1,67 @@
+"""How far a campaign has come, and what its processes have used: samples while it runs."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import psutil
+
+from viewer.bench.compare import Sample
+
+
+class Course:
+    """Looks at a ``conductor run`` and the timeline that it writes."""
+
+    def __init__(self, pid: int, out: Path) -> None:
+        """``pid``: of the conductor; ``out``: its campaign folder."""
+        self.samples: list[Sample] = []
+        self.workers = 0
+        """That have had a lease."""
+        self._process = psutil.Process(pid)
+        self._timeline = out / "timeline.jsonl"
+        self._read = 0
+        self._names: set[str] = set()
+        self._cases = 0
+
+    def look(self) -> bool:
+        """A sample, if a case was leased for the first time or has ended since the last one."""
+        before = self._cases, bool(self._names)
+        for line in self._lines():
+            event = json.loads(line)
+            if event["event"] == "leased":
+                self._names.add(event["worker"])
+            elif event["event"] == "committed":
+                self._cases += 1
+        self.workers = len(self._names)
+        if (self._cases, bool(self._names)) == before:
+            return False
+        self.samples.append(Sample(self._cases, time.monotonic(), self._used_s()))
+        return True
+
+    def _lines(self) -> list[bytes]:
+        """Whole lines that are new."""
+        if not self._timeline.exists():
+            return []
+        with self._timeline.open("rb") as file:
+            file.seek(self._read)
+            data = file.read()
+        data = data[: data.rfind(b"\n") + 1]
+        self._read += len(data)
+        return data.splitlines()
+
+    def _used_s(self) -> float:
+        """Processor time of the conductor and of all below it that run [s]."""
+        used = 0.0
+        try:
+            family = [self._process, *self._process.children(recursive=True)]
+        except psutil.NoSuchProcess:
+            return used
+        for process in family:
+            try:
+                times = process.cpu_times()
+            except psutil.NoSuchProcess:
+                continue
+            used += times.user + times.system
+        return used

@@ -1,0 +1,1 @@
+"""Interventions from the command line."""

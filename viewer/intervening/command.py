@@ -1,0 +1,190 @@
+"""A hand on a running case, from the command line: `viewer set`, `pause`, `takeover` and so on."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+import msgspec
+
+from schemas.wire.interventions import (
+    Action,
+    GiveBack,
+    HandState,
+    Look,
+    Pause,
+    Resume,
+    Step,
+    steers,
+)
+from schemas.wire.view import clock
+from twin.base.errors import UsageError
+from twin.fabric.steering import Steered, carry_out, find
+from twin.fabric.zenoh_bus import join
+from viewer.intervening.pedals import HELP, Pedals, keys
+from viewer.live.command import LiveOptions
+
+PERIOD_S = 0.1
+"""How often the pedals are told, also when nothing has changed: silence gives the car back [s]."""
+CONNECT_S = 5.0
+"""How long the conductor may take to answer [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteerOptions:
+    """Which case, and where."""
+
+    case: str
+    where: LiveOptions
+    campaign: str = ""
+    """Needed if several campaigns have a case of that name."""
+    json: bool = False
+
+
+def steer(options: SteerOptions, actions: list[Action]) -> int:
+    """Carry out actions, settings together; the exit code.
+
+    Raises:
+        UsageError: no such case runs, or something cannot be done; what was done before it stays.
+        InfrastructureError: nobody answers.
+    """
+    with attempt(options) as steered:
+        for action, reply in carry_out(steered, actions):
+            if options.json or isinstance(action, Look):
+                continue
+            print(f"{options.case}: {_told(action)} at tick {reply.tick}{_effect(action)}")
+        state = steered.state
+        if options.json:
+            print(json.dumps(msgspec.to_builtins(state)))
+        elif any(isinstance(action, Look) for action in actions):
+            print("\n".join(described(state)))
+    return 0
+
+
+@contextmanager
+def attempt(options: SteerOptions) -> Iterator[Steered]:
+    """The running attempt, while a session to its simulator is open."""
+    with ExitStack() as stack:
+        tunnel = options.where.tunnel()
+        if tunnel is not None:
+            stack.callback(tunnel.close)
+        target = options.where.target() if tunnel is None else tunnel.target()
+        bus = join(target, CONNECT_S)
+        stack.callback(bus.close)
+        yield find(bus, options.case, options.campaign)
+
+
+def take_over(options: SteerOptions) -> int:
+    """Drive by the keyboard of this terminal until Q; the exit code.
+
+    Raises:
+        UsageError: no terminal here, or no such case runs.
+    """
+    if not sys.stdin.isatty() or os.name != "posix":
+        raise UsageError(
+            "takeover reads the keyboard of a terminal; scripts steer by devkit.client.Client, "
+            "and `viewer web` has a keyboard too"
+        )
+    with attempt(options) as steered, _raw_terminal():
+        say(HELP)
+        try:
+            _drive(steered)
+        finally:
+            sys.stderr.write("\n")
+            try:
+                steered.do(GiveBack())
+                say("given back")
+            except UsageError as ended:
+                say(str(ended))
+    return 0
+
+
+def _drive(steered: Steered) -> None:
+    """Until the case ends or the driver wants no more."""
+    pedals, told_s = Pedals(), 0.0
+    while True:
+        ready, _, _ = select.select([sys.stdin], [], [], PERIOD_S)
+        for key in keys(os.read(sys.stdin.fileno(), 64)) if ready else []:
+            if key in ("q", "esc", "\x03", "\x04"):
+                return
+            try:
+                if key == "p":
+                    steered.do(Resume() if steered.state.paused else Pause())
+                elif key == "n":
+                    steered.do(Step())
+            except UsageError:
+                return
+            pedals = pedals.press(key)
+        if ready and time.monotonic() - told_s < PERIOD_S / 2:
+            continue  # a key that repeats
+        told_s = time.monotonic()
+        try:
+            steered.do(pedals.action())
+        except UsageError:
+            return
+        sys.stderr.write("\r" + line_of(steered.state, pedals).ljust(79))
+        sys.stderr.flush()
+
+
+@contextmanager
+def _raw_terminal() -> Iterator[None]:
+    """Keys as they are pressed."""
+    import termios
+    import tty
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def line_of(state: HandState, pedals: Pedals) -> str:
+    """What the driver reads."""
+    paused = "  PAUSED" if state.paused else ""
+    return (
+        f"{state.sim_time_ns / 1e9:6.2f} s  {state.speed_mps:5.1f} m/s  throttle "
+        f"{pedals.throttle:.1f}  brake {pedals.brake:.2f}  steering {pedals.steering_rad:+.2f}"
+        f"{paused}"
+    )
+
+
+def described(state: HandState) -> list[str]:
+    """How a case stands, a line each."""
+    there = [each for each in state.objects if each.present]
+    lines = [
+        f"{state.case} of {state.campaign}, attempt {state.attempt}: tick {state.tick}, "
+        f"{state.sim_time_ns / 1e9:g} s"
+        + (", paused" if state.paused else "")
+        + (", driven by hand" if state.taken_over else "")
+        + (f", pace {state.pace:g}" if state.pace is not None else ""),
+        f"weather {state.weather or 'by intensities'}, {clock(int(state.time_of_day_min))}",
+        f"ego x {state.x_m:.2f} m, y {state.y_m:.2f} m, {state.speed_mps:.2f} m/s",
+        f"{state.changes} changes by hand" + (": no verdict" if state.changes else ""),
+    ]
+    return lines + [
+        f"object {each.object}: {each.kind} at x {each.x_m:.1f} m, y {each.y_m:.1f} m"
+        + (", by hand" if each.by_hand else "")
+        for each in there
+    ]
+
+
+def _told(action: Action) -> str:
+    return str(type(action).__struct_config__.tag)
+
+
+def _effect(action: Action) -> str:
+    return "; this attempt gives the case no verdict" if steers(action) else ""
+
+
+def say(line: str) -> None:
+    """One line for people, on standard error."""
+    print(f"viewer: {line}", file=sys.stderr, flush=True)

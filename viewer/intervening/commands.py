@@ -1,0 +1,182 @@
+"""Commands that steer a running case by hand, for :mod:`viewer.cli`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from schemas.settings import actions_of, parse_words
+from schemas.wire.interventions import (
+    STEPS_MAX,
+    Action,
+    GiveBack,
+    Look,
+    Pause,
+    Resume,
+    Step,
+)
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import UsageError
+from twin.fabric.connection_options import InsecureOption, KeyOption
+
+if TYPE_CHECKING:
+    from viewer.intervening.command import SteerOptions
+
+Case = Annotated[str, typer.Argument(help="Case id, as the wall shows it.")]
+Words = Annotated[
+    list[str],
+    typer.Argument(
+        help="KEY=VALUE: weather, hour, cloud, fog, rain, snow, wind, x_m, y_m, yaw_deg, "
+        "speed_mps, lights (low+fog, off, stack), gnss_noise, imu_bias ..., pace (1, 0.5, max)."
+    ),
+]
+Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
+RunFolder = Annotated[
+    Path | None,
+    typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
+]
+Ssh = Annotated[
+    str, typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login.")
+]
+Node = Annotated[
+    str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
+]
+Campaign = Annotated[str, typer.Option(help="If several campaigns have a case of that name.")]
+Namespace = Annotated[str, typer.Option(help="Namespace of the conductor.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the viewer's."""
+    app.command("set")(set_)
+    for name, (action, text) in _PLAIN.items():
+        app.command(name, help=text)(_plain(action))
+    app.command()(step)
+    app.command()(takeover)
+
+
+def set_(
+    case: Case,
+    settings: Words,
+    connect: Connect = "",
+    run: RunFolder = None,
+    ssh: Ssh = "",
+    node: Node = "",
+    campaign: Campaign = "",
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+    _insecure: InsecureOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Change weather, hour, place, lamps, sensor errors or pace of a running case.
+
+    All but the pace cost the attempt its verdict; the case then runs once more, untouched.
+    """
+    try:
+        actions = actions_of(parse_words(settings))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    _steer(actions, _options(case, connect, run, ssh, node, campaign, namespace, key, output))
+
+
+def step(
+    case: Case,
+    ticks: Annotated[int, typer.Argument(min=1, max=STEPS_MAX, help="Control ticks.")] = 1,
+    connect: Connect = "",
+    run: RunFolder = None,
+    ssh: Ssh = "",
+    node: Node = "",
+    campaign: Campaign = "",
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+    _insecure: InsecureOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Let a case go on for some ticks and then stand still; its values stay the same."""
+    options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+    _steer([Step(ticks)], options)
+
+
+def takeover(
+    case: Case,
+    connect: Connect = "",
+    run: RunFolder = None,
+    ssh: Ssh = "",
+    node: Node = "",
+    campaign: Campaign = "",
+    namespace: Namespace = "twin",
+    key: KeyOption = None,
+    _insecure: InsecureOption = False,
+) -> None:
+    """Drive a running case by the keyboard of this terminal, in real time, until Q.
+
+    The attempt then gives the case no verdict; the case runs once more, untouched.
+    """
+    from viewer.intervening.command import take_over
+
+    options = _options(case, connect, run, ssh, node, campaign, namespace, key, Output.human)
+    raise typer.Exit(take_over(options))
+
+
+_PLAIN: dict[str, tuple[Action, str]] = {
+    "pause": (
+        Pause(),
+        "Let a running case stand still; others go on, and its values stay the same.",
+    ),
+    "resume": (Resume(), "Let a case that stands still go on."),
+    "release": (GiveBack(), "Give a car that is driven by hand back to its stack."),
+    "look": (Look(), "Say how a running case stands, with its movable objects."),
+}
+
+
+def _plain(action: Action):  # type: ignore[no-untyped-def]
+    def command(
+        case: Case,
+        connect: Connect = "",
+        run: RunFolder = None,
+        ssh: Ssh = "",
+        node: Node = "",
+        campaign: Campaign = "",
+        namespace: Namespace = "twin",
+        key: KeyOption = None,
+        _insecure: InsecureOption = False,
+        output: OutputOption = Output.human,
+    ) -> None:
+        options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+        _steer([action], options)
+
+    return command
+
+
+def _steer(actions: list[Action], options: SteerOptions) -> None:
+    from viewer.intervening.command import steer
+
+    raise typer.Exit(steer(options, actions))
+
+
+def _options(
+    case: str,
+    connect: str,
+    run: Path | None,
+    ssh: str,
+    node: str,
+    campaign: str,
+    namespace: str,
+    key: Path | None,
+    output: Output,
+) -> SteerOptions:
+    from twin.fabric.keys.roles import Role
+    from viewer.intervening.command import SteerOptions
+    from viewer.live.command import LiveOptions
+
+    where = LiveOptions(
+        connect=connect,
+        run=run,
+        ssh=ssh,
+        node=node,
+        namespace=namespace,
+        key=key,
+        role=Role.admin,
+    )
+    return SteerOptions(case, where, campaign, json=output is Output.json)

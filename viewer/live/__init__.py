@@ -1,0 +1,1 @@
+"""``viewer live``: running cases."""

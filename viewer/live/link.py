@@ -1,0 +1,296 @@
+"""The viewer's session with the conductor: waits for it, notices when it is gone, finds it again.
+
+A thread of its own asks for the status every second, which is also how it knows that somebody is
+there. What comes for the wall and for single cases goes to slots, everything else to a queue.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from schemas import SCHEMA_VERSION
+from schemas.messages import Explain, Reply, Request, StatusRequest
+from schemas.wire import topics
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.rpc_routes import door
+from schemas.wire.view import SceneMesh
+from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
+from twin.fabric.bus import Bus, Cancel, Sample
+from twin.fabric.discovery import Target
+from twin.fabric.keys.key_file import UnfitKeyError
+from twin.fabric.zenoh_bus import join
+from viewer.live.slots import Slots
+
+CONNECT_S = 2.0
+"""How long one try to connect may take [s]."""
+ASK_S = 2.0
+"""How long the conductor may take to answer [s]."""
+PERIOD_S = 1.0
+"""How often it is asked, and how often one that is gone is looked for [s]."""
+SILENCE_S = 4.0
+"""After so long without a word a new session is tried [s]; Zenoh's own lease is as long."""
+SCENE_S = 10.0
+"""How long a simulator may take to hand out its world [s]."""
+EVENTS_MAX = 1000
+"""Events that wait to be taken, at most; further ones are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What the conductor says of itself."""
+
+    found: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A fact of the conductor."""
+
+    fact: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A line for people."""
+
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A world that was sent for; None: nobody handed it out."""
+
+    sha256: str
+    mesh: SceneMesh | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """Waiting does not help."""
+
+    error: TwinError
+
+
+Heard = Status | Event | Said | Scene | Ended
+
+
+class _SilenceError(Exception):
+    """Nobody has said a word for too long; its text says who."""
+
+
+class Link:
+    """See the module. Everything but :meth:`_run` and what it calls may be used by any thread."""
+
+    def __init__(self, resolve: Callable[[], Target], wait_s: float | None, slots: Slots) -> None:
+        """
+        Args:
+            resolve: where the conductor is now; raises UnreachableError while nobody knows.
+            wait_s: how long the first session may take to come about; None: for ever [s].
+            slots: receives thumbnails and the samples of single cases.
+        """
+        self.heard: queue.Queue[Heard] = queue.Queue(EVENTS_MAX)
+        self.sessions = 0
+        """Sessions that were opened."""
+        self._resolve = resolve
+        self._until_s = None if wait_s is None else time.monotonic() + wait_s
+        self._slots = slots
+        self._stop = threading.Event()
+        self._wake = threading.Event()
+        self._lock = threading.Lock()
+        self._cases: set[str] = set()
+        """Cases to be looked at alone."""
+        self._asked: list[tuple[str, str]] = []
+        """Worlds to be sent for: rig and digest."""
+        self._subscribed: dict[str, Cancel] = {}
+        self._checked: set[str] = set()
+        """Cases that the conductor knows."""
+        self._word_s = 0.0
+        self._told = ""
+        self._thread = threading.Thread(target=self._run, name="link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for the conductor."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the session."""
+        self._stop.set()
+        self._wake.set()
+        self._thread.join(CONNECT_S + ASK_S)
+
+    def look_at(self, case: str) -> None:
+        """From now on, all of this case."""
+        with self._lock:
+            self._cases.add(case)
+        self._wake.set()
+
+    def look_away(self, case: str) -> None:
+        """No more of this case than its thumbnail."""
+        with self._lock:
+            self._cases.discard(case)
+        self._wake.set()
+
+    def send_for(self, rig: str, sha256: str) -> None:
+        """Ask a rig for its world, which comes as a :class:`Scene`."""
+        with self._lock:
+            self._asked.append((rig, sha256))
+        self._wake.set()
+
+    # --- the link's thread ------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._session(self._resolve())
+            except UnfitKeyError as error:
+                self._say(Ended(error))
+                return
+            except UnreachableError as error:
+                if self._until_s is not None and time.monotonic() >= self._until_s:
+                    self._say(Ended(error))
+                    return
+                self._tell(f"{error}; waiting for it (Ctrl-C ends)")
+            except TwinError as error:
+                self._say(Ended(error))
+                return
+            except WireError as error:
+                self._say(Ended(UsageError(f"the conductor: {error}")))
+                return
+            except _SilenceError as silence:
+                if self._until_s is not None and time.monotonic() >= self._until_s:
+                    self._say(Ended(UnreachableError(str(silence))))
+                    return
+                self._tell(f"{silence}; waiting for it (Ctrl-C ends)")
+            except Exception as error:
+                # Without this thread the viewer would sit there for ever and say nothing.
+                line = " ".join(str(error).split())
+                self._say(Ended(InfrastructureError(f"{type(error).__name__}: {line}")))
+                return
+            self._stop.wait(PERIOD_S)
+
+    def _session(self, target: Target) -> None:
+        bus = join(target, CONNECT_S)
+        self.sessions += 1
+        self._word_s = time.monotonic()
+        try:
+            bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), self._on_view)
+            bus.subscribe(topics.EVENT.key, self._on_event)
+            self._subscribed = {}
+            answered = False
+            while not self._stop.is_set():
+                self._follow(bus)
+                found = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
+                if found is not None:
+                    self._answered(bus, target, found.status, first=not answered)
+                    answered = True
+                else:
+                    self._silent(target, answered)
+                self._fetch(bus)
+                self._wake.wait(PERIOD_S)
+                self._wake.clear()
+        finally:
+            bus.close()
+
+    def _answered(self, bus: Bus, target: Target, found: dict[str, Any], *, first: bool) -> None:
+        self._word_s = time.monotonic()
+        self._until_s = None
+        if first and self._told:
+            self._say(Said(f"connected to {target.endpoint}"))
+            self._told = ""
+        self._say(Status(found))
+        self._check(bus, list(found.get("campaigns", {})))
+
+    def _silent(self, target: Target, answered: bool) -> None:
+        if time.monotonic() - self._word_s < SILENCE_S:
+            return
+        if answered:
+            raise _SilenceError(f"{target.endpoint}: the conductor does not answer any more")
+        raise _SilenceError(
+            f"{target.endpoint}: no conductor of namespace '{target.namespace}' answers there; "
+            "check --namespace"
+        )
+
+    def _follow(self, bus: Bus) -> None:
+        """Subscribe to the cases that are looked at, and to no others."""
+        with self._lock:
+            cases = set(self._cases)
+        for case in cases - self._subscribed.keys():
+            keys = topics.live_keys("*", case)
+            self._subscribed[case] = bus.subscribe(keys, self._on_view)
+        for case in self._subscribed.keys() - cases:
+            self._subscribed.pop(case)()
+
+    def _check(self, bus: Bus, campaigns: list[str]) -> None:
+        """Say what becomes of the cases that are looked at; one that nobody knows is a mistake."""
+        with self._lock:
+            fresh = sorted(self._cases - self._checked)
+        for case in fresh if campaigns else []:
+            replies = [
+                self._ask(bus, Explain(v=SCHEMA_VERSION, campaign=name, case=case))
+                for name in campaigns
+            ]
+            if any(reply is None for reply in replies):
+                return  # asked again with the next status
+            known = [reply for reply in replies if reply is not None and not reply.error]
+            if not known:
+                raise UsageError(
+                    f"no case '{case}' in {', '.join(campaigns)}; the wall shows the names of "
+                    "those that run, and the campaign folder's cases/ those that have begun"
+                )
+            self._checked.add(case)
+            self._say(Said(f"{case}: {known[-1].status['explain'][0]}"))
+
+    def _fetch(self, bus: Bus) -> None:
+        with self._lock:
+            asked, self._asked = self._asked, []
+        for rig, sha256 in asked:
+            data = bus.request(topics.FEED_SCENE.key.format(rig=rig), b"", SCENE_S)
+            mesh: SceneMesh | None = None
+            if data is not None:
+                try:
+                    mesh = decode(data, SceneMesh)
+                except WireError as error:
+                    self._tell(f"the world of rig {rig}: {error}")
+            self._say(Scene(sha256, mesh))
+
+    def _ask(self, bus: Bus, request: Request) -> Reply | None:
+        """The reply; None: there was none, ask again.
+
+        Raises:
+            WireError: it is of another version.
+        """
+        data = bus.request(door(request), encode(request), ASK_S)
+        return None if data is None else decode(data, Reply)
+
+    def _on_view(self, sample: Sample) -> None:
+        self._word_s = time.monotonic()
+        self._slots.put(sample)
+
+    def _on_event(self, sample: Sample) -> None:
+        try:
+            fact: dict[str, Any] = decode(sample.payload, dict[str, Any])
+        except WireError:
+            return  # events are a courtesy
+        try:
+            self.heard.put_nowait(Event(fact))
+        except queue.Full:
+            pass  # as above
+
+    def _tell(self, line: str) -> None:
+        """Once, until something else is told."""
+        if line != self._told:
+            self._told = line
+            self._say(Said(line))
+
+    def _say(self, heard: Heard) -> None:
+        while not self._stop.is_set():
+            try:
+                self.heard.put(heard, timeout=PERIOD_S)
+                return
+            except queue.Full:
+                continue

@@ -1,0 +1,222 @@
+"""Finds recordings in a campaign folder, and the moments that matter in them."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from schemas.files.json_text import JsonError, decode_json
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below, read_regular
+from twin.base.errors import InfrastructureError, UsageError
+from twin.records.kpi_file import read_kpi_columns
+from viewer.playback.frames import read_case
+from viewer.recording import naming
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The recording of a case."""
+
+    case: str
+    path: Path
+    kpi: Path
+    """Need not exist: the attempt may still run."""
+    complete: bool
+    committed: str = ""
+    """Name of the committed attempt's folder; empty: none yet."""
+
+    @property
+    def other(self) -> bool:
+        """It is of another attempt than the one that was committed."""
+        return bool(self.committed) and self.path.parent.name != self.committed
+
+    def remarks(self) -> list[str]:
+        """One line for each thing that is not as one would wish."""
+        lines = []
+        if not self.complete:
+            lines.append(f"{self.path}: the recording is incomplete")
+        if self.other:
+            lines.append(
+                f"{self.case}: the committed {self.committed} was not recorded; "
+                f"{self.path.parent.name} is shown"
+            )
+        return lines
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A time of a case, and what is there to be seen."""
+
+    sim_time_ns: int
+    label: str
+
+
+class NotKeptError(UsageError):
+    """There was a recording, and nobody wanted it."""
+
+
+def find_recording(folder: Path, case: str) -> Found:
+    """The recording of the committed attempt, or of the latest one.
+
+    Raises:
+        UsageError: no such folder or case, or it was not recorded.
+    """
+    names = case_names(folder)
+    return recording_of(folder, case, names, committed_attempts(folder).get(case, ""))
+
+
+def recording_of(folder: Path, case: str, names: list[str], committed: str) -> Found:
+    """As :func:`find_recording`, of a folder that was looked at already.
+
+    Args:
+        folder: the campaign's.
+        case: which one.
+        names: of all its cases.
+        committed: the case's of :func:`committed_attempts`.
+
+    Raises:
+        UsageError: no such case, or it was not recorded.
+    """
+    attempts = _attempts(folder, case, committed)
+    if not attempts:
+        close = difflib.get_close_matches(case, names, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
+        raise UsageError(f"{folder}: no case '{case}'; {hint}")
+    for attempt in attempts:
+        path = attempt / naming.RECORDING_FILE
+        if _is_recorded(folder, path):
+            complete = _note(attempt).get("complete") is True
+            return Found(case, path, attempt / naming.KPI_FILE, complete, committed)
+    if any(_note(attempt).get("kept") is False for attempt in attempts):
+        raise NotKeptError(
+            f"{folder}: case '{case}' passed, and its recording was not kept; the campaign says "
+            "recording.keep: failed"
+        )
+    raise UsageError(
+        f"{folder}: case '{case}' was not recorded; run the campaign with --view record"
+    )
+
+
+def _is_recorded(folder: Path, path: Path) -> bool:
+    """A link is no recording: it may lead to any file that we may read."""
+    try:
+        with open_below(folder, str(path.relative_to(folder))) as file:
+            return os.fstat(file.fileno()).st_size > 0
+    except OSError:
+        return False
+
+
+def case_names(folder: Path) -> list[str]:
+    """Cases of a campaign folder that have begun, sorted.
+
+    Raises:
+        UsageError: it is not one.
+    """
+    cases = folder / "cases"
+    if not cases.is_dir():
+        raise UsageError(f"{folder}: not a campaign folder; give one that `conductor run` has made")
+    return sorted(path.name for path in cases.iterdir() if path.is_dir())
+
+
+class PastEndError(UsageError):
+    """A moment after the end of a case, at ``end_ns`` of sim time [ns]."""
+
+    def __init__(self, words: str, end_ns: int) -> None:
+        super().__init__(words)
+        self.end_ns = end_ns
+
+
+def find_moment(found: Found, at: str) -> Moment:
+    """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
+
+    Where the attempt's KPI rows are missing (it was killed) or cannot be read, the recording says
+    it.
+
+    Raises:
+        UsageError: none of these, or the case has no rows yet.
+        PastEndError: the case had ended by then.
+    """
+    if at not in ("aeb", "closest"):
+        try:
+            seconds = float(at)
+        except ValueError:
+            seconds = -1.0
+        if not 0 <= seconds <= 1e6:
+            raise UsageError(
+                f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
+            )
+        time_ns, end_ns = round(seconds * 1e9), max((row[0] for row in _rows(found)), default=0)
+        if time_ns > end_ns:
+            raise PastEndError(
+                f"--at {at}: case '{found.case}' ends at {end_ns / 1e9:g} s of sim time; give "
+                f"0 to {end_ns / 1e9:g}, aeb or closest",
+                end_ns,
+            )
+        return Moment(time_ns, f"{seconds:g} s")
+    rows = _rows(found)
+    if at == "aeb":
+        for time_ns, braking, _ in rows:
+            if braking:
+                return Moment(time_ns, f"AEB trigger at {time_ns / 1e9:.2f} s")
+    near = [(dtc_m, time_ns) for time_ns, _, dtc_m in rows if dtc_m is not None]
+    if not near:
+        raise UsageError(f"{found.path}: nothing says how close it came; give --at SECONDS")
+    time_ns = min(near)[1]
+    label = f"closest approach at {time_ns / 1e9:.2f} s"
+    return Moment(time_ns, f"no AEB trigger; {label}" if at == "aeb" else label)
+
+
+Row = tuple[int, bool, float | None]
+"""Sim time [ns], AEB, distance to collision [m]."""
+
+
+def _rows(found: Found) -> list[Row]:
+    names = ("sim_time_ns", "aeb", "dtc_m")
+    try:
+        columns: dict[str, list[Any]] = read_kpi_columns(found.kpi, names).to_pydict()
+    except InfrastructureError:
+        frames = read_case(found.path).frames
+        return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
+    return list(zip(*(columns[name] for name in names), strict=True))
+
+
+def _attempts(folder: Path, case: str, committed: str) -> list[Path]:
+    """Attempt folders of a case: the committed one first, then the latest."""
+    if not case or "/" in case or case.startswith("."):
+        return []
+    found = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
+    found.sort(key=_number, reverse=True)
+    found.sort(key=lambda path: path.name != committed)
+    return found
+
+
+def _number(path: Path) -> int:
+    text = path.name.removeprefix("attempt-")
+    return int(text) if text.isdigit() else -1
+
+
+def committed_attempts(folder: Path) -> dict[str, str]:
+    """Case -> name of its committed attempt's folder; cases that have none are left out."""
+    try:
+        cases = decode_json(read_regular(folder / "outcomes.json", RUN_FILE_BYTES_MAX))["cases"]
+        items = list(cases.items())
+    except (OSError, JsonError, KeyError, TypeError, AttributeError):
+        return {}
+    found = {}
+    for case, end in items:
+        with contextlib.suppress(KeyError, TypeError):
+            found[case] = Path(end["attempt_dir"]).name
+    return found
+
+
+def _note(attempt: Path) -> dict[str, Any]:
+    """What the recorder has left to say; empty: nothing that could be read."""
+    try:
+        found = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,1 @@
+"""Messages of the view plane as Rerun recordings."""

@@ -1,0 +1,212 @@
+"""Layouts: what stands where on the screen."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Sequence
+from typing import Literal
+
+import rerun.blueprint as rrb
+
+from schemas.messages import CameraSite, LidarSite
+from schemas.wire.view import Stage
+from viewer.recording import naming
+
+_BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRIGGER, naming.TRUTH)
+
+BACKGROUND = (18, 20, 25)
+SKY = (118, 138, 160)
+
+WALL_SECONDS = 300
+"""How much of the past the overview's plots show [s]."""
+
+NAMES = uuid.UUID("6c0c39b5-6a29-5f0f-9a5e-0c4b6e1a3d57")
+"""Where the ids of a layout's parts come from."""
+
+TRAIL_SECONDS_MAX = 3600
+"""How far back the ego's trail is shown; longer than any case [s]."""
+
+
+def case_blueprint(
+    stage: Stage,
+    cameras: Sequence[CameraSite] = (),
+    lidars: Sequence[LidarSite] = (),
+    *,
+    live: bool = False,
+) -> rrb.Blueprint:
+    """Cameras, street and events on the left, verdict and plots on the right.
+
+    Args:
+        stage: what stands still.
+        cameras: all of the ego's that see; empty, unless ``live``: the main one.
+        lidars: of the ego; their points are shown in the street.
+        live: the newest is followed, and the eye drives behind the ego.
+    """
+    names = [site.message for site in cameras] if cameras or live else ["camera"]
+    views = [_camera(name, main=name == names[0]) for name in names]
+    plots = [
+        _plot("Speed [m/s]", [naming.SPEED]),
+        _plot("Distance to collision [m]", [naming.DTC]),
+        _plot("Throttle, brake, AEB", [naming.THROTTLE, naming.BRAKE, naming.AEB], (0.0, 1.05)),
+    ]
+    right = rrb.Vertical(
+        rrb.TextDocumentView(origin=naming.SUMMARY, name="Case"),
+        rrb.StateTimelineView(origin=naming.PLANNER, name="Planner"),
+        *plots,
+        # In 1280 x 720 pixels nothing is cut: what is said of a case, the planner's bar, legends.
+        row_shares=[2.1, 0.95, 1, 1, 1.2],
+    )
+    events = rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns())
+    street = _chase(lidars) if live else _street(stage)
+    seen = [rrb.Grid(*views)] if len(views) > 1 else views
+    left = rrb.Vertical(*seen, street, events, row_shares=[3, 2.1, 1])
+    play_state: Literal["following", "paused"] = "following" if live else "paused"
+    return rrb.Blueprint(
+        _named(rrb.Horizontal(left, right, column_shares=[1.4, 1])),
+        rrb.TopPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=naming.SIM_TIME, play_state=play_state),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def overview_blueprint(*, bare: bool = False) -> rrb.Blueprint:
+    """The wall on the left; cases as text, throughput, workers and events on the right.
+
+    ``bare``: for a picture, without what one clicks on.
+    """
+    right = rrb.Vertical(
+        rrb.TextDocumentView(origin=naming.CASES, name="Running and latest"),
+        _wall_plot("Cases per minute", [naming.THROUGHPUT]),
+        _wall_plot("Running cases, workers", [naming.RUNNING, naming.WORKERS_PRESENT]),
+        _wall_plot("Cases per worker", [f"{naming.WORKERS}/**"], legend=False),
+        rrb.TextLogView(origin=naming.EVENTS, name="Conductor", columns=_wall_columns()),
+        row_shares=[1.9, 0.8, 0.8, 0.8, 1.3],
+    )
+    return rrb.Blueprint(
+        _named(
+            rrb.Horizontal(
+                rrb.Spatial2DView(
+                    origin=naming.MOSAIC,
+                    name="Cases",
+                    background=BACKGROUND,
+                ),
+                right,
+                column_shares=[2.0, 1],
+            )
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        *([rrb.TopPanel(state="hidden")] if bare else []),
+        rrb.TimePanel(
+            state="hidden" if bare else "collapsed", timeline=naming.WALL, play_state="following"
+        ),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _named(part: rrb.Container) -> rrb.Container:
+    """``part`` with ids that say what its parts are, instead of random ones.
+
+    Rerun keeps every name of an entity that it has met: 6 kB for a layout with names of its own.
+    """
+    parts: list[rrb.Container | rrb.View] = [part]
+    for number, found in enumerate(parts):
+        if isinstance(found, rrb.Container):
+            parts += found.contents
+            words = f"container {number}"
+        else:
+            # A viewer may remember what belongs to an id: never another kind of view.
+            words = f"{found.class_identifier} {found.name} {number}"
+        found.id = uuid.uuid5(NAMES, words)
+    return part
+
+
+def _camera(message: str, *, main: bool) -> rrb.Spatial2DView:
+    """A camera's picture; detections and truth are of the main one."""
+    name = "Camera, detections, truth (thin)" if main else message.partition(".")[2]
+    return rrb.Spatial2DView(origin=naming.sensor(message), name=name)
+
+
+def _street(stage: Stage) -> rrb.Spatial3DView:
+    """From above, beside the street: its buildings are as flat as their plan."""
+    x_m = (stage.obstacle_center_m or [stage.lane[0][0] + 80.0])[0]
+    return rrb.Spatial3DView(
+        origin=naming.WORLD,
+        name="Street",
+        contents=["$origin/**", *(f"- {path}" for path in _BOXES)],
+        eye_controls=rrb.EyeControls3D(
+            tracking_entity=naming.EGO,
+            position=[x_m - 50.0, -9.0, 9.0],
+            look_target=[x_m - 30.0, 1.0, 0.0],
+        ),
+        line_grid=False,
+        background=BACKGROUND,
+        overrides={naming.TRAIL: _trail()},
+    )
+
+
+def _chase(lidars: Sequence[LidarSite]) -> rrb.Spatial3DView:
+    """From behind the ego, in its own axes: the walls beside the street are solid."""
+    return rrb.Spatial3DView(
+        origin=naming.EGO,
+        name="Street, lidar" if lidars else "Street",
+        contents=[f"/{naming.WORLD}/**", *(f"- /{path}" for path in _BOXES)],
+        eye_controls=rrb.EyeControls3D(
+            position=[-10.0, 2.2, 4.6],
+            look_target=[14.0, 0.0, 0.5],
+        ),
+        line_grid=False,
+        background=SKY,
+        overrides={f"/{naming.TRAIL}": _trail()},
+    )
+
+
+def _wall_plot(name: str, paths: list[str], *, legend: bool = True) -> rrb.TimeSeriesView:
+    """The latest minutes of the wall clock."""
+    return rrb.TimeSeriesView(
+        origin="/",
+        name=name,
+        contents=paths,
+        axis_x=rrb.TimeAxis(
+            view_range=rrb.TimeRange(
+                start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WALL_SECONDS),
+                end=rrb.TimeRangeBoundary.cursor_relative(seconds=0),
+            )
+        ),
+        plot_legend=rrb.PlotLegend("LeftTop", visible=legend and len(paths) > 1),
+    )
+
+
+def _wall_columns() -> rrb.TextLogColumns:
+    return rrb.TextLogColumns(text_log_columns=["body"], timeline_columns=[naming.WALL])
+
+
+def _plot(
+    name: str, paths: list[str], range_: tuple[float, float] | None = None
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin="/",
+        name=name,
+        contents=paths,
+        axis_y=rrb.ScalarAxis(range=range_) if range_ else None,
+        plot_legend=rrb.PlotLegend("LeftTop", visible=len(paths) > 1),
+    )
+
+
+def _event_columns() -> rrb.TextLogColumns:
+    return rrb.TextLogColumns(text_log_columns=["body"], timeline_columns=[naming.SIM_TIME])
+
+
+def _trail() -> rrb.VisibleTimeRanges:
+    """Everything up to the time cursor."""
+    return rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            naming.SIM_TIME,
+            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_SECONDS_MAX),
+            end=rrb.TimeRangeBoundary.cursor_relative(seconds=0),
+        )
+    )

@@ -1,0 +1,57 @@
+"""What a case is and came to, as Markdown."""
+
+from __future__ import annotations
+
+from schemas.wire.view import CaseEnd, CaseStart, clock
+
+_SCALARS = {
+    "dtc_min_m": ("closest", "m"),
+    "aeb_time_s": ("AEB after", "s"),
+    "aeb_dtc_m": ("AEB at", "m"),
+    "impact_speed_mps": ("impact", "m/s"),
+    "decel_peak_mps2": ("peak deceleration", "m/s²"),
+    "sim_time_s": ("sim time", "s"),
+}
+_LANE_SCALARS = {
+    "distance_m": ("along the lane", "m"),
+    "lateral_error_rms_m": ("lateral error RMS", "m"),
+    "lateral_error_max_m": ("largest lateral error", "m"),
+}
+"""Scalar -> what it is called, unit."""
+
+
+def running_text(start: CaseStart, hand: str = "") -> str:
+    """While the case runs, and for ever if its recorder is killed; ``hand``: what somebody has done
+    to it."""
+    state = f"RUNNING, {hand.upper()}" if hand else "RUNNING"
+    return f"**{state}**\n\n{_what(start)}\n"
+
+
+def ended_text(start: CaseStart, end: CaseEnd | None, lost: int) -> str:
+    """The verdict, its reasons and the scalars; ``lost``: samples missing in the recording."""
+    name = (end.verdict or end.outcome) if end is not None else ""
+    title = name.replace("_", " ").upper() or "NO VERDICT"
+    reasons = "; ".join(end.reasons) if end is not None else "the attempt's end is missing"
+    paragraphs = [f"**{title}** {reasons}".strip()]
+    if end is not None and end.scalars:
+        paragraphs.append(_figures(end))
+    paragraphs.append(_what(start))
+    if lost:
+        paragraphs.append(f"_Recording incomplete: {lost} samples are missing._")
+    return "\n\n".join(paragraphs) + "\n"
+
+
+def _what(start: CaseStart) -> str:
+    weather = start.weather.replace("_", " ")
+    conditions = f"{start.model}, {weather}, {clock(start.time_of_day_min)}"
+    return f"{start.case} · {conditions} · {start.campaign}, attempt {start.attempt}"
+
+
+def _figures(end: CaseEnd) -> str:
+    """All scalars as running text: a row for each would not fit into the panel."""
+    lane = {} if end.scalars.get("distance_m") is None else _LANE_SCALARS
+    said = []
+    for name, (label, unit) in {**lane, **_SCALARS}.items():
+        value = end.scalars.get(name)
+        said.append(f"{label} -" if value is None else f"{label} {value:.2f} {unit}")
+    return " · ".join(said)
