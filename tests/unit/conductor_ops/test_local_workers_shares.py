@@ -22,7 +22,7 @@ SHARES = [Share(stretch, 2, 0, 1) for stretch in range(2)]
 
 RUN = """
 import sys
-from conductor.cli import app as cli
+from conductor import cli
 from conductor.run import command as run
 from conductor.run.places import Place
 from schemas.messages import Share
