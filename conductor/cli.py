@@ -306,11 +306,11 @@ def submit(
 
     Workers run what a campaign names, so an invitation to steer (admin) does not open this.
     """
-    from conductor.commands.client import Client
+    from conductor.commands.client import ConductorClient
     from twin.fabric.keys.roles import Role
 
     loaded = _checked(campaign, seed=seed)
-    with Client(connect, state, namespace, key, Role.submitter) as client:
+    with ConductorClient(connect, state, namespace, key, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 
@@ -333,14 +333,14 @@ def status(
     """Show campaigns and workers of a conductor that serves, or the cases that run."""
     from rich.console import Console
 
-    from conductor.commands.client import Client
+    from conductor.commands.client import ConductorClient
     from conductor.commands.tables import running_table, status_tables
     from conductor.commands.watch import watch as watch_status
     from twin.fabric.keys.roles import Role
 
     if watch and cases:
         raise UsageError("--cases lists what runs at one moment; leave --watch away")
-    with Client(connect, state, namespace, key, Role.viewer) as client:
+    with ConductorClient(connect, state, namespace, key, Role.viewer) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
@@ -362,9 +362,9 @@ def stop(
     _insecure: InsecureOption = False,
 ) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
-    from conductor.commands.client import Client
+    from conductor.commands.client import ConductorClient
 
-    with Client(connect, state, namespace, key) as client:
+    with ConductorClient(connect, state, namespace, key) as client:
         client.stop()
     print("draining; run `conductor serve` again to go on")
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from devkit.images import on_host
-from devkit.lane.lateral import Steering, Wheel, steer
-from devkit.lane.track import LaneTrack, Motion
+from devkit.lane.lateral import LateralParameters, Wheel, steer
+from devkit.lane.track import CarMotion, LaneTrack
 from devkit.lane.view import LaneView
 from devkit.reference import control, lights, planning
 from devkit.reference.eyes import Eyes
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from devkit.stack import Observation, Stack
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
@@ -34,7 +34,7 @@ _EXTINCTION = ENVIRONMENT_COLUMNS.index("extinction_per_m")
 
 _PLANNER = planning.Planner()
 _CONTROLLER = control.Controller()
-_STEERING = Steering()
+_STEERING = LateralParameters()
 _SWITCH = lights.LightsSwitch()
 
 T = TypeVar("T")
@@ -50,7 +50,7 @@ class _Car:
 
     token: int
     period_s: float
-    view: View
+    view: CameraView
     lane: LaneTrack | None
     """None: the wheel is held straight."""
     state: planning.State = field(default_factory=planning.Cruise)
@@ -107,8 +107,8 @@ class AebStack(Stack):
         """Build the stack for ``slots`` cars.
 
         The parameters are the fields of :class:`devkit.reference.planning.Planner`,
-        :class:`devkit.reference.control.Controller`, :class:`devkit.lane.lateral.Steering` and
-        :class:`devkit.reference.lights.LightsSwitch`, which state unit and range of each.
+        :class:`devkit.reference.control.Controller`, :class:`devkit.lane.lateral.LateralParameters`
+        and :class:`devkit.reference.lights.LightsSwitch`, which state unit and range of each.
 
         Raises:
             ValueError: a parameter is out of its range, not a number, or would be ignored.
@@ -116,7 +116,7 @@ class AebStack(Stack):
         given = locals()
         self.planner = _checked(planning.Planner, given)
         self.controller = _checked(control.Controller, given)
-        self.steering = _checked(Steering, given)
+        self.steering = _checked(LateralParameters, given)
         self.switch = _checked(lights.LightsSwitch, given)
         if cruise == "throttle" and cruise_speed_mps != _PLANNER.cruise_speed_mps:
             raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
@@ -140,7 +140,7 @@ class AebStack(Stack):
         self._cars[slot] = _Car(
             token=episode.token,
             period_s=episode.control_period_ns * 1e-9,
-            view=View.of_site(episode.cameras[0]),
+            view=CameraView.of_site(episode.cameras[0]),
             lane=self._lane(episode.cameras[0]),
         )
 
@@ -208,7 +208,7 @@ class AebStack(Stack):
         if car.lane is None:
             return
         vehicle, camera = now.vehicle[slot], now.camera
-        motion = Motion(vehicle[_SPEED], vehicle[_YAW_RATE])
+        motion = CarMotion(vehicle[_SPEED], vehicle[_YAW_RATE])
         curve = car.lane.update(
             motion, None if camera is None else on_host(camera)[slot], car.period_s, detections
         )

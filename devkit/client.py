@@ -31,9 +31,9 @@ from schemas.wire.interventions import (
     FreeObject,
     GiveBack,
     HandState,
-    Look,
     MoveObject,
     Pause,
+    Query,
     RemoveObject,
     Resume,
     SpawnObject,
@@ -45,7 +45,7 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.endpoint import allow_plain
 from twin.fabric.keys.roles import Role
-from twin.fabric.steering import Steered, carry_out, find, find_in_rig, running
+from twin.fabric.steering import RunningAttempt, carry_out, find, find_in_rig, running
 from twin.fabric.zenoh_bus import Mode, join
 
 T = TypeVar("T")
@@ -95,7 +95,7 @@ class Client:
         mode: Mode = "peer" if rig else "client"
         self._bus = _session(connect, run, namespace, key, mode, insecure=insecure)
         try:
-            self._steered: Steered = (
+            self._steered: RunningAttempt = (
                 find_in_rig(self._bus, rig, case, slot) if rig else find(self._bus, case, campaign)
             )
         except BaseException:
@@ -133,7 +133,7 @@ class Client:
 
     def look(self) -> HandState:
         """How the case stands: weather, time of day, pose, objects; changes nothing."""
-        self.do(Look())
+        self.do(Query())
         return self.state
 
     def set(self, **settings: Value) -> int:

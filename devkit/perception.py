@@ -123,7 +123,7 @@ def confidence(contrast: float, contrast_min: float) -> float:
 
 
 @register(perception.GroundTruthPerception)
-class GroundTruthPerception:
+class ContrastPerception:
     """The box sensor seen through a contrast threshold.
 
     Where an object is comes from the simulator, whether it is seen from the pixels alone: fog,

@@ -15,7 +15,7 @@ TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class ProgramEnd:
     """How a program ended."""
 
     code: int
@@ -36,7 +36,7 @@ def exists(program: str) -> bool:
 
 def call(
     *arguments: str, text: str | None = None, folder: Path | None = None, wait_s: float = TIMEOUT_S
-) -> Done:
+) -> ProgramEnd:
     """Run a program to its end, with ``text`` on its standard input.
 
     Raises:
@@ -59,7 +59,7 @@ def call(
         ) from None
     except OSError as error:
         raise InfrastructureError(f"`{arguments[0]}` cannot be run: {error.strerror}") from None
-    return Done(done.returncode, done.stdout, done.stderr)
+    return ProgramEnd(done.returncode, done.stdout, done.stderr)
 
 
 def watch(*arguments: str) -> int:

@@ -78,7 +78,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class DoctorLine:
     """One line of the diagnosis."""
 
     what: str
@@ -92,7 +92,7 @@ class Line:
 class Diagnosis:
     """All lines, and whether jobs can be submitted from here."""
 
-    lines: list[Line] = field(default_factory=list)
+    lines: list[DoctorLine] = field(default_factory=list)
     can_submit: bool = True
 
     def as_json(self, facts: Facts) -> dict[str, Any]:
@@ -114,17 +114,19 @@ def judge(facts: Facts) -> Diagnosis:
         *_folder(facts),
         *_network(facts),
         _software(facts),
-        Line("site file", "ok" if facts.site else "note", facts.site or "none, nothing is preset"),
+        DoctorLine(
+            "site file", "ok" if facts.site else "note", facts.site or "none, nothing is preset"
+        ),
     ]
     blocking = ("scheduler", "partitions", "run folder", "software")
     can = not any(line.level == "bad" and line.what in blocking for line in lines)
     return Diagnosis(lines, can)
 
 
-def _scheduler(facts: Facts) -> list[Line]:
+def _scheduler(facts: Facts) -> list[DoctorLine]:
     if not facts.scheduler:
         return [
-            Line(
+            DoctorLine(
                 "scheduler",
                 "bad",
                 "neither sbatch nor qsub",
@@ -133,52 +135,54 @@ def _scheduler(facts: Facts) -> list[Line]:
         ]
     if facts.answers:
         do = "wait and try again, or ask the site"
-        return [Line("scheduler", "bad", f"{facts.version}: {facts.answers}", do)]
-    return [Line("scheduler", "ok", facts.version)]
+        return [DoctorLine("scheduler", "bad", f"{facts.version}: {facts.answers}", do)]
+    return [DoctorLine("scheduler", "ok", facts.version)]
 
 
-def _partitions(facts: Facts) -> list[Line]:
+def _partitions(facts: Facts) -> list[DoctorLine]:
     if not facts.scheduler or facts.answers:
         return []
     if not facts.partitions:
-        return [Line("partitions", "bad", "none that you may see", "ask the site for access")]
+        return [DoctorLine("partitions", "bad", "none that you may see", "ask the site for access")]
     lines = []
     for part in facts.partitions:
         words = [part.name, f"up to {part.limit}" if part.limit else "", part.nodes, part.gpus]
         up = part.state.lower() in ("", "up")
         found = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
-        lines.append(Line("partition", "ok" if up else "note", found))
+        lines.append(DoctorLine("partition", "ok" if up else "note", found))
     if not any(part.gpus for part in facts.partitions):
         lines.append(
-            Line("partition", "note", "no GPUs that the scheduler knows", "use --workers N")
+            DoctorLine("partition", "note", "no GPUs that the scheduler knows", "use --workers N")
         )
     return lines
 
 
-def _gpus(facts: Facts) -> Line:
+def _gpus(facts: Facts) -> DoctorLine:
     if facts.gpus:
-        return Line("GPUs of this host", "ok", ", ".join(facts.gpus))
-    return Line("GPUs of this host", "note", "none; that is usual for a login node")
+        return DoctorLine("GPUs of this host", "ok", ", ".join(facts.gpus))
+    return DoctorLine("GPUs of this host", "note", "none; that is usual for a login node")
 
 
-def _containers(facts: Facts) -> Line:
+def _containers(facts: Facts) -> DoctorLine:
     if facts.containers:
-        return Line("containers", "ok", ", ".join(facts.containers))
-    return Line("containers", "note", "no apptainer, ch-run or podman", "jobs run without an image")
+        return DoctorLine("containers", "ok", ", ".join(facts.containers))
+    return DoctorLine(
+        "containers", "note", "no apptainer, ch-run or podman", "jobs run without an image"
+    )
 
 
-def _folder(facts: Facts) -> list[Line]:
+def _folder(facts: Facts) -> list[DoctorLine]:
     if facts.writable:
         do = "choose another with --out, or free some space"
-        return [Line("run folder", "bad", facts.writable, do)]
+        return [DoctorLine("run folder", "bad", facts.writable, do)]
     lines = [
-        Line(
+        DoctorLine(
             "run folder", "ok", f"{facts.folder}: written, synced and renamed ({facts.filesystem})"
         )
     ]
     if facts.filesystem in ("tmpfs", "ramfs") or facts.filesystem not in (*SHARED, *SHARED_MORE):
         lines.append(
-            Line(
+            DoctorLine(
                 "shared",
                 "note",
                 f"{facts.filesystem} is not a network file system",
@@ -186,35 +190,39 @@ def _folder(facts: Facts) -> list[Line]:
             )
         )
     else:
-        lines.append(Line("shared", "ok", f"{facts.filesystem}, a network file system"))
+        lines.append(DoctorLine("shared", "ok", f"{facts.filesystem}, a network file system"))
     if facts.free_bytes is not None:
         level: Level = "ok" if facts.free_bytes >= SPACE_MIN_BYTES else "note"
-        lines.append(Line("space", level, f"{facts.free_bytes / (1 << 30):.1f} GiB free"))
+        lines.append(DoctorLine("space", level, f"{facts.free_bytes / (1 << 30):.1f} GiB free"))
     if facts.quota:
-        lines.append(Line("quota", "ok", facts.quota))
+        lines.append(DoctorLine("quota", "ok", facts.quota))
     return lines
 
 
-def _network(facts: Facts) -> list[Line]:
+def _network(facts: Facts) -> list[DoctorLine]:
     outward = [a for a in facts.addresses if not a.address.startswith("127.")]
     shown = ", ".join(f"{a.address} ({a.interface})" for a in outward)
     lines = [
-        Line("addresses", "ok", f"{shown}; choose with --interface")
+        DoctorLine("addresses", "ok", f"{shown}; choose with --interface")
         if outward
-        else Line("addresses", "note", "loopback only", "nodes must have one; --nodes 1 works")
+        else DoctorLine(
+            "addresses", "note", "loopback only", "nodes must have one; --nodes 1 works"
+        )
     ]
     if facts.port:
-        lines.append(Line("ports", "note", facts.port, "the same on a node would stop the job"))
+        lines.append(
+            DoctorLine("ports", "note", facts.port, "the same on a node would stop the job")
+        )
     else:
-        lines.append(Line("ports", "ok", "any free port; the conductor says which it took"))
+        lines.append(DoctorLine("ports", "ok", "any free port; the conductor says which it took"))
     return lines
 
 
-def _software(facts: Facts) -> Line:
+def _software(facts: Facts) -> DoctorLine:
     version = ".".join(str(number) for number in facts.python)
     if facts.python[:2] < PYTHON_MIN:
-        return Line("software", "bad", f"Python {version}", "at least 3.11 is needed")
+        return DoctorLine("software", "bad", f"Python {version}", "at least 3.11 is needed")
     if facts.missing:
         found = f"Python {version} without {', '.join(facts.missing)}"
-        return Line("software", "bad", found, "install drivetwin there, or give --bin")
-    return Line("software", "ok", f"Python {version} with conductor, twin and devkit")
+        return DoctorLine("software", "bad", found, "install drivetwin there, or give --bin")
+    return DoctorLine("software", "ok", f"Python {version} with conductor, twin and devkit")

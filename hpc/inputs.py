@@ -57,7 +57,7 @@ _REFERENCE = re.compile(r"(docker|oras|library|https?)://\S+")
 
 
 @dataclass(frozen=True, slots=True)
-class Repository:
+class NamedRepository:
     """A repository as a campaign names it.
 
     Raises:
@@ -92,7 +92,7 @@ class FetchedRepository:
     """Digest of content and set-up."""
 
 
-def fetch_repository(repository: Repository, cache: Path) -> FetchedRepository:
+def fetch_repository(repository: NamedRepository, cache: Path) -> FetchedRepository:
     """The files of ``repository`` in the cache, fetched unless they are there.
 
     Raises:
@@ -166,7 +166,7 @@ def _copied(source: str, images: Path, name: str, alone: bool) -> Path:
         return _keep(Path(shutil.copyfile(source, folder / "image.sif")), images)
 
 
-def _commit(repository: Repository, mirror: Path, alone: bool) -> str:
+def _commit(repository: NamedRepository, mirror: Path, alone: bool) -> str:
     """The commit that ``ref`` means now; the mirror holds it afterwards."""
     url, ref = repository.url, repository.ref
     # A full commit id never means anything else: no network is needed to know it.
@@ -198,7 +198,7 @@ def _resolved(mirror: Path, ref: str) -> str:
         return ""
 
 
-def _make(repository: Repository, mirror: Path, commit: str, entry: Path, alone: bool) -> None:
+def _make(repository: NamedRepository, mirror: Path, commit: str, entry: Path, alone: bool) -> None:
     what = f"repository {repository.url}"
     with _scratch(entry.parent, entry.name, alone) as folder:
         tree = folder / "tree"

@@ -25,7 +25,7 @@ PROBE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Submitted:
+class SubmittedJob:
     """A job that the scheduler has taken."""
 
     scheduler: str
@@ -35,7 +35,7 @@ class Submitted:
     log: str
 
 
-def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Submitted:
+def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> SubmittedJob:
     """Check everything that can be checked, then submit.
 
     Raises:
@@ -58,7 +58,7 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
             scheduler.cancel(job)
             raise type(error)(f"{error}; job {job} was cancelled again") from None
     log = folder / scheduler.log(job, request)
-    return Submitted(scheduler.kind, job, str(folder), str(script), str(log))
+    return SubmittedJob(scheduler.kind, job, str(folder), str(script), str(log))
 
 
 def check_walltime(request: JobRequest, deadline_s: float, case_s: float | None) -> None:

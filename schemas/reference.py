@@ -15,7 +15,7 @@ from msgspec import inspect as types
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class FieldKey:
     """One key of a file."""
 
     path: str
@@ -27,12 +27,12 @@ class Key:
     meaning: str
 
 
-def keys_of(cls: type[Struct]) -> list[Key]:
+def keys_of(cls: type[Struct]) -> list[FieldKey]:
     """All keys of the file type ``cls`` in its order, nested ones below their section."""
     return list(_keys(cls, ""))
 
 
-def markdown(keys: list[Key]) -> str:
+def markdown(keys: list[FieldKey]) -> str:
     """The keys as a Markdown table."""
     lines = ["| key | allowed | default | meaning |", "|---|---|---|---|"]
     for key in keys:
@@ -42,19 +42,19 @@ def markdown(keys: list[Key]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _keys(cls: type[Struct], prefix: str) -> Iterator[Key]:
+def _keys(cls: type[Struct], prefix: str) -> Iterator[FieldKey]:
     meanings = _meanings(cls)
     info = types.type_info(cls)
     assert isinstance(info, types.StructType)
     if isinstance(info.tag, str) and info.tag_field is not None:
-        yield Key(f"{prefix}{info.tag_field}", info.tag, info.tag, _first_line(cls))
+        yield FieldKey(f"{prefix}{info.tag_field}", info.tag, info.tag, _first_line(cls))
     for field in info.fields:
         path = prefix + field.encode_name
         sections = list(_sections(field.type, path))
         allowed = "section" if sections and sections[0][1] == path else _allowed(field.type)
         default = "" if sections else _default(field)
         meaning = meanings.get(field.name) or (_first_line(sections[0][0]) if sections else "")
-        yield Key(path, allowed, default, meaning)
+        yield FieldKey(path, allowed, default, meaning)
         for section, name in sections:
             yield from _keys(section, f"{name}.")
 

@@ -15,7 +15,7 @@ from conductor_bench import campaign, hello, next_of, result
 
 from conductor.core.state import Config
 from conductor.journal.store import Journal
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Control, Reply, Request, StatusRequest, Submit
 from schemas.wire.codec import decode, encode
@@ -44,17 +44,17 @@ class Timed:
         print(f"{self._what:34} {wall_s:8.3f} s   {memory_mb():6.0f} MB", flush=True)
 
 
-def ask(engine: Engine, request: Request) -> Reply:
+def ask(engine: ConductorEngine, request: Request) -> Reply:
     """One request, one commit."""
     started_s = time.perf_counter()
-    (data,) = engine.turn([Message(encode(request), time.monotonic_ns())]).replies
+    (data,) = engine.turn([IncomingRequest(encode(request), time.monotonic_ns())]).replies
     WORST_S.append(time.perf_counter() - started_s)
     reply = decode(data or b"", Reply)
     assert not reply.error, reply.error
     return reply
 
 
-def run(engine: Engine, cases: int) -> None:
+def run(engine: ConductorEngine, cases: int) -> None:
     """A worker does all cases."""
     leases: list[object] = []
     done = 0
@@ -76,7 +76,7 @@ def main(cases: int) -> None:
         path = Path(folder)
         config = Config(folder=folder)
         journal = Journal(path)
-        engine = Engine(journal, config, time.monotonic_ns())
+        engine = ConductorEngine(journal, config, time.monotonic_ns())
         with Timed("submit"):
             ask(engine, Submit(v=V, campaign=campaign(cases=cases)))
         ask(engine, hello(slots=K))
@@ -93,7 +93,7 @@ def main(cases: int) -> None:
         gc.collect()
         with Timed("restart"):
             journal = Journal(path)
-            engine = Engine(journal, config, time.monotonic_ns())
+            engine = ConductorEngine(journal, config, time.monotonic_ns())
         assert engine.state.campaigns["alpha"].ended == {"passed": cases}
         ask(engine, Submit(v=V, campaign=campaign("beta", cases=cases)))
         with Timed("cancel"):

@@ -11,9 +11,9 @@ import numpy as np
 from devkit.darknet.build import build_network
 from devkit.darknet.network import (
     Convolutional,
+    DarknetNetwork,
     Head,
     MaxPool,
-    Network,
     Reorg,
     Route,
     Shortcut,
@@ -23,14 +23,14 @@ from devkit.darknet.sections import parse_sections
 from devkit.darknet.weights import Convolution, Weights
 
 
-def small_network(layers: str, *, width: int, height: int) -> Network:
+def small_network(layers: str, *, width: int, height: int) -> DarknetNetwork:
     """These layers between a convolution and a head of two classes."""
     head = "[convolutional]\nfilters=7\nactivation=linear\n[yolo]\nanchors=8,8\nclasses=2\nnum=1\n"
     text = f"[net]\nwidth={width}\nheight={height}\n[convolutional]\nfilters=8\nactivation=linear\n"
     return build_network(parse_sections(text + layers + head, "a.cfg"), "a.cfg")
 
 
-def random_weights(network: Network, seed: int, version=(0, 2, 5)) -> Weights:
+def random_weights(network: DarknetNetwork, seed: int, version=(0, 2, 5)) -> Weights:
     """Weights that keep every layer's values near 1, whatever the depth."""
     rng = np.random.default_rng(seed)
 
@@ -52,7 +52,7 @@ def random_weights(network: Network, seed: int, version=(0, 2, 5)) -> Weights:
     return Weights(version, 12345, convolutions)
 
 
-def forward(network: Network, weights: Weights, images: np.ndarray) -> list[np.ndarray]:
+def forward(network: DarknetNetwork, weights: Weights, images: np.ndarray) -> list[np.ndarray]:
     """Outputs of all layers, float32 [N, C, H, W]; a head's output is its input."""
     outputs: list[np.ndarray] = []
     for layer in network.layers:

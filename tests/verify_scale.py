@@ -20,7 +20,7 @@ from conductor.bench.scale import large_campaign
 from conductor.core.state import Config
 from conductor.journal.store import Journal
 from conductor.records.outcomes import encode_campaign, read_outcomes
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from conductor.trust.sign_run import sign_run
 from conductor.trust.signing import trusted_keys
@@ -37,10 +37,10 @@ K = 64
 def write_run(folder: Path, cases: int) -> None:
     """A finished campaign of ``cases`` cases, a multiple of 32, as a conductor leaves it."""
     journal = Journal(folder)
-    engine = Engine(journal, Config(folder=str(folder)), 0)
+    engine = ConductorEngine(journal, Config(folder=str(folder)), 0)
 
     def ask(request: object) -> Reply:
-        (answer,) = engine.turn([Message(encode(request), 0)]).replies
+        (answer,) = engine.turn([IncomingRequest(encode(request), 0)]).replies
         assert answer is not None
         reply = decode(answer, Reply)
         assert not reply.error, reply.error

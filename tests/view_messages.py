@@ -3,11 +3,11 @@
 from schemas import SCHEMA_VERSION
 from schemas.messages import Detection, Lights
 from schemas.wire.view import (
-    Box,
     CameraSample,
     CaseEnd,
     CaseStart,
     Controls,
+    ImageBox,
     Stage,
     StateSample,
     Thumbnail,
@@ -80,7 +80,7 @@ def state(seq, tick=0, token=7, **changes):
         "ttc_s": 2.0,
         "collisions": 0,
         "controls": controls(),
-        "boxes": [Box("car", 10.0, 10.0, 20.0, 8.0, 21.0)],
+        "boxes": [ImageBox("car", 10.0, 10.0, 20.0, 8.0, 21.0)],
         **changes,
     }
     time_ns = tick * 50_000_000

@@ -22,7 +22,7 @@ JUDGING_S = 600.0
 """Longest wait for a conductor that still judges [s]."""
 
 
-class Child:
+class BenchChild:
     """A Python module in a process of its own; its log is shown when it fails."""
 
     def __init__(self, *arguments: str) -> None:
@@ -74,9 +74,9 @@ class Child:
 
 
 @contextlib.contextmanager
-def child(*arguments: str) -> Iterator[Child]:
-    """A :class:`Child` for the block."""
-    made = Child(*arguments)
+def child(*arguments: str) -> Iterator[BenchChild]:
+    """A :class:`BenchChild` for the block."""
+    made = BenchChild(*arguments)
     try:
         yield made
     finally:
@@ -95,7 +95,7 @@ def serving(folder: Path, *, judged: bool = False) -> Iterator[tuple[str, int]]:
             server.finish(JUDGING_S)
 
 
-def _await(folder: Path, server: Child) -> str:
+def _await(folder: Path, server: BenchChild) -> str:
     until_s = time.monotonic() + START_S
     while time.monotonic() < until_s:
         try:

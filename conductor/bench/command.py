@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from conductor.bench.compare import AIMS, TARGETS, Comparison, compare
+from conductor.bench.compare import AIMS, TARGETS, SchedulerComparison, compare
 from conductor.bench.own import check_disk
 from conductor.bench.scale import TARGETS as SCALE_TARGETS
 from conductor.bench.scale import Scale, measure_scale
@@ -64,7 +64,7 @@ _LABELS = {
 }
 
 
-def _comparison_table(found: Comparison) -> Table:
+def _comparison_table(found: SchedulerComparison) -> Table:
     table = Table("scheduler", "cases/s", "least", "most", "aim", title="no-op cases, 2 processes")
     for name, label in _LABELS.items():
         rates = [run.rate for run in found.runs[name]]

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from conductor.bench.own import K_MANY, Measured, measure
+from conductor.bench.own import K_MANY, SchedulerRun, measure
 from conductor.bench.peers import PACKAGES, measure_peer, missing
 
 TARGETS = {"ratio_dask_k8": 10.0, "ratio_hyperqueue_k8": 5.0, "ratio_dask_k1": 3.0}
@@ -26,11 +26,11 @@ AIMS = {"k8": 10_000.0, "k1": 2_000.0}
 
 
 @dataclass(slots=True)
-class Comparison:
+class SchedulerComparison:
     """Runs of each scheduler, one per round: ``k8``, ``k1``, ``files`` (eight per request, with the
     files of an attempt), and the peers."""
 
-    runs: dict[str, list[Measured]] = field(default_factory=dict)
+    runs: dict[str, list[SchedulerRun]] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     """One line per peer that cannot run."""
 
@@ -88,7 +88,9 @@ SCHEDULERS = (*OWN, *PACKAGES)
 """Names of the rows."""
 
 
-def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -> Comparison:
+def compare(
+    cases: int, rounds: int, folder: Path, say: Callable[[str], None]
+) -> SchedulerComparison:
     """Run all schedulers ``rounds`` times with ``cases`` cases or tasks each.
 
     Args:
@@ -97,7 +99,7 @@ def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -
         folder: on a real disk.
         say: told about every run, one line each.
     """
-    found = Comparison({name: [] for name in SCHEDULERS})
+    found = SchedulerComparison({name: [] for name in SCHEDULERS})
     few = max(1, cases // FILES_SHARE)
     peers = []
     for peer in PACKAGES:
@@ -107,7 +109,7 @@ def compare(cases: int, rounds: int, folder: Path, say: Callable[[str], None]) -
         else:
             peers.append(peer)
     for number in range(1, rounds + 1):
-        steps: list[tuple[str, Callable[[], Measured]]] = [
+        steps: list[tuple[str, Callable[[], SchedulerRun]]] = [
             ("k8", lambda: measure(cases, K_MANY, folder)),
             ("k1", lambda: measure(cases, 1, folder)),
             ("files", lambda: measure(few, K_MANY, folder, files=True)),

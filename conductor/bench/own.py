@@ -20,7 +20,7 @@ from typing import Literal
 import msgspec
 
 from conductor.bench.children import child, serving
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from conductor.trust.judge_feed import read_judged
 from schemas.campaign import Campaign
 from twin.base.errors import InfrastructureError, UsageError
@@ -33,7 +33,7 @@ K_MANY = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class SchedulerRun:
     """One run of one scheduler."""
 
     cases: int
@@ -58,7 +58,7 @@ def noop_campaign(cases: int, name: str = "bench") -> Campaign:
     return msgspec.convert(data, Campaign)
 
 
-def measure(cases: int, k: int, folder: Path, *, files: bool = False) -> Measured:
+def measure(cases: int, k: int, folder: Path, *, files: bool = False) -> SchedulerRun:
     """Commit ``cases`` cases with ``k`` per request, in a new state folder below ``folder``.
 
     ``files``: each has an attempt's files.
@@ -68,7 +68,7 @@ def measure(cases: int, k: int, folder: Path, *, files: bool = False) -> Measure
         template = _template(state) if files else None
         with ExitStack() as stack:
             endpoint, _ = stack.enter_context(serving(state, judged=files))
-            client = stack.enter_context(Client(endpoint, None, "bench"))
+            client = stack.enter_context(ConductorClient(endpoint, None, "bench"))
             before_s = time.perf_counter()
             campaign = noop_campaign(cases)
             if files:  # a judge looks at what was simulated
@@ -81,10 +81,10 @@ def measure(cases: int, k: int, folder: Path, *, files: bool = False) -> Measure
         if left:
             raise InfrastructureError(f"{left} of {cases} cases are left")
         if not files:
-            return Measured(cases, wall_s, submit_s)
+            return SchedulerRun(cases, wall_s, submit_s)
         judged_s = time.perf_counter() - started_s
         _check_judged(state / "bench", cases)
-        return Measured(cases, wall_s, submit_s, judged_s)
+        return SchedulerRun(cases, wall_s, submit_s, judged_s)
     finally:
         shutil.rmtree(state)
 

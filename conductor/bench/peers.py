@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from conductor.bench.children import child
-from conductor.bench.own import CLIENTS, Measured
+from conductor.bench.own import CLIENTS, SchedulerRun
 from twin.base.process import bind_to_parent
 
 PACKAGES = {"dask": "distributed", "hyperqueue": "hyperqueue"}
@@ -46,7 +46,7 @@ def missing(peer: str) -> str:
     return ""
 
 
-def measure_peer(peer: str, tasks: int, folder: Path) -> Measured:
+def measure_peer(peer: str, tasks: int, folder: Path) -> SchedulerRun:
     """Run ``tasks`` no-op tasks with ``peer``, in a process of its own.
 
     Raises:
@@ -58,7 +58,7 @@ def measure_peer(peer: str, tasks: int, folder: Path) -> Measured:
             found = json.loads(process.line())
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return Measured(tasks, found["wall_s"])
+    return SchedulerRun(tasks, found["wall_s"])
 
 
 def _noop(index: int) -> int:

@@ -27,7 +27,7 @@ _PROGRAM = (
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ReportRun:
     """One report, made by a process of its own."""
 
     what: str
@@ -60,7 +60,7 @@ def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
         ("complete: the fingerprint takes every file", 0),
         ("nothing new", 0),
     ]
-    found: list[Measured] = []
+    found: list[ReportRun] = []
     for what, left in steps:
         if not found or left != steps[len(found) - 1][1]:
             write_outcomes(scratch, campaign, ends, left)
@@ -82,7 +82,7 @@ def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
     return EXIT_FAILED if check and missed else EXIT_PASS
 
 
-def _missed(found: list[Measured]) -> Iterator[str]:
+def _missed(found: list[ReportRun]) -> Iterator[str]:
     for each in found:
         if each.wall_s > WALL_S_MAX:
             yield f"{each.what}: {each.wall_s:.1f} s, allowed are {WALL_S_MAX:g} s"
@@ -92,7 +92,7 @@ def _missed(found: list[Measured]) -> Iterator[str]:
         yield f"{found[-1].what}: {found[-1].read} files read, expected none"
 
 
-def _measure(what: str, folder: Path) -> Measured:
+def _measure(what: str, folder: Path) -> ReportRun:
     """Run a report as a child, because memory is counted per process."""
     reading, writing = os.pipe()
     began = time.monotonic()
@@ -112,6 +112,6 @@ def _measure(what: str, folder: Path) -> Measured:
     wall_s = time.monotonic() - began
     if status != 0:
         raise InfrastructureError(f"bench-report: the report ended with status {status}")
-    return Measured(
+    return ReportRun(
         what, wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024, int(said)
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from conductor.records.timeline import COMMITTED, LEASED, Event
+from conductor.records.timeline import COMMITTED, LEASED, TimelineEvent
 from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
 from schemas.campaign import WEATHERS, Campaign, Case, expand, parse_campaign
 from schemas.files.kpi import SCALARS
@@ -68,7 +68,7 @@ def write_files(folder: Path, campaign: Campaign) -> list[tuple[Case, CaseOutcom
         for number, (case, end) in enumerate(ends):
             start_s = (number // SLOTS) * WALL_S
             for name, at_s in ((LEASED, start_s), (COMMITTED, start_s + WALL_S)):
-                event = Event(
+                event = TimelineEvent(
                     at_s=at_s,
                     event=name,
                     case=case.id,

@@ -15,7 +15,7 @@ import psutil
 
 from conductor.bench.children import serving
 from conductor.bench.own import K_MANY, work
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from schemas.campaign import WEATHERS, Campaign
 from twin.base.errors import UsageError
 
@@ -75,7 +75,7 @@ def measure_scale(cases: int, folder: Path) -> Scale:
     campaign = large_campaign(cases)
     state = Path(tempfile.mkdtemp(prefix="bench-", dir=folder))
     try:
-        with serving(state) as (endpoint, pid), Client(endpoint, None, "bench") as client:
+        with serving(state) as (endpoint, pid), ConductorClient(endpoint, None, "bench") as client:
             started_s = time.perf_counter()
             client.submit(campaign, "")
             submit_s = time.perf_counter() - started_s
@@ -83,7 +83,7 @@ def measure_scale(cases: int, folder: Path) -> Scale:
             wall_s = work(endpoint, cases, K_MANY, "full")
             ended_mb = _rss_mb(pid)
         started_s = time.perf_counter()
-        with serving(state) as (endpoint, pid), Client(endpoint, None, "bench") as client:
+        with serving(state) as (endpoint, pid), ConductorClient(endpoint, None, "bench") as client:
             left = client.status()["left"]
             restart_s = time.perf_counter() - started_s
             if left:
@@ -95,7 +95,7 @@ def measure_scale(cases: int, folder: Path) -> Scale:
         shutil.rmtree(state)
 
 
-def _status_ms(client: Client) -> float:
+def _status_ms(client: ConductorClient) -> float:
     started_s = time.perf_counter()
     client.status()
     return (time.perf_counter() - started_s) * 1e3

@@ -29,7 +29,7 @@ import psutil
 
 from conductor.bench.front import FrontRow, measure_front
 from conductor.bench.own import noop_campaign
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from conductor.core.state import Config
 from conductor.serve.command import serve_folder
 from conductor.serve.shell import Conductor
@@ -43,9 +43,9 @@ from twin.base.software import software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import Target, await_conductor
 from twin.fabric.endpoint import LOOPBACK, to_listen
-from twin.fabric.frames import Channel, FrameBuffer, open_frames
+from twin.fabric.frames import FrameBuffer, FrameChannel, open_frames
 from twin.fabric.keys.authority import make_keys
-from twin.fabric.keys.key_file import Key, load_key
+from twin.fabric.keys.key_file import MemberKey, load_key
 from twin.fabric.keys.rig_keys import RigKeys
 from twin.fabric.keys.roles import Role
 from twin.fabric.rig_folder import RigFolder, frames_socket
@@ -56,7 +56,7 @@ FLOOR = 0.5
 """--check: TLS must reach this share of plain TCP in lease and commit, and for ticks."""
 WIRE_BYTES_MAX = 2000
 """--check: an exchange whose picture lies in shared memory may send so much [bytes]."""
-TICK_BYTES, FRAME = 200, Channel("camera", (1, 360, 640, 3), "|u1")
+TICK_BYTES, FRAME = 200, FrameChannel("camera", (1, 360, 640, 3), "|u1")
 FRAME_BYTES = 640 * 360 * 3
 NAMESPACE = "bench/rig"
 WAIT_S = 10.0
@@ -81,7 +81,7 @@ EXCHANGES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class BenchRow:
     """One line of the table: the best of all rounds, because others use the machine too."""
 
     plain_per_s: float
@@ -132,7 +132,7 @@ def bench_tls(cases: int, rounds: int, folder: Path, *, as_json: bool, check: bo
     return EXIT_FAILED if check and missed else EXIT_PASS
 
 
-def _missed(table: dict[str, Row]) -> list[str]:
+def _missed(table: dict[str, BenchRow]) -> list[str]:
     low = [
         f"{name}: {row.ratio:.2f} of plain TCP, at least {FLOOR}"
         for name, row in table.items()
@@ -146,7 +146,7 @@ def _missed(table: dict[str, Row]) -> list[str]:
     return low + large
 
 
-def _measure(folder: Path, cases: int, rounds: int) -> dict[str, Row]:
+def _measure(folder: Path, cases: int, rounds: int) -> dict[str, BenchRow]:
     keys = make_keys(folder / "keys")
     rates: dict[str, dict[bool, list[float]]] = {}
     wire: dict[str, float] = {}
@@ -161,7 +161,7 @@ def _measure(folder: Path, cases: int, rounds: int) -> dict[str, Row]:
                 rates.setdefault(exchange.name, {}).setdefault(tls, []).append(rate)
                 wire[exchange.name] = sent
     return {
-        name: Row(max(found[False]), max(found[True]), wire.get(name))
+        name: BenchRow(max(found[False]), max(found[True]), wire.get(name))
         for name, found in rates.items()
     }
 
@@ -186,7 +186,7 @@ def _serve(folder: Path, keys: Path | None, front: bool) -> None:
         conductor.serve()
 
 
-def _direct(listen: Sequence[str], namespace: str, key: Key | None) -> Bus:
+def _direct(listen: Sequence[str], namespace: str, key: MemberKey | None) -> Bus:
     """A router whose listener everybody reaches."""
     return open_bus("router", listen=listen, namespace=namespace, key=key)
 
@@ -198,7 +198,7 @@ def _commits(folder: Path, keys: Path | None, cases: int, k: int, *, front: bool
     try:
         process.start()
         target = await_conductor(state, 30.0, Role.worker)
-        with Client("", state, "twin", role=Role.submitter) as client:
+        with ConductorClient("", state, "twin", role=Role.submitter) as client:
             client.submit(noop_campaign(cases), "")
         return _lease_and_commit(target, k)
     finally:

@@ -26,7 +26,7 @@ TRIES = 3
 """Requests are idempotent: an unanswered one is sent again."""
 
 
-class Client:
+class ConductorClient:
     """Talks to the conductor at ``connect``, or to the one that serves ``state``."""
 
     def __init__(

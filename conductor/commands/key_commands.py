@@ -15,7 +15,7 @@ from twin.fabric.keys.roles import IN_WORDS, INVITED, Role
 
 if TYPE_CHECKING:
     from twin.fabric.discovery import ConductorFile
-    from twin.fabric.keys.key_file import Key
+    from twin.fabric.keys.key_file import MemberKey
 
 MODE = 0o600
 
@@ -27,7 +27,7 @@ def add_key_commands(app: typer.Typer) -> None:
     app.command()(revoke)
 
 
-def own_key(key: Path | None, *, insecure: bool) -> Key | None:
+def own_key(key: Path | None, *, insecure: bool) -> MemberKey | None:
     """The key that a conductor is given, if any.
 
     Raises:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from schemas.words import counted
 from twin.fabric.connection_options import InsecureOption, KeyOption
 from twin.fabric.keys.roles import Role
@@ -50,7 +50,7 @@ def explain(
     _insecure: InsecureOption = False,
 ) -> None:
     """Say why a case waits, runs or ended."""
-    with Client(connect, state, namespace, key, Role.viewer) as client:
+    with ConductorClient(connect, state, namespace, key, Role.viewer) as client:
         for line in client.explain(campaign, case):
             print(line)
 
@@ -64,7 +64,7 @@ def drain(
     _insecure: InsecureOption = False,
 ) -> None:
     """Let a worker give its cases back and leave."""
-    with Client(connect, state, namespace, key) as client:
+    with ConductorClient(connect, state, namespace, key) as client:
         client.control("drain", worker=worker)
     print(f"{worker}: draining")
 
@@ -81,7 +81,7 @@ def _command(action: Action) -> Callable[..., None]:
         key: KeyOption = None,
         _insecure: InsecureOption = False,
     ) -> None:
-        with Client(connect, state, namespace, key) as client:
+        with ConductorClient(connect, state, namespace, key) as client:
             changed = client.control(action, campaign=campaign, case=case)
         print(f"{action} {campaign}{f' {case}' if case else ''}: {counted(changed, 'case')}")
 

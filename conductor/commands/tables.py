@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from conductor.commands.pace import Pace, shown_time
-from schemas.reference import Key
+from schemas.reference import FieldKey
 from schemas.words import counted
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
@@ -58,7 +58,7 @@ def alarms(found: dict[str, Any]) -> list[str]:
     return lines
 
 
-def key_table(keys: Sequence[Key]) -> None:
+def key_table(keys: Sequence[FieldKey]) -> None:
     """Print keys of a file."""
     table = Table("key", "allowed", "default", "meaning", box=None, padding=(0, 2, 0, 0))
     for key in keys:

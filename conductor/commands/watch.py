@@ -27,8 +27,8 @@ HASTE_S = 0.2
 """And at most this often, however many events come [s]."""
 
 
-class Source(Protocol):
-    """Where status and events come from; see :class:`conductor.commands.client.Client`."""
+class StatusSource(Protocol):
+    """Where status and events come from; see :class:`conductor.commands.client.ConductorClient`."""
 
     def status(self) -> dict[str, Any]:
         """The conductor's state."""
@@ -69,7 +69,7 @@ class Watched:
         return lines + alarms(self.found)
 
 
-def watch(source: Source, console: Console, *, as_json: bool) -> int:
+def watch(source: StatusSource, console: Console, *, as_json: bool) -> int:
     """Show the status until everything has ended; Ctrl-C raises KeyboardInterrupt.
 
     Args:
@@ -95,7 +95,11 @@ def watch(source: Source, console: Console, *, as_json: bool) -> int:
 
 
 def _plain(
-    source: Source, watched: Watched, changed: threading.Event, console: Console, as_json: bool
+    source: StatusSource,
+    watched: Watched,
+    changed: threading.Event,
+    console: Console,
+    as_json: bool,
 ) -> int:
     before: object = None
     while True:
@@ -115,7 +119,7 @@ def _plain(
         _wait(changed)
 
 
-def _ask(source: Source, watched: Watched) -> str:
+def _ask(source: StatusSource, watched: Watched) -> str:
     """Take in a status; why there is none, in one line, or nothing.
 
     Raises:

@@ -19,7 +19,7 @@ _OPTIONAL = {field.encode_name for field in msgspec.structs.fields(Case) if not 
 """Fields that tables of older versions may lack."""
 
 
-class Column(Struct, frozen=True):
+class CaseColumn(Struct, frozen=True):
     """One field of all cases."""
 
     values: list[Any]
@@ -32,7 +32,7 @@ class CaseTable(Struct, frozen=True):
     """All cases of a campaign in their order."""
 
     count: int
-    columns: dict[str, Column]
+    columns: dict[str, CaseColumn]
 
 
 def pack(cases: Sequence[Case]) -> CaseTable:
@@ -68,10 +68,10 @@ def unpack(table: CaseTable) -> list[Case]:
     return [Case(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
 
 
-def _column(values: list[Any]) -> Column:
+def _column(values: list[Any]) -> CaseColumn:
     first = values[0]
     if all(value is first for value in values):
-        return Column(values=msgspec.to_builtins([first]))
+        return CaseColumn(values=msgspec.to_builtins([first]))
     found: dict[Hashable, int] = {}
     index = []
     unique: list[Any] = []
@@ -86,8 +86,8 @@ def _column(values: list[Any]) -> Column:
         index.append(position)
     plain = msgspec.to_builtins(unique)
     if len(unique) == 1 or index == list(range(len(values))):
-        return Column(values=plain)
-    return Column(values=plain, index=index)
+        return CaseColumn(values=plain)
+    return CaseColumn(values=plain, index=index)
 
 
 def _key(value: Any) -> Hashable:

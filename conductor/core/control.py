@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from conductor.core.facts import CaseEnded, Paused, Retried, WorkerDraining
 from conductor.core.state import CampaignState, CaseState
-from conductor.core.turn import Turn
+from conductor.core.turn import RequestTurn
 from schemas.messages import Control
 
 SHOWN_MAX = 5
 """Most names listed in an error."""
 
 
-def control(turn: Turn, request: Control) -> tuple[str, int]:
+def control(turn: RequestTurn, request: Control) -> tuple[str, int]:
     """Carry out a request.
 
     Returns:
@@ -33,7 +33,7 @@ def control(turn: Turn, request: Control) -> tuple[str, int]:
     return _retry(turn, campaign, case)
 
 
-def _drain(turn: Turn, name: str) -> tuple[str, int]:
+def _drain(turn: RequestTurn, name: str) -> tuple[str, int]:
     worker = turn.state.workers.get(name)
     if worker is None:
         return _no("worker", name, list(turn.state.workers)), 0
@@ -44,7 +44,7 @@ def _drain(turn: Turn, name: str) -> tuple[str, int]:
 
 
 def _pause(
-    turn: Turn, campaign: CampaignState, case: CaseState | None, paused: bool
+    turn: RequestTurn, campaign: CampaignState, case: CaseState | None, paused: bool
 ) -> tuple[str, int]:
     name = campaign.campaign.campaign
     if case is None:
@@ -60,7 +60,7 @@ def _pause(
     return "", 1
 
 
-def _cancel(turn: Turn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
+def _cancel(turn: RequestTurn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
     name = campaign.campaign.campaign
     chosen = [case] if case is not None else campaign.ordered
     running = [each for each in chosen if not each.ended]
@@ -75,7 +75,7 @@ def _cancel(turn: Turn, campaign: CampaignState, case: CaseState | None) -> tupl
     return "", len(running)
 
 
-def _retry(turn: Turn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
+def _retry(turn: RequestTurn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
     name = campaign.campaign.campaign
     chosen = [case] if case is not None else campaign.ordered
     again = [each for each in chosen if isinstance(each.end, CaseEnded)]

@@ -38,7 +38,7 @@ from conductor.core.snapshot import take
 from conductor.core.speculate import straggler
 from conductor.core.state import CampaignState, CaseState, LiveLease, State, WorkerState
 from conductor.core.status import running, status
-from conductor.core.turn import Turn
+from conductor.core.turn import RequestTurn
 from schemas import SCHEMA_VERSION
 from schemas.messages import (
     Beat,
@@ -68,14 +68,14 @@ WORKERS_MAX = 10_000
 
 def start(state: State) -> list[Fact]:
     """A conductor starts on the folder: a new epoch, to be journalled before it listens."""
-    turn = Turn(state, 0)
+    turn = RequestTurn(state, 0)
     turn.emit(EpochRaised(epoch=state.epoch + 1))
     return turn.facts
 
 
 def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Reply]:
     """Answer one request; ``state`` is advanced by the facts returned."""
-    turn = Turn(state, now_ns)
+    turn = RequestTurn(state, now_ns)
     expire(turn)
     _forget(turn)
     if request.v != SCHEMA_VERSION:
@@ -91,14 +91,14 @@ def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Rep
 
 def tick(state: State, now_ns: int) -> list[Fact]:
     """What happens by itself: leases whose time is over are lost, silent workers are forgotten."""
-    turn = Turn(state, now_ns)
+    turn = RequestTurn(state, now_ns)
     expire(turn)
     _forget(turn)
     _snapshot(turn, state.config.snapshot_facts)
     return turn.facts
 
 
-def _forget(turn: Turn) -> None:
+def _forget(turn: RequestTurn) -> None:
     """Workers that were killed say no goodbye; a conductor that runs for days has many of them."""
     state, now_ns = turn.state, turn.now_ns
     if now_ns - state.looked_ns < state.config.forget_ns // 60:
@@ -107,7 +107,7 @@ def _forget(turn: Turn) -> None:
     _forget_silent(turn, state.config.forget_ns, "silent for too long")
 
 
-def _forget_silent(turn: Turn, silent_ns: int, reason: str) -> None:
+def _forget_silent(turn: RequestTurn, silent_ns: int, reason: str) -> None:
     """Those without leases; should one come back, it joins again."""
     for name, worker in list(turn.state.workers.items()):
         if not worker.tokens and turn.now_ns - worker.seen_ns >= silent_ns:
@@ -116,25 +116,25 @@ def _forget_silent(turn: Turn, silent_ns: int, reason: str) -> None:
 
 def close(state: State) -> list[Fact]:
     """A clean end: the next start finds a snapshot and hardly any facts after it."""
-    turn = Turn(state, 0)
+    turn = RequestTurn(state, 0)
     _snapshot(turn, state.config.snapshot_close_facts)
     return turn.facts
 
 
-def _snapshot(turn: Turn, facts: int) -> None:
+def _snapshot(turn: RequestTurn, facts: int) -> None:
     if turn.state.tail >= facts:
         turn.emit(take(turn.state))
 
 
 def worker_lost(state: State, worker: str, now_ns: int) -> list[Fact]:
     """The session of ``worker`` vanished: a hint that its leases will not be renewed."""
-    turn = Turn(state, now_ns)
+    turn = RequestTurn(state, now_ns)
     if worker in state.workers:
         turn.emit(Shortened(worker=worker, until_ns=now_ns + state.config.vanished_ns))
     return turn.facts
 
 
-def _hello(turn: Turn, request: Hello) -> Reply:
+def _hello(turn: RequestTurn, request: Hello) -> Reply:
     state = turn.state
     # The id becomes part of keys and file names.
     if not 0 < len(request.worker) <= NAME_CHARS_MAX or set("/*$?# \n\t") & set(request.worker):
@@ -215,7 +215,7 @@ def _oversized(request: Hello) -> str:
     return ""
 
 
-def _next(turn: Turn, request: Next) -> Reply:
+def _next(turn: RequestTurn, request: Next) -> Reply:
     state = turn.state
     worker, error = speaker(state, request)
     if worker is None:
@@ -294,7 +294,7 @@ def _again(state: State, replied: Replied) -> Reply:
     return msgspec.structs.replace(replied.reply, leases=leases) if leases else replied.reply
 
 
-def _end_attempts(turn: Turn, worker: str, ends: list[Ended]) -> None:
+def _end_attempts(turn: RequestTurn, worker: str, ends: list[Ended]) -> None:
     suspects: dict[int, str] = {}
     for ended in ends:
         for lease in own(turn.state, worker, [ended.token]):
@@ -320,7 +320,9 @@ def _notes(lines: list[str]) -> dict[str, Any]:
     return {"notes": lines} if lines else {}
 
 
-def _grant(turn: Turn, request: Next, worker: WorkerState, held: list[LiveLease]) -> list[Lease]:
+def _grant(
+    turn: RequestTurn, request: Next, worker: WorkerState, held: list[LiveLease]
+) -> list[Lease]:
     state = turn.state
     leases = []
     for case in choose(state, request, worker, held, turn.now_ns):
@@ -335,7 +337,7 @@ def _grant(turn: Turn, request: Next, worker: WorkerState, held: list[LiveLease]
     return leases
 
 
-def _pin(turn: Turn, campaign: CampaignState, worker: WorkerJoined) -> None:
+def _pin(turn: RequestTurn, campaign: CampaignState, worker: WorkerJoined) -> None:
     if not campaign.pinned:
         turn.emit(
             Pinned(
@@ -346,7 +348,7 @@ def _pin(turn: Turn, campaign: CampaignState, worker: WorkerJoined) -> None:
         )
 
 
-def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) -> Lease:
+def _lease(turn: RequestTurn, campaign: CampaignState, case: CaseState, worker: str) -> Lease:
     state = turn.state
     fact = Leased(
         campaign=case.case.campaign,
@@ -363,7 +365,7 @@ def _lease(turn: Turn, campaign: CampaignState, case: CaseState, worker: str) ->
     )
 
 
-def _beat(turn: Turn, request: Beat) -> Reply:
+def _beat(turn: RequestTurn, request: Beat) -> Reply:
     worker, error = speaker(turn.state, request)
     if worker is None:
         return turn.reply(error=error)
@@ -385,7 +387,7 @@ def _beat(turn: Turn, request: Beat) -> Reply:
     return turn.reply(worker, lost=lost(turn.state, request.worker, held))
 
 
-def _bye(turn: Turn, request: Bye) -> Reply:
+def _bye(turn: RequestTurn, request: Bye) -> Reply:
     worker, error = speaker(turn.state, request)
     if worker is None and error != UNKNOWN_WORKER:
         return turn.reply(error=error)
@@ -396,7 +398,7 @@ def _bye(turn: Turn, request: Bye) -> Reply:
     return turn.reply()
 
 
-def _submit(turn: Turn, request: Submit) -> Reply:
+def _submit(turn: RequestTurn, request: Submit) -> Reply:
     fact, errors = admit(turn.state, request)
     if errors:
         return turn.reply(error="\n".join(errors))
@@ -416,12 +418,12 @@ def _submit(turn: Turn, request: Submit) -> Reply:
     )
 
 
-def _control(turn: Turn, request: Control) -> Reply:
+def _control(turn: RequestTurn, request: Control) -> Reply:
     error, changed = control(turn, request)
     return turn.reply(error=error, status={} if error else {"changed": changed})
 
 
-def _explain(turn: Turn, request: Explain) -> Reply:
+def _explain(turn: RequestTurn, request: Explain) -> Reply:
     lines = explain(turn.state, request.campaign, request.case, turn.now_ns)
     if not lines:
         return turn.reply(
@@ -430,20 +432,20 @@ def _explain(turn: Turn, request: Explain) -> Reply:
     return turn.reply(status={"explain": lines})
 
 
-def _status(turn: Turn, request: StatusRequest) -> Reply:
+def _status(turn: RequestTurn, request: StatusRequest) -> Reply:
     found = status(turn.state, turn.now_ns)
     if request.running:
         found["running"] = running(turn.state, turn.now_ns)
     return turn.reply(status=found)
 
 
-def _stop(turn: Turn, _: Stop) -> Reply:
+def _stop(turn: RequestTurn, _: Stop) -> Reply:
     if not turn.state.draining:
         turn.emit(Draining())
     return turn.reply()
 
 
-_VERBS: dict[type[Any], Callable[[Turn, Any], Reply]] = {
+_VERBS: dict[type[Any], Callable[[RequestTurn, Any], Reply]] = {
     Hello: _hello,
     Next: _next,
     Beat: _beat,

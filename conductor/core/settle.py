@@ -8,7 +8,7 @@ from conductor.core.facts import ALONE, AttemptEnded, CaseEnded, Charge, Committ
 from conductor.core.lease import POLICIES, expired, first_expiry_ns
 from conductor.core.session import issued_to, mistake_of
 from conductor.core.state import CaseState, LiveLease, State, WorkerState
-from conductor.core.turn import Turn
+from conductor.core.turn import RequestTurn
 from schemas.messages import Release, Result
 from schemas.words import counted
 
@@ -21,7 +21,7 @@ LOSSES_ANYWAY = 4
 """So many times the usual number of losses quarantine a case even if others died as well."""
 
 
-def expire(turn: Turn) -> None:
+def expire(turn: RequestTurn) -> None:
     """Leases whose time is over are lost."""
     over = expired(turn.state, turn.now_ns)
     by_worker: dict[str, list[LiveLease]] = {}
@@ -33,7 +33,7 @@ def expire(turn: Turn) -> None:
         turn.state.expiry_floor_ns = first_expiry_ns(turn.state)
 
 
-def commit(turn: Turn, result: Result, worker: WorkerState) -> bool:
+def commit(turn: RequestTurn, result: Result, worker: WorkerState) -> bool:
     """Record a result of ``worker``, who has proved its session; False if it is fenced."""
     state = turn.state
     case = state.case((result.campaign, result.case))
@@ -69,7 +69,7 @@ def commit(turn: Turn, result: Result, worker: WorkerState) -> bool:
     return False
 
 
-def end_attempt(turn: Turn, lease: LiveLease, reason: Release, detail: str) -> None:
+def end_attempt(turn: RequestTurn, lease: LiveLease, reason: Release, detail: str) -> None:
     """The lease ends without a result; the last charge ends the case as well."""
     policy = POLICIES[reason]
     case = turn.state.campaigns[lease.key[0]].cases[lease.key[1]]
@@ -77,7 +77,9 @@ def end_attempt(turn: Turn, lease: LiveLease, reason: Release, detail: str) -> N
     _emit_end(turn, lease, reason, detail, group)
 
 
-def end_suspects(turn: Turn, leases: Sequence[LiveLease], reason: Release, detail: str) -> None:
+def end_suspects(
+    turn: RequestTurn, leases: Sequence[LiveLease], reason: Release, detail: str
+) -> None:
     """The cases of one rig that died: uncharged, and leased again in two halves.
 
     A half shares its next rig with nobody else, so that the guilty case dies alone in the end and
@@ -90,7 +92,7 @@ def end_suspects(turn: Turn, leases: Sequence[LiveLease], reason: Release, detai
             _emit_end(turn, lease, reason, detail, group, evidence=reason == "lost")
 
 
-def _lose(turn: Turn, worker: str, leases: list[LiveLease]) -> None:
+def _lose(turn: RequestTurn, worker: str, leases: list[LiveLease]) -> None:
     """A worker fell silent; if it alone did, what it ran may be the reason."""
     state = turn.state
     whole = len(leases) == len(state.workers[worker].tokens)
@@ -120,7 +122,12 @@ def _others_live(state: State, apart: set[str], now_ns: int) -> bool:
 
 
 def _emit_end(
-    turn: Turn, lease: LiveLease, reason: Release, detail: str, group: int, evidence: bool = False
+    turn: RequestTurn,
+    lease: LiveLease,
+    reason: Release,
+    detail: str,
+    group: int,
+    evidence: bool = False,
 ) -> None:
     campaign = turn.state.campaigns[lease.key[0]]
     case = campaign.cases[lease.key[1]]
@@ -146,7 +153,7 @@ def _emit_end(
         _quarantine(turn, lease, case, text)
 
 
-def _judge_loss(turn: Turn, lease: LiveLease) -> None:
+def _judge_loss(turn: RequestTurn, lease: LiveLease) -> None:
     """Workers are killed for many reasons: one or two that died with a case prove nothing."""
     campaign = turn.state.campaigns[lease.key[0]]
     case = campaign.cases[lease.key[1]]
@@ -159,7 +166,7 @@ def _judge_loss(turn: Turn, lease: LiveLease) -> None:
         _quarantine(turn, lease, case, f"lost with its worker {case.lost_times} times")
 
 
-def _quarantine(turn: Turn, lease: LiveLease, case: CaseState, text: str) -> None:
+def _quarantine(turn: RequestTurn, lease: LiveLease, case: CaseState, text: str) -> None:
     turn.emit(
         CaseEnded(
             campaign=lease.key[0],

@@ -11,7 +11,7 @@ from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
 
 
-class Turn:
+class RequestTurn:
     """Collects the facts of one request, applying each as it is made."""
 
     __slots__ = ("facts", "now_ns", "state")

@@ -39,7 +39,7 @@ class TakenOverError(InfrastructureError):
     """Another conductor serves the folder now; nothing of the failed call was written."""
 
 
-class Owner(msgspec.Struct, frozen=True):
+class FolderOwner(msgspec.Struct, frozen=True):
     """Content of the file."""
 
     id: str
@@ -52,12 +52,12 @@ class Owner(msgspec.Struct, frozen=True):
     """How often the scheduler has started the job again."""
 
 
-def this_process(environment: Mapping[str, str] = os.environ) -> Owner:
+def this_process(environment: Mapping[str, str] = os.environ) -> FolderOwner:
     """The owner that this process would be."""
     job = environment.get("SLURM_JOB_ID", "")
     pbs = environment.get("PBS_JOBID", "")
     restarts = environment.get("SLURM_RESTART_COUNT", "0")
-    return Owner(
+    return FolderOwner(
         id=secrets.token_hex(8),
         host=socket.gethostname(),
         pid=os.getpid(),
@@ -66,7 +66,7 @@ def this_process(environment: Mapping[str, str] = os.environ) -> Owner:
     )
 
 
-def obstacle(found: Owner, me: Owner, silent_s: float, stale_s: float) -> str:
+def obstacle(found: FolderOwner, me: FolderOwner, silent_s: float, stale_s: float) -> str:
     """Why ``me`` must leave the folder to ``found``, or an empty string.
 
     On one host the lock of the journal decides: it dies with its process.
@@ -81,10 +81,10 @@ def obstacle(found: Owner, me: Owner, silent_s: float, stale_s: float) -> str:
     )
 
 
-class Claim:
+class FolderClaim:
     """The folder's owner file: first read, then made ours, then watched."""
 
-    def __init__(self, folder: Path, me: Owner, stale_s: float) -> None:
+    def __init__(self, folder: Path, me: FolderOwner, stale_s: float) -> None:
         self.me = me
         self._path = folder / FILE_NAME
         self._stale_s = stale_s
@@ -150,12 +150,12 @@ class Claim:
             with contextlib.suppress(OSError):
                 self._path.unlink()
 
-    def read(self) -> tuple[Owner | None, float]:
+    def read(self) -> tuple[FolderOwner | None, float]:
         """The owner and when the file changed [unix s]; None: there is none to be read."""
         try:
             # Opening makes network file systems look again.
             with self._path.open("rb") as file:
                 changed_s = os.fstat(file.fileno()).st_mtime
-                return decode_json(file.read(), Owner), changed_s
+                return decode_json(file.read(), FolderOwner), changed_s
         except (OSError, JsonError):
             return None, 0.0

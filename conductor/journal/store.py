@@ -19,7 +19,13 @@ import msgspec
 
 from conductor.core.facts import Durable, Fact, Image, Replied, Snapshot, WorkerLeft, is_durable
 from conductor.journal.chain import BEGIN, Chain, cut_head, image_digest, reply_digest, reply_sum
-from conductor.journal.owner import Claim, FolderLockedError, Owner, TakenOverError, this_process
+from conductor.journal.owner import (
+    FolderClaim,
+    FolderLockedError,
+    FolderOwner,
+    TakenOverError,
+    this_process,
+)
 from schemas.wire.codec import WireError, decode, encode
 from schemas.words import plain
 from twin.base.errors import InfrastructureError, TwinError, UsageError
@@ -57,7 +63,9 @@ class JournalError(InfrastructureError):
 class Journal:
     """The journal of one state folder, opened for writing."""
 
-    def __init__(self, folder: Path, stale_s: float = STALE_S, owner: Owner | None = None) -> None:
+    def __init__(
+        self, folder: Path, stale_s: float = STALE_S, owner: FolderOwner | None = None
+    ) -> None:
         """Open or create the journal, and lock it.
 
         Args:
@@ -75,7 +83,7 @@ class Journal:
         """Where it stands: as of the last commit."""
         self._images: dict[str, bytes] | None = None
         """Digests of the images of the snapshot; None: not looked at yet."""
-        self._claim = Claim(folder, owner or this_process(), stale_s)
+        self._claim = FolderClaim(folder, owner or this_process(), stale_s)
         obstacle = self._claim.obstacle()
         if obstacle:
             raise FolderLockedError(f"{self.path}: in use by another conductor {obstacle}")

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 _encode = msgspec.json.Encoder().encode
 
 
-class Event(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class TimelineEvent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One line of the file."""
 
     at_s: float
@@ -56,7 +56,7 @@ def mark_start(folder: Path, at_s: float) -> None:
                 return
             file.seek(-1, os.SEEK_END)
             torn = file.read(1) != b"\n"
-            file.write(b"\n" * torn + _encode(Event(at_s=at_s, event=STARTED)) + b"\n")
+            file.write(b"\n" * torn + _encode(TimelineEvent(at_s=at_s, event=STARTED)) + b"\n")
     except FileNotFoundError:
         pass
     except OSError as error:
@@ -91,11 +91,11 @@ def _no_link(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
 
 
-def _event(fact: Fact, at_s: float) -> tuple[str, Event] | None:
+def _event(fact: Fact, at_s: float) -> tuple[str, TimelineEvent] | None:
     """Campaign and event of a fact; None: it is about no lease."""
     match fact:
         case Leased():
-            return fact.campaign, Event(
+            return fact.campaign, TimelineEvent(
                 at_s=at_s,
                 event=LEASED,
                 case=fact.case,
@@ -105,7 +105,7 @@ def _event(fact: Fact, at_s: float) -> tuple[str, Event] | None:
             )
         case Committed() | LateAttempt():
             result = fact.result
-            return result.campaign, Event(
+            return result.campaign, TimelineEvent(
                 at_s=at_s,
                 event=COMMITTED if isinstance(fact, Committed) else LATE,
                 case=result.case,
@@ -113,9 +113,9 @@ def _event(fact: Fact, at_s: float) -> tuple[str, Event] | None:
                 worker=fact.worker,
             )
         case AttemptEnded():
-            return fact.campaign, Event(
+            return fact.campaign, TimelineEvent(
                 at_s=at_s, event=fact.reason, case=fact.case, token=fact.token
             )
         case CaseEnded():
-            return fact.campaign, Event(at_s=at_s, event=CASE_ENDED, case=fact.case)
+            return fact.campaign, TimelineEvent(at_s=at_s, event=CASE_ENDED, case=fact.case)
     return None

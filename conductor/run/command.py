@@ -34,7 +34,7 @@ from conductor.records.fingerprint import Fingerprint, fingerprint
 from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.records.realtime import too_slow
 from conductor.run.local_workers import LocalWorkers
-from conductor.run.places import Asked, Place, gpu_slots, on_cpu, on_gpus
+from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportAhead
 from conductor.serve.command import metrics_of
 from conductor.serve.shell import Conductor
@@ -63,9 +63,9 @@ from twin.base.errors import (
 )
 from twin.base.gpu.slot_count import MemoryCount
 from twin.base.software import device_class, software_digest
-from twin.base.worker_start import Told
+from twin.base.worker_start import WorkerStart
 from twin.fabric.endpoint import LOOPBACK, is_tls
-from twin.fabric.keys.key_file import Key, shared
+from twin.fabric.keys.key_file import MemberKey, shared
 from twin.sandbox.possible import why_not
 
 POLL_S = 0.1
@@ -85,7 +85,7 @@ class RunOptions:
     """What the command line says."""
 
     out: Path
-    workers: Asked = field(default_factory=Asked)
+    workers: WorkersOption = field(default_factory=WorkersOption)
     """Local ones; none: workers that join from elsewhere do it all."""
     slots: int | None = None
     """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
@@ -93,7 +93,7 @@ class RunOptions:
     by_batch: bool = False
     listen: str = LOOPBACK
     namespace: str = "twin"
-    key: Key | None = None
+    key: MemberKey | None = None
     ttl_s: float | None = None
     """How long a lease outlives its worker's last word [s]; None: as usual."""
     view: ViewMode | None = None
@@ -203,7 +203,7 @@ def run_campaign(
 
 def serve_until_done(campaign: Campaign, options: RunOptions) -> int:
     """Run ``campaign`` to its end with workers that join from elsewhere; the exit code."""
-    options = replace(options, workers=Asked(count=0))
+    options = replace(options, workers=WorkersOption(count=0))
     return run_campaign(campaign, options, LocalWorkers((), options.out.absolute(), ()))
 
 
@@ -297,7 +297,7 @@ def _work(
             soft_wrap=True,
         )
     try:
-        workers.serve(Told(conductor.endpoint, slots, key), places)
+        workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
         report = None if campaign.simulator == "noop" else ReportAhead(options.out)
         _wait(conductor, campaign, workers, report, console, signals)
         workers.ask()
@@ -504,7 +504,7 @@ def _check_software(row: dict[str, Any], options: RunOptions) -> None:
         )
 
 
-def _places(options: RunOptions, left: int) -> list[Place]:
+def _places(options: RunOptions, left: int) -> list[WorkerPlace]:
     """Where workers compute."""
     if options.workers.per_gpu:
         gpus = options.workers.gpus

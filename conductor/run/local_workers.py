@@ -18,18 +18,18 @@ from typing import IO
 
 import msgspec
 
-from conductor.run.places import Place
+from conductor.run.places import WorkerPlace
 from twin.base.gpu.first_use import PLACE_VARIABLE
 from twin.base.gpu.slot_count import MemoryCount
 from twin.base.process import end, how_it_ended, last_lines, spawn
-from twin.base.worker_start import LATER, Told
+from twin.base.worker_start import LATER, WorkerStart
 
 STOP_S = 12.0
 """How long workers may take to give their leases back and finish recordings [s]."""
 
 
 @dataclass(slots=True)
-class Child:
+class WorkerChild:
     """One worker process and its log."""
 
     place: int
@@ -49,13 +49,13 @@ class LocalWorkers:
     """Options of ``twin worker`` that all have."""
     folder: Path
     """Campaign folder; what workers say goes to its ``logs``."""
-    places: Sequence[Place]
+    places: Sequence[WorkerPlace]
     """Where each of them computes; one that died is replaced at its place."""
     memory: MemoryCount | None = None
     """How many slots they may have, where that is to be counted."""
-    told: Told | None = None
+    told: WorkerStart | None = None
     """Whom they serve; None: that is not known yet. The log is each worker's own."""
-    children: list[Child] = field(default_factory=list)
+    children: list[WorkerChild] = field(default_factory=list)
     started: int = 0
     died: int = 0
     """Workers that died since a case ended; the caller sets it back."""
@@ -75,10 +75,10 @@ class LocalWorkers:
             options = ("--connect", LATER, *self.options, *self.places[index].options())
             command = [sys.executable, "-m", "twin", "worker", *options]
             process = spawn(command, environment={PLACE_VARIABLE: str(index)}, log=log)
-            self.children.append(Child(index, self.started, process, log))
+            self.children.append(WorkerChild(index, self.started, process, log))
             self._tell(self.children[-1])
 
-    def serve(self, told: Told, places: Sequence[Place]) -> None:
+    def serve(self, told: WorkerStart, places: Sequence[WorkerPlace]) -> None:
         """The conductor listens: tell those that run, and end those that have no place any more."""
         self.told, self.places = told, places
         surplus = [child for child in self.children if child.place >= len(places)]
@@ -87,7 +87,7 @@ class LocalWorkers:
         for child in self.children:
             self._tell(child)
 
-    def _tell(self, child: Child) -> None:
+    def _tell(self, child: WorkerChild) -> None:
         if self.told is None or child.process.poll() is not None:
             return  # what it said last stays where it is
         path = self.folder / "logs" / f"worker-{child.number}.log"
@@ -118,7 +118,7 @@ class LocalWorkers:
             lines.append(f"worker {child.number} {reason}")
         return lines
 
-    def _rig_deaths(self, child: Child) -> list[str]:
+    def _rig_deaths(self, child: WorkerChild) -> list[str]:
         """Whole lines that came since the last look and tell of a rig that died, or waits."""
         text = os.pread(child.log.fileno(), 1 << 20, child.told)
         text = text[: text.rfind(b"\n") + 1]
@@ -141,13 +141,13 @@ class LocalWorkers:
             self.memory.discard()
 
 
-def _ask(children: Sequence[Child]) -> None:
+def _ask(children: Sequence[WorkerChild]) -> None:
     for child in children:
         with contextlib.suppress(ProcessLookupError):
             child.process.terminate()
 
 
-def _end(children: Sequence[Child]) -> None:
+def _end(children: Sequence[WorkerChild]) -> None:
     _ask(children)
     for child in children:
         with contextlib.suppress(subprocess.TimeoutExpired):

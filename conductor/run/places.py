@@ -19,7 +19,7 @@ GPU_SLOTS_MAX = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class WorkersOption:
     """What ``--workers`` says."""
 
     count: int | None = None
@@ -31,7 +31,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WorkerPlace:
     """Where one worker computes."""
 
     device: str
@@ -46,30 +46,30 @@ class Place:
         return ("--device", self.device, *cores)
 
 
-def parse_workers(text: str | None) -> Asked:
+def parse_workers(text: str | None) -> WorkersOption:
     """Read ``--workers``.
 
     Raises:
         UsageError: neither a number nor a word for GPUs.
     """
     if text is None:
-        return Asked()
+        return WorkersOption()
     if re.fullmatch(r"0{1,4}", text):
         raise UsageError(
             f"--workers {text}: nobody would work; for workers that you start yourself it is "
             "`conductor serve --campaign NAME --until-done`"
         )
     if re.fullmatch(r"[0-9]{1,4}", text):
-        return Asked(count=int(text))
+        return WorkersOption(count=int(text))
     found = re.fullmatch(r"(?:([1-9])x)?cuda", text)
     if found is None:
         raise UsageError(
             f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 4xcuda (four per GPU)"
         )
-    return Asked(per_gpu=int(found[1] or 1))
+    return WorkersOption(per_gpu=int(found[1] or 1))
 
 
-def where(asked: Asked, device: str) -> tuple[Asked, str]:
+def where(asked: WorkersOption, device: str) -> tuple[WorkersOption, str]:
     """What ``--workers`` comes to here, and the device: without a GPU the CPU does it, and one line
     says so."""
     if not asked.per_gpu:
@@ -78,10 +78,12 @@ def where(asked: Asked, device: str) -> tuple[Asked, str]:
     if gpus:
         return replace(asked, gpus=gpus), gpus[0].device
     print("--workers cuda: no GPU here; workers simulate on the CPU", file=sys.stderr)
-    return Asked(), "cpu"
+    return WorkersOption(), "cpu"
 
 
-def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) -> list[Place]:
+def on_gpus(
+    gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int
+) -> list[WorkerPlace]:
     """``per_gpu`` workers on each GPU, with cores of their own near it, and cases; the
     first of every GPU, then the second of every GPU, and so on.
 
@@ -103,15 +105,15 @@ def on_gpus(gpus: Sequence[str], near: Sequence[Collection[int]], per_gpu: int) 
         # Networks are mostly listed from small to large, and the first worker is ready first.
         stretch = per_gpu - 1 - nth
         share = Share(stretch, per_gpu, gpu, len(gpus)) if len(devices) > 1 else None
-        places.append(Place(device, cores[first:last] if enough else (), share))
+        places.append(WorkerPlace(device, cores[first:last] if enough else (), share))
     return places
 
 
-def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) -> list[Place]:
+def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) -> list[WorkerPlace]:
     """``count`` workers on one device; None: one per core, and no more than there is work for."""
     if count is None:
         count = max(1, min(cores, WORKERS_MAX, -(-left // slots)))
-    return [Place(device)] * count
+    return [WorkerPlace(device)] * count
 
 
 def gpu_slots(left: int, workers: int, fit: int | None) -> int:

@@ -22,7 +22,7 @@ import msgspec
 
 from schemas.messages import Control, Request, Stop, Submit
 from schemas.words import counted, plain
-from twin.fabric.front.process import Event
+from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.roles import Act, Role, may
 from twin.fabric.refusals import Refusals
 
@@ -45,7 +45,7 @@ CUT_S = 3.0
 _log = logging.getLogger(__name__)
 
 
-class Line(msgspec.Struct, frozen=True, omit_defaults=True):
+class AuditLine(msgspec.Struct, frozen=True, omit_defaults=True):
     """One line. Empty fields are left away."""
 
     time: str
@@ -67,7 +67,7 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @dataclass(slots=True)
 class _Group:
-    like: Line
+    like: AuditLine
     lines: int = 0
     more: int = 0
 
@@ -87,7 +87,7 @@ class Audit:
         self._refusals = Refusals()
         self._broken = False
 
-    def heard(self, event: Event) -> None:
+    def heard(self, event: FrontEvent) -> None:
         """The front tells something."""
         with self._lock:
             member = (event.role, event.key)
@@ -100,7 +100,7 @@ class Audit:
                         del self._members[member]
             log_event(event, self._refusals)
             self._write(
-                Line(
+                AuditLine(
                     self._now(),
                     event.what,
                     peer=event.peer,
@@ -139,7 +139,7 @@ class Audit:
             roles = [role for role in Role if door and may(role, Act.ask, door)]
             keys = sorted({key for role, key in self._members if role in roles and key})
             self._write(
-                Line(
+                AuditLine(
                     self._now(),
                     what,
                     role=" or ".join(role for role in roles if role is not Role.conductor),
@@ -153,7 +153,7 @@ class Audit:
             timespec="milliseconds"
         )
 
-    def _write(self, line: Line) -> None:
+    def _write(self, line: AuditLine) -> None:
         now_s = self._clock()
         if not 0.0 <= now_s - self._begun_s < PERIOD_S:
             self._say_more()
@@ -174,10 +174,10 @@ class Audit:
             if group.more:
                 said = f"and {group.more:,} more: {group.like.what}"
                 peer, count = group.like.peer, group.more
-                self._append(Line(self._now(), "more", peer, said=said, count=count))
+                self._append(AuditLine(self._now(), "more", peer, said=said, count=count))
         self._groups.clear()
 
-    def _append(self, line: Line) -> None:
+    def _append(self, line: AuditLine) -> None:
         path = self._folder / FILE_NAME
         try:
             descriptor = os.open(
@@ -197,7 +197,7 @@ class Audit:
             self._broken = True
 
 
-def log_event(event: Event, refusals: Refusals) -> None:
+def log_event(event: FrontEvent, refusals: Refusals) -> None:
     """What whoever watches the terminal should know of it."""
     if event.what == "refused":
         if said := refusals.count(event.reason, time.monotonic()):
@@ -221,7 +221,7 @@ def await_cut(folder: Path, serial: int) -> Callable[[], int | None]:
                 file.seek(begin if begin <= os.fstat(file.fileno()).st_size else 0)
                 for text in file:
                     with contextlib.suppress(msgspec.MsgspecError):
-                        line = msgspec.json.decode(text, type=Line)
+                        line = msgspec.json.decode(text, type=AuditLine)
                         if (line.what, line.key) == ("cut", f"{serial:x}"):
                             return line.count
             time.sleep(CUT_S / 30)

@@ -23,7 +23,7 @@ from schemas.sections.view_mode import ViewMode
 from twin.base.errors import EXIT_INTERRUPTED, InfrastructureError, TwinError
 from twin.base.process import end, how_it_ended, raised_in, spawn
 from twin.fabric.endpoint import is_loopback, is_tls
-from twin.fabric.keys.key_file import Key, shared
+from twin.fabric.keys.key_file import MemberKey, shared
 
 SIGN_PERIOD_S = 1.0
 """How often it is looked whether a campaign has come to its end [s]."""
@@ -36,7 +36,7 @@ def serve_folder(
     listen: str,
     namespace: str,
     *,
-    key: Key | None = None,
+    key: MemberKey | None = None,
     by_batch: bool = False,
     ttl_s: float | None = None,
     view: ViewMode | None = None,

@@ -26,7 +26,7 @@ from schemas.wire.delivery import (
     extras_sha256,
     files_sha256,
 )
-from twin.base.channel import Channel
+from twin.base.channel import BoundedChannel
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.fabric.bus import Respond
@@ -46,7 +46,9 @@ class Deliveries:
 
     def __init__(self, folder_of: FolderOf) -> None:
         self._folder_of = folder_of
-        self._channel: Channel[tuple[bytes, Respond] | None] = Channel(WAITING_BYTES_MAX)
+        self._channel: BoundedChannel[tuple[bytes, Respond] | None] = BoundedChannel(
+            WAITING_BYTES_MAX
+        )
         self._thread = threading.Thread(target=self._run, name="deliveries", daemon=True)
         self._thread.start()
 

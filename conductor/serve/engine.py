@@ -55,7 +55,7 @@ class Auditor(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class IncomingRequest:
     """A request as it came in, or a liveliness hint about a worker (``payload`` empty)."""
 
     payload: bytes
@@ -68,7 +68,7 @@ class Message:
 
 
 @dataclass(slots=True)
-class Counters:
+class EngineCounters:
     """What the engine has done since it started."""
 
     requests: int = 0
@@ -84,14 +84,14 @@ class Counters:
 
 
 @dataclass(slots=True)
-class Turn:
+class TurnResult:
     """What one turn brought: a reply per message (None: none is due), and the committed facts."""
 
     replies: list[bytes | None] = field(default_factory=list)
     facts: list[Fact] = field(default_factory=list)
 
 
-class Engine:
+class ConductorEngine:
     """The state of one conductor, the journal under it, and the order between them."""
 
     def __init__(
@@ -116,7 +116,7 @@ class Engine:
         Raises:
             JournalError: the journal cannot be read or written.
         """
-        self.counters = Counters()
+        self.counters = EngineCounters()
         self.storage_error = ""
         """Not empty: the storage refuses, nothing is granted or committed."""
         self._journal = journal
@@ -129,31 +129,31 @@ class Engine:
         journal.append(start(self.state))
         revive(self.state, now_ns)
 
-    def turn(self, messages: Sequence[Message]) -> Turn:
+    def turn(self, messages: Sequence[IncomingRequest]) -> TurnResult:
         """Handle ``messages`` in order, in one transaction."""
         if self.storage_error and not self._storage_works(messages[-1].arrived_ns):
-            return Turn([self._storage_reply(m) for m in messages])
+            return TurnResult([self._storage_reply(m) for m in messages])
         try:
             return self._commit([self._decided(message) for message in messages])
         except JournalError as error:
             self._storage_failed(error)
-            return Turn([self._storage_reply(m) for m in messages])
+            return TurnResult([self._storage_reply(m) for m in messages])
         except Exception:
             # The state may hold half a decision, and facts of the others are not yet on disk.
             self._refold()
             if len(messages) > 1:
                 return self._one_by_one(messages)
-            return Turn([self._our_mistake()])
+            return TurnResult([self._our_mistake()])
 
-    def tick(self, now_ns: int) -> Turn:
+    def tick(self, now_ns: int) -> TurnResult:
         """Expire leases; call only when no message waits."""
         if self.storage_error and not self._storage_works(now_ns):
-            return Turn()
+            return TurnResult()
         try:
             return self._commit([(tick(self.state, self._clock(now_ns)), None)])
         except JournalError as error:
             self._storage_failed(error)
-            return Turn()
+            return TurnResult()
 
     def close(self) -> None:
         """A clean end: the next start reads a snapshot; without one it only takes longer."""
@@ -185,7 +185,7 @@ class Engine:
         self._now_ns = max(self._now_ns, now_ns)
         return self._now_ns
 
-    def _decided(self, message: Message) -> tuple[list[Fact], bytes | None]:
+    def _decided(self, message: IncomingRequest) -> tuple[list[Fact], bytes | None]:
         now_ns = self._clock(message.arrived_ns)
         if message.vanished:
             return worker_lost(self.state, message.vanished, now_ns), None
@@ -215,19 +215,19 @@ class Engine:
             reply = msgspec.structs.replace(reply, status={**reply.status, **self.health()})
         return facts, encode(reply)
 
-    def _asked(self, message: Message, request: Request, error: str) -> None:
+    def _asked(self, message: IncomingRequest, request: Request, error: str) -> None:
         if self._audit is not None:
             self._audit.asked(message.door, request, error)
 
-    def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> Turn:
+    def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> TurnResult:
         facts = [fact for made, _ in decided for fact in made]
         self._journal.append(facts)
         self.counters.facts += len(facts)
         self.counters.commits += 1
-        return Turn([reply for _, reply in decided], facts)
+        return TurnResult([reply for _, reply in decided], facts)
 
-    def _one_by_one(self, messages: Sequence[Message]) -> Turn:
-        whole = Turn()
+    def _one_by_one(self, messages: Sequence[IncomingRequest]) -> TurnResult:
+        whole = TurnResult()
         for message in messages:
             part = self.turn([message])
             whole.replies += part.replies
@@ -276,7 +276,7 @@ class Engine:
         revive(self.state, self._now_ns)
         return True
 
-    def _storage_reply(self, message: Message) -> bytes | None:
+    def _storage_reply(self, message: IncomingRequest) -> bytes | None:
         if message.vanished:
             return None
         return self._error(self.storage_error, RETRY_S)

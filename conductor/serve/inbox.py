@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from conductor.serve.engine import Message
+from conductor.serve.engine import IncomingRequest
 from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
 from schemas.wire import topics
@@ -28,7 +28,7 @@ HINTS_WAITING_MAX = 2 * WAITING_MAX
 WAITING_BYTES_MAX = 256 << 20
 """Most of them together [bytes]."""
 
-Item = tuple[Message, Respond]
+Item = tuple[IncomingRequest, Respond]
 
 _OTHERS = DOORS.keys() - {topics.RPC_WORKER.key}
 
@@ -63,7 +63,7 @@ class Inbox:
             fits = len(lane) < may_wait and self._bytes + size <= WAITING_BYTES_MAX
             if fits:
                 self._bytes += size
-                lane.append((Message(payload, time.monotonic_ns(), door=door), respond))
+                lane.append((IncomingRequest(payload, time.monotonic_ns(), door=door), respond))
         if fits:
             self._bells.put(True)
             return
@@ -73,7 +73,7 @@ class Inbox:
         """The session of ``worker`` has vanished; from any thread."""
         if self._bells.qsize() >= HINTS_WAITING_MAX:
             return  # its leases expire without it, only later
-        message = Message(b"", time.monotonic_ns(), vanished=worker)
+        message = IncomingRequest(b"", time.monotonic_ns(), vanished=worker)
         self._lanes[topics.RPC_WORKER.key].append((message, lambda _: None))
         self._bells.put(True)
 

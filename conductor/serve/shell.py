@@ -41,7 +41,7 @@ from conductor.journal.timed_store import TimedStore
 from conductor.records.timeline import append_events, mark_start
 from conductor.serve.audit import Audit
 from conductor.serve.deliveries import Deliveries
-from conductor.serve.engine import Engine, Turn
+from conductor.serve.engine import ConductorEngine, TurnResult
 from conductor.serve.folders import Folders
 from conductor.serve.inbox import Inbox, Item
 from conductor.trust.judge_feed import JudgeFeed
@@ -59,7 +59,7 @@ from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.front.rules import Bucket
 from twin.fabric.keys.authority import load_or_make
-from twin.fabric.keys.key_file import Key, WrongRoleError, shared
+from twin.fabric.keys.key_file import MemberKey, WrongRoleError, shared
 from twin.fabric.keys.own_keys import fabric_name
 from twin.fabric.keys.roles import Role
 
@@ -75,13 +75,13 @@ FROZEN_MIN_S = 1.0
 LINGER_S = 5.0
 """After draining, how long workers are given to hear of it and say bye [s]."""
 
-BusFactory = Callable[[Sequence[str], str, Key | None], Bus]
+BusFactory = Callable[[Sequence[str], str, MemberKey | None], Bus]
 """(listen endpoints, namespace, key) -> open session."""
 
 _log = logging.getLogger(__name__)
 
 
-def open_router(listen: Sequence[str], namespace: str, key: Key | None) -> Bus:
+def open_router(listen: Sequence[str], namespace: str, key: MemberKey | None) -> Bus:
     """The conductor's session: a Zenoh router, so that workers need no other process."""
     from twin.fabric.zenoh_bus import open_bus
 
@@ -107,7 +107,7 @@ class Conductor:
         *,
         listen: str = LOOPBACK,
         namespace: str = "twin",
-        key: Key | None = None,
+        key: MemberKey | None = None,
         config: Config | None = None,
         bus_factory: BusFactory = open_router,
     ) -> None:
@@ -136,7 +136,7 @@ class Conductor:
         self._journal: Journal | None = None
         self._bus: Bus | None = None
         self._fronted: Fronted | None = None
-        self._engine: Engine | None = None
+        self._engine: ConductorEngine | None = None
         self._deliveries: Deliveries | None = None
 
     def serve(self) -> None:
@@ -178,7 +178,7 @@ class Conductor:
                 f"{error}{owner}; stop it with `conductor stop` or choose another folder"
             ) from None
         self._store = TimedStore(self._journal)
-        self._engine = Engine(
+        self._engine = ConductorEngine(
             self._store,
             self._config,
             time.monotonic_ns(),
@@ -315,7 +315,7 @@ class Conductor:
         until_s = (self._engine.next_expiry_ns() - time.monotonic_ns()) / 1e9
         return min(max(until_s, 0.001), IDLE_S)
 
-    def _turn(self, group: list[Item]) -> Turn:
+    def _turn(self, group: list[Item]) -> TurnResult:
         assert self._engine is not None
         if group:
             return self._engine.turn([message for message, _ in group])
@@ -350,7 +350,7 @@ class Conductor:
         self._folders.refresh(self._engine.state)
         append_events(facts, campaigns, time.time())
 
-    def _answer(self, group: list[Item], turn: Turn) -> None:
+    def _answer(self, group: list[Item], turn: TurnResult) -> None:
         for (_, respond), reply in zip(group, turn.replies, strict=False):
             if reply is None:
                 continue

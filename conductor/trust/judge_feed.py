@@ -38,7 +38,7 @@ KEPT = ("PATH", "LANG", "LC_ALL", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH"
 _log = logging.getLogger(__name__)
 
 
-class Judged(Struct, frozen=True, kw_only=True):
+class JudgementFile(Struct, frozen=True, kw_only=True):
     """Content of ``judgement.json``."""
 
     schema: int = 1
@@ -174,7 +174,7 @@ class JudgeFeed:
         found = self._judged.get(campaign.out)
         if not found:
             return
-        judged = Judged(
+        judged = JudgementFile(
             attempts=found.attempts,
             agree=found.attempts - len(found.differences),
             differences=found.differences,
@@ -186,7 +186,7 @@ class JudgeFeed:
             _log.error("%s", storage_error(error, str(path)))
 
 
-def read_judged(folder: Path) -> Judged | None:
+def read_judged(folder: Path) -> JudgementFile | None:
     """What the judge has found about a run; None: nothing was judged.
 
     Raises:
@@ -194,7 +194,7 @@ def read_judged(folder: Path) -> Judged | None:
     """
     path = folder / FILE_NAME
     try:
-        return decode_json(path.read_bytes(), Judged)
+        return decode_json(path.read_bytes(), JudgementFile)
     except FileNotFoundError:
         return None
     except OSError as error:

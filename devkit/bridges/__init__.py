@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from devkit.stack import Stack
 
 if TYPE_CHECKING:
-    from devkit.hosting.foreign import Script
+    from devkit.hosting.foreign import ForeignProcess
 
 
 class ScriptBridge(Stack):
     """A stack that hands every instant to a script, which runs beside it."""
 
     @abstractmethod
-    def attach(self, script: Script | None) -> None:
+    def attach(self, script: ForeignProcess | None) -> None:
         """Start ``script``; None: somebody else has started one. Called once, before all else.
 
         Raises:

@@ -19,7 +19,7 @@ from msgspec import Meta, Struct
 from devkit.bridges import ScriptBridge
 from devkit.bridges.autodrive_fields import FieldError, asks_for_weather, command, telemetry
 from devkit.bridges.socketio import SocketClient, SocketError, connect
-from devkit.hosting.foreign import Script
+from devkit.hosting.foreign import ForeignProcess
 from devkit.stack import Observation
 from schemas.messages import Command, Episode
 from schemas.sections.foreign import BRIDGE_PORTS, lacking_bridges
@@ -83,7 +83,7 @@ class AutodriveBridge(ScriptBridge):
         self._given = found
         self._where = f"{found.host}:{found.port}"
         self._turn: socket.socket | None = None
-        self._script: Script | None = None
+        self._script: ForeignProcess | None = None
         self._client: SocketClient | None = None
         self._episode: Episode | None = None
         self._rows: dict[str, np.ndarray] = {}
@@ -93,7 +93,7 @@ class AutodriveBridge(ScriptBridge):
         self._reverse = False
         self._looked_s = 0.0
 
-    def attach(self, script: Script | None) -> None:
+    def attach(self, script: ForeignProcess | None) -> None:
         """Start ``script`` when it is our turn.
 
         Raises:

@@ -17,7 +17,7 @@ from typing import Any
 
 import msgspec
 
-from devkit.checking.frames import Drive
+from devkit.checking.frames import CheckDrive
 from devkit.checking.rig import CheckRig
 from devkit.checking.stack_rig import running
 from schemas.campaign import Campaign, Case, parse_campaign
@@ -30,9 +30,9 @@ from twin.stack_identity.stack_class import class_mistakes
 
 ENTRY_POINT = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
-NEAR = Drive("near", 11, gap_m=30.0, speed_mps=8.0)
+NEAR = CheckDrive("near", 11, gap_m=30.0, speed_mps=8.0)
 """The drive that is compared."""
-FAR = Drive("far", 12, gap_m=70.0, speed_mps=11.0)
+FAR = CheckDrive("far", 12, gap_m=70.0, speed_mps=11.0)
 """The drive that comes between, or beside."""
 
 LOSE_AT, CHANGE_AT, REPEAT_AT = 5, 8, 11
@@ -43,7 +43,7 @@ TICKS_MIN = 15
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class RuleCheck:
     """One rule."""
 
     name: str
@@ -114,13 +114,13 @@ def names_file(stack: str) -> bool:
 
 
 def check_stack(
-    case: Case, ticks: int, timeout_s: float, report: Callable[[Check], None]
-) -> list[Check]:
+    case: Case, ticks: int, timeout_s: float, report: Callable[[RuleCheck], None]
+) -> list[RuleCheck]:
     """Run all checks; each is reported as soon as it is decided."""
-    done: list[Check] = []
+    done: list[RuleCheck] = []
 
     def say(name: str, passed: bool, detail: str) -> None:
-        done.append(Check(name, passed, detail))
+        done.append(RuleCheck(name, passed, detail))
         report(done[-1])
 
     slots = case.rig_slots(2)
@@ -141,7 +141,7 @@ _Commands = list[list[Command]]
 
 def _first_process(rig: CheckRig, slots: int, ticks: int, timeout_s: float, say: _Say) -> _Commands:
     """Alone in slot 0; then another case; then the first again, with faults on the way."""
-    alone: list[Drive | None] = [NEAR, *[None] * (slots - 1)]
+    alone: list[CheckDrive | None] = [NEAR, *[None] * (slots - 1)]
     first = rig.drive(alone, ticks, timeout_s)
     say("commands", *_well_formed(first, rig.tokens[0]))
     say("units and ranges", *_in_range(first))
@@ -183,7 +183,7 @@ def _second_process(
     rig: CheckRig, slots: int, ticks: int, timeout_s: float, reference: _Commands, say: _Say
 ) -> None:
     """A fresh process: in the last slot, beside another case if there is room."""
-    beside: list[Drive | None] = [*[FAR] * (slots - 1), NEAR]
+    beside: list[CheckDrive | None] = [*[FAR] * (slots - 1), NEAR]
     found = rig.drive(beside, ticks, timeout_s)
     own = [[c for c in commands if c.slot == slots - 1] for commands in found]
     different = _difference(reference, own)

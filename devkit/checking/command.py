@@ -11,7 +11,7 @@ from twin.base.cli import Output, OutputOption, duration
 from twin.base.errors import UsageError
 
 if TYPE_CHECKING:
-    from devkit.checking.check import Check
+    from devkit.checking.check import RuleCheck
 
 
 def check(
@@ -63,9 +63,9 @@ def parsed_parameters(text: str) -> dict[str, Any]:
     return values
 
 
-def _print(one: Check) -> None:
+def _print(one: RuleCheck) -> None:
     print(f"{'pass' if one.passed else 'FAIL'}  {one.name:<17} {one.detail}", flush=True)
 
 
-def _quiet(one: Check) -> None:
+def _quiet(one: RuleCheck) -> None:
     """JSON comes at the end, all of it."""

@@ -37,7 +37,7 @@ OBSTACLE = (60, 50, 50)
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class CheckDrive:
     """One case's way to an obstacle."""
 
     case: str
@@ -51,7 +51,7 @@ class Drive:
         return max(1.0, self.gap_m - self.speed_mps * tick * period_s)
 
 
-def episode_of(case: Case, drive: Drive, slot: int, token: int, seq: int) -> Episode:
+def episode_of(case: Case, drive: CheckDrive, slot: int, token: int, seq: int) -> Episode:
     """The message that begins ``drive`` in ``slot``."""
     sites = [
         CameraSite(
@@ -91,7 +91,7 @@ def episode_of(case: Case, drive: Drive, slot: int, token: int, seq: int) -> Epi
     )
 
 
-def sense(case: Case, drives: list[Drive | None], tick: int) -> dict[str, tuple[Any, Any]]:
+def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, tuple[Any, Any]]:
     """Sensor messages that are due: array [S, ...], and count per slot (None: not ragged)."""
     found: dict[str, tuple[Any, Any]] = {}
     rows = [_Row(case, drive, tick) if drive else None for drive in drives]
@@ -128,7 +128,7 @@ def sense(case: Case, drives: list[Drive | None], tick: int) -> dict[str, tuple[
 class _Row:
     """One slot at one tick."""
 
-    def __init__(self, case: Case, drive: Drive, tick: int) -> None:
+    def __init__(self, case: Case, drive: CheckDrive, tick: int) -> None:
         self._drive, self._tick = drive, tick
         time_s = tick / case.control_hz
         speed = drive.speed_mps

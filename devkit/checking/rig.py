@@ -12,7 +12,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from devkit.checking.frames import Drive, episode_of, sense
+from devkit.checking.frames import CheckDrive, episode_of, sense
 from devkit.checking.stack_rig import StackRig
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
@@ -83,7 +83,7 @@ class CheckRig(StackRig):
 
     def drive(
         self,
-        drives: list[Drive | None],
+        drives: list[CheckDrive | None],
         ticks: int,
         timeout_s: float,
         before: Callable[[int], bool] = _warm,
@@ -125,7 +125,7 @@ class CheckRig(StackRig):
 
     def _exchange(
         self,
-        drives: list[Drive | None],
+        drives: list[CheckDrive | None],
         tokens: list[int],
         tick: int,
         timeout_s: float,
@@ -147,7 +147,7 @@ class CheckRig(StackRig):
         return sorted(answer.commands, key=lambda command: command.slot)
 
     def _messages(
-        self, drives: list[Drive | None], tokens: list[int], tick: int, episodes: list[Episode]
+        self, drives: list[CheckDrive | None], tokens: list[int], tick: int, episodes: list[Episode]
     ) -> tuple[Tick, list[Outgoing]]:
         period_ns = 1_000_000_000 // self._case.control_hz
         active = [drive is not None for drive in drives]

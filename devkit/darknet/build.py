@@ -1,4 +1,4 @@
-"""Sections of a cfg -> :class:`~devkit.darknet.network.Network`, shapes inferred layer by layer.
+"""Sections of a cfg -> :class:`~devkit.darknet.network.DarknetNetwork`, shapes inferred.
 
 Keys, defaults and shapes follow Darknet's own parser (J. Redmon, github.com/pjreddie/darknet, and
 the fork github.com/AlexeyAB/darknet).
@@ -16,17 +16,17 @@ from devkit.darknet.network import (
     IMAGE,
     Activation,
     Convolutional,
+    DarknetLayer,
+    DarknetNetwork,
     Head,
-    Layer,
+    MapShape,
     MaxPool,
-    Network,
     Reorg,
     Route,
-    Shape,
     Shortcut,
     Upsample,
 )
-from devkit.darknet.sections import DarknetError, Reader, Section, read_sections
+from devkit.darknet.sections import CfgSection, DarknetError, Reader, read_sections
 from schemas.validation import suggest
 
 LAYERS_MAX = 1000
@@ -43,13 +43,13 @@ class _Build:
     """The network so far."""
 
     name: str
-    input: Shape
-    layers: list[Layer] = field(default_factory=list)
+    input: MapShape
+    layers: list[DarknetLayer] = field(default_factory=list)
 
-    def shape_of(self, index: int) -> Shape:
+    def shape_of(self, index: int) -> MapShape:
         return self.input if index == IMAGE else self.layers[index].shape
 
-    def previous(self, reader: Reader) -> tuple[int, Shape]:
+    def previous(self, reader: Reader) -> tuple[int, MapShape]:
         index = len(self.layers) - 1
         self.check_readable(reader, index)
         return index, self.shape_of(index)
@@ -68,7 +68,7 @@ class _Build:
         return index
 
 
-def read_network(path: Path, width: int | None = None, height: int | None = None) -> Network:
+def read_network(path: Path, width: int | None = None, height: int | None = None) -> DarknetNetwork:
     """The network of a cfg file, at another input size if one is given [px].
 
     Raises:
@@ -78,8 +78,8 @@ def read_network(path: Path, width: int | None = None, height: int | None = None
 
 
 def build_network(
-    sections: Sequence[Section], name: str, width: int | None = None, height: int | None = None
-) -> Network:
+    sections: Sequence[CfgSection], name: str, width: int | None = None, height: int | None = None
+) -> DarknetNetwork:
     """The network of a cfg's ``sections``; ``name`` is the file in error messages.
 
     Raises:
@@ -100,25 +100,25 @@ def build_network(
         if min(layer.shape) < 1:
             raise reader.error(f"nothing is left of its input: output {layer.shape}")
         build.layers.append(layer)
-    network = Network(name, build.input, tuple(build.layers))
+    network = DarknetNetwork(name, build.input, tuple(build.layers))
     if not network.heads():
         raise DarknetError(f"{name}: no [region] or [yolo] section, so it detects nothing")
     return network
 
 
-def _read_net(reader: Reader, width: int | None, height: int | None) -> Shape:
+def _read_net(reader: Reader, width: int | None, height: int | None) -> MapShape:
     needed_width = reader.integer("width", width, 1, SIZE_MAX_PX)
     needed_height = reader.integer("height", height, 1, SIZE_MAX_PX)
     channels = reader.integer("channels", 3, 1)
     reader.finish(training_keys.NET, {"letter_box": 0, "time_steps": 1})
-    return Shape(channels, height or needed_height, width or needed_width)
+    return MapShape(channels, height or needed_height, width or needed_width)
 
 
-def _place(build: _Build, section: Section) -> dict[str, Any]:
+def _place(build: _Build, section: CfgSection) -> dict[str, Any]:
     return {"index": len(build.layers), "kind": section.name, "line": section.line}
 
 
-def _convolutional(build: _Build, reader: Reader, section: Section) -> Layer:
+def _convolutional(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     filters = reader.integer("filters", 1, 1)
     size = reader.integer("size", 1, 1, 99)
@@ -146,7 +146,7 @@ def _convolutional(build: _Build, reader: Reader, section: Section) -> Layer:
     return Convolutional(
         **_place(build, section),
         inputs=(before,),
-        shape=Shape(filters, height, width),
+        shape=MapShape(filters, height, width),
         size=size,
         stride=stride,
         padding=padding,
@@ -157,7 +157,7 @@ def _convolutional(build: _Build, reader: Reader, section: Section) -> Layer:
     )
 
 
-def _maxpool(build: _Build, reader: Reader, section: Section) -> Layer:
+def _maxpool(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     stride = reader.integer("stride", 1, 1, 99)
     size = reader.integer("size", stride, 1, 99)
@@ -172,14 +172,14 @@ def _maxpool(build: _Build, reader: Reader, section: Section) -> Layer:
     return MaxPool(
         **_place(build, section),
         inputs=(before,),
-        shape=Shape(shape.channels, height, width),
+        shape=MapShape(shape.channels, height, width),
         size=size,
         stride=stride,
         padding=padding,
     )
 
 
-def _route(build: _Build, reader: Reader, section: Section) -> Layer:
+def _route(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     inputs = [build.earlier(reader, "layers", i) for i in reader.integers("layers", None)]
     groups = reader.integer("groups", 1, 1)
     group_id = reader.integer("group_id", 0, 0, groups - 1)
@@ -198,13 +198,13 @@ def _route(build: _Build, reader: Reader, section: Section) -> Layer:
     return Route(
         **_place(build, section),
         inputs=tuple(inputs),
-        shape=Shape(channels, *shapes[0][1:]),
+        shape=MapShape(channels, *shapes[0][1:]),
         groups=groups,
         group_id=group_id,
     )
 
 
-def _shortcut(build: _Build, reader: Reader, section: Section) -> Layer:
+def _shortcut(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     other = build.earlier(reader, "from", reader.integer("from", None, -LAYERS_MAX, LAYERS_MAX))
     activation = _activation(reader, "linear")
@@ -220,7 +220,7 @@ def _shortcut(build: _Build, reader: Reader, section: Section) -> Layer:
     )
 
 
-def _upsample(build: _Build, reader: Reader, section: Section) -> Layer:
+def _upsample(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     stride = reader.integer("stride", 2, 1, 99)
     scale = reader.number("scale", 1.0)
@@ -228,13 +228,13 @@ def _upsample(build: _Build, reader: Reader, section: Section) -> Layer:
     return Upsample(
         **_place(build, section),
         inputs=(before,),
-        shape=Shape(shape.channels, shape.height * stride, shape.width * stride),
+        shape=MapShape(shape.channels, shape.height * stride, shape.width * stride),
         stride=stride,
         scale=scale,
     )
 
 
-def _reorg(build: _Build, reader: Reader, section: Section) -> Layer:
+def _reorg(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     stride = reader.integer("stride", 1, 1, 99)
     reader.finish(training_keys.LAYER, {"reverse": 0, "flatten": 0, "extra": 0})
@@ -244,14 +244,14 @@ def _reorg(build: _Build, reader: Reader, section: Section) -> Layer:
     return Reorg(
         **_place(build, section),
         inputs=(before,),
-        shape=Shape(
+        shape=MapShape(
             shape.channels * stride * stride, shape.height // stride, shape.width // stride
         ),
         stride=stride,
     )
 
 
-def _region(build: _Build, reader: Reader, section: Section) -> Layer:
+def _region(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     classes = reader.integer("classes", 20, 1)
     number = reader.integer("num", 1, 1, 1000)
     anchors = reader.numbers("anchors", None)
@@ -271,7 +271,7 @@ def _region(build: _Build, reader: Reader, section: Section) -> Layer:
     )
 
 
-def _yolo(build: _Build, reader: Reader, section: Section) -> Layer:
+def _yolo(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     classes = reader.integer("classes", 20, 1)
     number = reader.integer("num", 1, 1, 1000)
     anchors = reader.numbers("anchors", None)
@@ -289,7 +289,7 @@ def _yolo(build: _Build, reader: Reader, section: Section) -> Layer:
 def _head(
     build: _Build,
     reader: Reader,
-    section: Section,
+    section: CfgSection,
     anchors_px: list[tuple[float, float]],
     classes: int,
     **how: Any,
@@ -327,7 +327,7 @@ def _size(build: _Build) -> str:
     return f"{build.input.width}x{build.input.height}"
 
 
-_BUILDERS: dict[str, Callable[[_Build, Reader, Section], Layer]] = {
+_BUILDERS: dict[str, Callable[[_Build, Reader, CfgSection], DarknetLayer]] = {
     "convolutional": _convolutional,
     "conv": _convolutional,
     "maxpool": _maxpool,

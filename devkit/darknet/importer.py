@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from devkit.darknet.build import read_network
-from devkit.darknet.network import Network
+from devkit.darknet.network import DarknetNetwork
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import coco_names
 from devkit.darknet.weights import Weights, float_count, read_weights
@@ -19,7 +19,7 @@ NAMES_BYTES_MAX = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedDetector:
     """What was written."""
 
     out: str
@@ -41,7 +41,7 @@ def import_darknet(
     height: int | None = None,
     *,
     half: bool = False,
-) -> Imported:
+) -> ImportedDetector:
     """Read ``cfg`` and ``weights``, write the ONNX file ``out``.
 
     Args:
@@ -66,7 +66,7 @@ def import_darknet(
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)
-    return Imported(
+    return ImportedDetector(
         out=str(out),
         layers=len(network.layers),
         parameters=sum(map(float_count, network.convolutions())),
@@ -88,14 +88,14 @@ def darknet_model(cfg: Path, weights: Path, names: Path | None = None) -> Any:
 
 
 def _written(
-    network: Network, numbers: Weights, labels: Sequence[str], *, half: bool = False
+    network: DarknetNetwork, numbers: Weights, labels: Sequence[str], *, half: bool = False
 ) -> Any:
     from devkit.darknet.onnx_writer import write_onnx
 
     return write_onnx(network, numbers, labels, half=half)
 
 
-def _labels(network: Network, path: Path | None) -> Sequence[str]:
+def _labels(network: DarknetNetwork, path: Path | None) -> Sequence[str]:
     """One label per class."""
     classes = {head.classes for head in network.heads()}
     if len(classes) > 1:

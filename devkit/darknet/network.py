@@ -12,7 +12,7 @@ IMAGE = -1
 """Index of the network's input where layers name theirs."""
 
 
-class Shape(NamedTuple):
+class MapShape(NamedTuple):
     """Of one image's feature map."""
 
     channels: int
@@ -25,7 +25,7 @@ class Shape(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layer:
+class DarknetLayer:
     """What all layers have."""
 
     index: int
@@ -36,7 +36,7 @@ class Layer:
     """Where the section begins in the cfg."""
     inputs: tuple[int, ...]
     """Indices of the layers it reads, :data:`IMAGE` for the network's input."""
-    shape: Shape
+    shape: MapShape
     """Of its output."""
 
     @property
@@ -46,7 +46,7 @@ class Layer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Convolutional(Layer):
+class Convolutional(DarknetLayer):
     """Cross-correlation, then batch normalisation or a bias, then the activation."""
 
     size: int
@@ -61,7 +61,7 @@ class Convolutional(Layer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MaxPool(Layer):
+class MaxPool(DarknetLayer):
     """Maximum over a window; pixels outside the image never win.
 
     Darknet's ``padding`` counts both sides together: ``padding // 2`` of it lies left and above,
@@ -74,7 +74,7 @@ class MaxPool(Layer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Route(Layer):
+class Route(DarknetLayer):
     """Its inputs one behind the other; of each only part ``group_id`` of ``groups``."""
 
     groups: int
@@ -82,14 +82,14 @@ class Route(Layer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shortcut(Layer):
+class Shortcut(DarknetLayer):
     """Sum of its two inputs, then the activation."""
 
     activation: Activation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Upsample(Layer):
+class Upsample(DarknetLayer):
     """Every pixel repeated ``stride`` x ``stride`` times, times ``scale``."""
 
     stride: int
@@ -97,7 +97,7 @@ class Upsample(Layer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reorg(Layer):
+class Reorg(DarknetLayer):
     """Space to depth in Darknet's own order.
 
     Darknet walks the input [c, h, w] as if its memory held [c/s^2, h s, w s]; so the output is not
@@ -110,7 +110,7 @@ class Reorg(Layer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Head(Layer):
+class Head(DarknetLayer):
     """``region`` (YOLOv2) or ``yolo`` (YOLOv3): turns its input into boxes.
 
     Channels of the input, per anchor: x, y, width, height, objectness, one per class.
@@ -125,12 +125,12 @@ class Head(Layer):
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class DarknetNetwork:
     """All layers in order; ``name`` is the cfg file."""
 
     name: str
-    input: Shape
-    layers: tuple[Layer, ...]
+    input: MapShape
+    layers: tuple[DarknetLayer, ...]
 
     def heads(self) -> list[Head]:
         """In the order of the file."""
@@ -140,6 +140,6 @@ class Network:
         """In the order of the file, which is that of the weights."""
         return [layer for layer in self.layers if isinstance(layer, Convolutional)]
 
-    def shape_of(self, index: int) -> Shape:
+    def shape_of(self, index: int) -> MapShape:
         """Output shape of a layer, or the input's for :data:`IMAGE`."""
         return self.input if index == IMAGE else self.layers[index].shape

@@ -18,13 +18,13 @@ from onnx import TensorProto, helper, numpy_helper
 from devkit.darknet.network import (
     IMAGE,
     Convolutional,
+    DarknetLayer,
+    DarknetNetwork,
     Head,
-    Layer,
+    MapShape,
     MaxPool,
-    Network,
     Reorg,
     Route,
-    Shape,
     Shortcut,
     Upsample,
 )
@@ -46,7 +46,7 @@ weights, have this; its CPU code adds 1e-6 to the deviation instead."""
 
 @dataclass(slots=True)
 class _Graph:
-    network: Network
+    network: DarknetNetwork
     weights: Weights
     fold: bool
     half: bool
@@ -67,7 +67,7 @@ class _Graph:
 
 
 def write_onnx(
-    network: Network,
+    network: DarknetNetwork,
     weights: Weights,
     names: Sequence[str],
     *,
@@ -119,7 +119,7 @@ def write_onnx(
     return model
 
 
-def describe(network: Network, names: Sequence[str]) -> DetectorDescription:
+def describe(network: DarknetNetwork, names: Sequence[str]) -> DetectorDescription:
     """What decoding needs to know of ``network``."""
     return DetectorDescription(
         width=network.input.width,
@@ -278,11 +278,11 @@ def _reorg(graph: _Graph, layer: Reorg, name: str) -> str:
     return graph.node("Reshape", [out, shape], name)
 
 
-def _value(name: str, shape: Shape) -> onnx.ValueInfoProto:
+def _value(name: str, shape: MapShape) -> onnx.ValueInfoProto:
     return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", *shape])
 
 
-_WRITERS: dict[type[Layer], Callable[[_Graph, Any, str], str]] = {
+_WRITERS: dict[type[DarknetLayer], Callable[[_Graph, Any, str], str]] = {
     Convolutional: _convolutional,
     MaxPool: _maxpool,
     Route: _route,

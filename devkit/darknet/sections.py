@@ -35,7 +35,7 @@ class Option:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class CfgSection:
     """One ``[name]`` and its options in the order of the file."""
 
     name: str
@@ -43,7 +43,7 @@ class Section:
     options: Mapping[str, Option]
 
 
-def read_sections(path: Path) -> list[Section]:
+def read_sections(path: Path) -> list[CfgSection]:
     """Sections of a cfg file.
 
     Raises:
@@ -63,13 +63,13 @@ def read_sections(path: Path) -> list[Section]:
     return parse_sections(text, str(path))
 
 
-def parse_sections(text: str, name: str) -> list[Section]:
+def parse_sections(text: str, name: str) -> list[CfgSection]:
     """Sections of a cfg's ``text``; ``name`` is the file in error messages.
 
     As in Darknet, blanks mean nothing and lines that begin with ``#`` or ``;`` are comments; a
     ``#`` or ``;`` behind a value begins a comment too.
     """
-    sections: list[Section] = []
+    sections: list[CfgSection] = []
     options: dict[str, Option] = {}
     for number, raw in enumerate(text.splitlines(), 1):
         line = "".join(raw.split("#")[0].split(";")[0].split())
@@ -79,7 +79,7 @@ def parse_sections(text: str, name: str) -> list[Section]:
             if not line.endswith("]") or len(line) < 3:
                 raise DarknetError(f"{name}:{number}: given '{line[:40]}', expected [section]")
             options = {}
-            sections.append(Section(line[1:-1].lower(), number, options))
+            sections.append(CfgSection(line[1:-1].lower(), number, options))
             continue
         key, equals, value = line.partition("=")
         if not (key and equals and value):
@@ -95,7 +95,7 @@ def parse_sections(text: str, name: str) -> list[Section]:
     return sections
 
 
-def to_text(sections: Sequence[Section]) -> str:
+def to_text(sections: Sequence[CfgSection]) -> str:
     """The sections as cfg text again, comments gone."""
     return "\n".join(
         f"[{section.name}]\n" + "".join(f"{k}={o.text}\n" for k, o in section.options.items())
@@ -106,7 +106,7 @@ def to_text(sections: Sequence[Section]) -> str:
 class Reader:
     """Takes options out of a section one by one; :meth:`finish` refuses the ones left over."""
 
-    def __init__(self, section: Section, name: str) -> None:
+    def __init__(self, section: CfgSection, name: str) -> None:
         """``name`` is the file in error messages."""
         self._section = section
         self._name = name

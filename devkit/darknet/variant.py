@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from devkit.darknet.build import build_network
-from devkit.darknet.network import Network
-from devkit.darknet.sections import DarknetError, Option, Section, read_sections
+from devkit.darknet.network import DarknetNetwork
+from devkit.darknet.sections import CfgSection, DarknetError, Option, read_sections
 from schemas.validation import suggest
 
 ARCHITECTURES = ("yolov2", "yolov2-tiny", "yolov3", "yolov3-tiny")
@@ -30,7 +30,7 @@ def architecture(
     width: int | None = None,
     height: int | None = None,
     anchors: Sequence[float] | None = None,
-) -> list[Section]:
+) -> list[CfgSection]:
     """Sections of a published architecture, or of a variant of it, see :func:`vary`.
 
     Args:
@@ -48,8 +48,8 @@ def architecture(
     return vary(sections, width_multiple, classes, width, height, anchors)
 
 
-def architecture_network(name: str, **how: object) -> Network:
-    """The :class:`~devkit.darknet.network.Network` of :func:`architecture`."""
+def architecture_network(name: str, **how: object) -> DarknetNetwork:
+    """The :class:`~devkit.darknet.network.DarknetNetwork` of :func:`architecture`."""
     return build_network(architecture(name, **how), name)  # type: ignore[arg-type]
 
 
@@ -64,13 +64,13 @@ def coco_names() -> list[str]:
 
 
 def vary(
-    sections: Sequence[Section],
+    sections: Sequence[CfgSection],
     width_multiple: float = 1.0,
     classes: int | None = None,
     width: int | None = None,
     height: int | None = None,
     anchors: Sequence[float] | None = None,
-) -> list[Section]:
+) -> list[CfgSection]:
     """A variant of a network: narrower, other classes, input or anchors; None keeps what is there.
 
     Args:
@@ -108,18 +108,18 @@ def vary(
     return varied
 
 
-def _is_head(section: Section) -> bool:
+def _is_head(section: CfgSection) -> bool:
     return section.name in ("region", "yolo")
 
 
-def _head_channels(head: Section, classes: int | None) -> int:
+def _head_channels(head: CfgSection, classes: int | None) -> int:
     count = int(head.options["classes"].text) if classes is None else classes
     mask = head.options.get("mask")
     anchors = len(mask.text.split(",")) if mask else int(head.options["num"].text)
     return anchors * (5 + count)
 
 
-def _joined(head: Section, anchors: Sequence[float] | None) -> str | None:
+def _joined(head: CfgSection, anchors: Sequence[float] | None) -> str | None:
     if anchors is None:
         return None
     needed = 2 * int(head.options["num"].text)
@@ -128,7 +128,7 @@ def _joined(head: Section, anchors: Sequence[float] | None) -> str | None:
     return ",".join(f"{value:g}" for value in anchors)
 
 
-def _changed(section: Section, changes: dict[str, object]) -> Section:
+def _changed(section: CfgSection, changes: dict[str, object]) -> CfgSection:
     options = dict(section.options)
     for key, value in changes.items():
         if value is not None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from devkit.darknet.network import Convolutional, Network
+from devkit.darknet.network import Convolutional, DarknetNetwork
 from devkit.darknet.sections import DarknetError
 from schemas.files.assets import FILE_BYTES_MAX
 from schemas.files.regular_file import open_regular
@@ -50,7 +50,7 @@ def float_count(layer: Convolutional) -> int:
     return _kernel_count(layer) + layer.shape.channels * (4 if layer.batch_normalize else 1)
 
 
-def read_weights(path: Path, network: Network) -> Weights:
+def read_weights(path: Path, network: DarknetNetwork) -> Weights:
     """The weights of ``network``; they must fill the file exactly.
 
     Raises:
@@ -86,7 +86,7 @@ def read_weights(path: Path, network: Network) -> Weights:
     return Weights(version, seen, convolutions)
 
 
-def write_weights(path: Path, network: Network, weights: Weights) -> None:
+def write_weights(path: Path, network: DarknetNetwork, weights: Weights) -> None:
     """Write a file that :func:`read_weights` and Darknet read."""
     major, minor, revision = weights.version
     long = major * 10 + minor >= 2

@@ -53,7 +53,7 @@ class Selection(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Detections:
+class DetectionBatch:
     """K boxes of N images, by image, the most confident first."""
 
     names: tuple[str, ...]
@@ -99,7 +99,7 @@ def decode(
     description: DetectorDescription,
     sizes_px: Sequence[tuple[int, int]],
     selection: Selection,
-) -> Detections:
+) -> DetectionBatch:
     """Boxes of N images.
 
     Args:
@@ -133,7 +133,7 @@ def decode(
     rows = order[
         _suppressed(box[order], groups[order], image[order], len(sizes_px), selection.overlap_max)
     ]
-    return Detections(
+    return DetectionBatch(
         names=tuple(description.names),
         image=image[rows],
         class_id=class_id[rows],

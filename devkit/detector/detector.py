@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from devkit.detector.decode import Detections, Selection, decode
+from devkit.detector.decode import DetectionBatch, Selection, decode
 from devkit.detector.description import (
     METADATA_KEY,
     BoxHead,
@@ -21,7 +21,7 @@ from devkit.detector.description import (
     GridHead,
     decode_description,
 )
-from devkit.detector.network import HostNetwork, Network, Pictures
+from devkit.detector.network import HostNetwork, LoadedNetwork, Pictures
 from devkit.detector.runtime import ModelError, RuntimeName, first_line, open_runtime
 from devkit.images import Images
 from schemas.files.regular_file import read_regular
@@ -72,7 +72,7 @@ class Detector:
         name, batch = _check_input(path, model, self.description)
         # Several variants may select from one network, and look at the same time.
         self._turn = threading.Lock()
-        self._network: Network
+        self._network: LoadedNetwork
         if device:
             if runtime != "onnxruntime":
                 raise ModelError(f"{path}: runtime '{runtime}' on {device}, allowed: onnxruntime")
@@ -90,7 +90,7 @@ class Detector:
         """What runs it, for people: ``opencv cpu``."""
         return self._network.runtime
 
-    def detect(self, images: Pictures, selection: Selection | None = None) -> Detections:
+    def detect(self, images: Pictures, selection: Selection | None = None) -> DetectionBatch:
         """Boxes of N images, uint8 [N, H, W, 3], a sequence of [H, W, 3], or
         :class:`devkit.images.Images`; RGB.
 

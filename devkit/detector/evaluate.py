@@ -26,7 +26,7 @@ from typing import Literal
 
 import numpy as np
 
-from devkit.detector.decode import Detections
+from devkit.detector.decode import DetectionBatch
 
 Method = Literal["voc", "coco"]
 
@@ -87,7 +87,7 @@ def evaluate(
     names: Sequence[str],
     images: int,
     truth: Truth,
-    found: Detections,
+    found: DetectionBatch,
     labels: Mapping[str, Sequence[str]] | None = None,
     *,
     method: Method = "voc",
@@ -239,7 +239,7 @@ def _check(
     names: Sequence[str],
     images: int,
     truth: Truth,
-    found: Detections,
+    found: DetectionBatch,
     labels: Mapping[str, Sequence[str]],
     overlap_min: float,
 ) -> None:

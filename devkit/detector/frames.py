@@ -73,7 +73,7 @@ class FrameNetwork:
         self.runtime = f"onnxruntime {self._kind}"
 
     def heads(self, images: Pictures) -> dict[str, np.ndarray]:
-        """See :class:`devkit.detector.network.Network`; pictures of one size.
+        """See :class:`devkit.detector.network.LoadedNetwork`; pictures of one size.
 
         Raises:
             ValueError: several sizes, or memory that holds no pictures.

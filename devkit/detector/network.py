@@ -19,7 +19,7 @@ Pictures = Sequence[np.ndarray] | np.ndarray | Images
 """N pictures, uint8 [H, W, 3], RGB."""
 
 
-class Network(Protocol):
+class LoadedNetwork(Protocol):
     """Pictures in, raw heads out; every picture's are the same to the last bit whatever pictures
     are beside it."""
 
@@ -45,7 +45,7 @@ class HostNetwork:
         self.runtime = f"{runtime.name} cpu"
 
     def heads(self, images: Pictures) -> dict[str, np.ndarray]:
-        """See :class:`Network`; sizes may differ."""
+        """See :class:`LoadedNetwork`; sizes may differ."""
         batch = self._batch or BATCH_MAX
         prepared = [self._prepared(image) for image in images]
         parts = [

@@ -25,7 +25,7 @@ REPORTED_MAX = 100
 
 
 @register(perception.NetworkPerception)
-class NetworkPerception:
+class DetectorPerception:
     """Sees the pictures and nothing else; boxes of the box sensor are ignored."""
 
     def __init__(self, variant: perception.NetworkPerception, setting: Setting) -> None:

@@ -10,7 +10,7 @@ from devkit.detector.scoring import (
     MERIT,
     NIGHT,
     NOON,
-    Found,
+    RecallShare,
     Scorecard,
 )
 
@@ -91,7 +91,7 @@ def recall_tables(card: Scorecard) -> str:
     return "\n".join(parts)
 
 
-def recall_table(title: str, groups: Mapping[str, Mapping[str, Found]]) -> str:
+def recall_table(title: str, groups: Mapping[str, Mapping[str, RecallShare]]) -> str:
     """One row per group: found of all, in per cent, by class."""
     names = list(next(iter(groups.values())))
     lines = [f"| {title} | {' | '.join(names)} |", f"|---|{'--:|' * len(names)}"]
@@ -163,7 +163,7 @@ def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100.0 * share:.1f}"
 
 
-def _share(found: Found) -> str:
+def _share(found: RecallShare) -> str:
     return f"{100.0 * found.found / found.objects:.0f} %" if found.objects else "-"
 
 

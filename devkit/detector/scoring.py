@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from devkit.detector.decode import Detections, Selection
+from devkit.detector.decode import DetectionBatch, Selection
 from devkit.detector.detector import Detector
 from devkit.detector.evaluate import Evaluation, Score, Scores, Truth, evaluate, overlaps, pairs
 from devkit.detector.image_files import read_images
@@ -46,7 +46,7 @@ VISIBILITIES = (0.0, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class RecallShare:
     """Objects that a detector reports by default, of all there are."""
 
     found: int
@@ -67,7 +67,7 @@ class Scorecard:
     :attr:`devkit.detector.labelled_images.LabelledImages.moderate`; all others are ignored."""
     noon_moderate: Score | None
     """The figure of merit of those."""
-    recalls: dict[str, dict[str, dict[str, Found]]]
+    recalls: dict[str, dict[str, dict[str, RecallShare]]]
     """``size_px``, ``distance_m``, ``visibility`` -> group -> class."""
 
 
@@ -92,7 +92,7 @@ def score_detector(
     return score(data, renamed(joined(parts), data.names))
 
 
-def score(data: LabelledImages, found: Detections) -> Scorecard:
+def score(data: LabelledImages, found: DetectionBatch) -> Scorecard:
     """Scores of detections of all images in ``data``."""
     hours = [f"{int(hour + 0.5) % 24:02d}" for hour in data.hour]
     blocks = [block_of(hour) for hour in data.hour]
@@ -136,12 +136,12 @@ def block_of(hour: float) -> str:
     return f"{middle:02d}" if middle in _HOURS else NIGHT
 
 
-def renamed(found: Detections, names: Sequence[str]) -> Detections:
+def renamed(found: DetectionBatch, names: Sequence[str]) -> DetectionBatch:
     """Detections of these classes alone, in their order."""
     index_of = np.array([names.index(n) if n in names else -1 for n in found.names], np.int64)
     class_id = index_of[found.class_id]
     rows = class_id >= 0
-    return Detections(
+    return DetectionBatch(
         names=tuple(names),
         image=found.image[rows],
         class_id=class_id[rows],
@@ -151,9 +151,9 @@ def renamed(found: Detections, names: Sequence[str]) -> Detections:
     )
 
 
-def shifted(found: Detections, first: int) -> Detections:
+def shifted(found: DetectionBatch, first: int) -> DetectionBatch:
     """The same with images that begin at ``first``."""
-    return Detections(
+    return DetectionBatch(
         names=found.names,
         image=found.image + first,
         class_id=found.class_id,
@@ -163,18 +163,18 @@ def shifted(found: Detections, first: int) -> Detections:
     )
 
 
-def joined(parts: Sequence[Detections]) -> Detections:
+def joined(parts: Sequence[DetectionBatch]) -> DetectionBatch:
     """Detections of several batches as one."""
     columns = {
         key: np.concatenate([getattr(part, key) for part in parts])
         for key in ("image", "class_id", "confidence", "box_px", "place")
     }
-    return Detections(names=parts[0].names, **columns)
+    return DetectionBatch(names=parts[0].names, **columns)
 
 
 def _recalls(
-    data: LabelledImages, truth: Truth, found: Detections
-) -> dict[str, dict[str, dict[str, Found]]]:
+    data: LabelledImages, truth: Truth, found: DetectionBatch
+) -> dict[str, dict[str, dict[str, RecallShare]]]:
     """By what an object looks like; of boxes of at least :data:`CONFIDENCE_SHOWN`."""
     seen = _seen(truth, found)
     rows = np.flatnonzero(~truth.ignored)
@@ -191,7 +191,7 @@ def _recalls(
         group = np.searchsorted(np.array(edges, float), values, side="right") - 1
         result[name] = {
             _range(edges, index): {
-                label: Found(int((hit & chosen).sum()), int(chosen.sum()))
+                label: RecallShare(int((hit & chosen).sum()), int(chosen.sum()))
                 for label, chosen in (
                     (label, (group == index) & (class_id == number))
                     for number, label in enumerate(data.names)
@@ -202,7 +202,7 @@ def _recalls(
     return result
 
 
-def _seen(truth: Truth, found: Detections) -> np.ndarray:
+def _seen(truth: Truth, found: DetectionBatch) -> np.ndarray:
     """bool [M]: whether a reported box of its class overlaps a truth enough."""
     seen = np.zeros(len(truth.image), bool)
     shown = np.flatnonzero(found.confidence >= CONFIDENCE_SHOWN)

@@ -17,7 +17,7 @@ IN_MAX, OUT_MAX = 8, 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layer:
+class StemLayer:
     """A convolution of 3x3 with a border of one zero, and what follows it."""
 
     kernels: np.ndarray
@@ -38,7 +38,7 @@ class Layer:
         return (batch, len(self.biases), *(line // 2 if self.pool else line for line in size))
 
 
-def cut(model: Any, input_name: str) -> tuple[list[Layer], Any, str]:
+def cut(model: Any, input_name: str) -> tuple[list[StemLayer], Any, str]:
     """Cut the first layers off.
 
     Args:
@@ -54,7 +54,7 @@ def cut(model: Any, input_name: str) -> tuple[list[Layer], Any, str]:
     if any(_holds_graphs(node) for node in model.graph.node):
         return [], model, input_name  # in which anything may be read
     graph = _Graph(model.graph)
-    layers: list[Layer] = []
+    layers: list[StemLayer] = []
     gone: set[str] = set()
     name = input_name
     while (found := graph.layer(name)) is not None:
@@ -94,7 +94,7 @@ class _Graph:
             for name in node.input:
                 self._readers.setdefault(name, []).append(node)
 
-    def layer(self, name: str) -> tuple[Layer, list[str]] | None:
+    def layer(self, name: str) -> tuple[StemLayer, list[str]] | None:
         """The layer that alone reads ``name``, and the names of what its nodes make; None: it is of
         another kind."""
         convolution = self._reader(name, "Conv")
@@ -129,7 +129,7 @@ class _Graph:
         pool = pooling is not None and _halves(pooling)
         if pool:
             made.append(pooling.output[0])
-        return Layer(kernels, biases, stride[0], slope, pool), made
+        return StemLayer(kernels, biases, stride[0], slope, pool), made
 
     def _reader(self, name: str, kind: str) -> Any:
         """The node that alone reads ``name``, if it is of this kind."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from devkit.detector.stem import Layer
+from devkit.detector.stem import StemLayer
 
 
 @wp.func
@@ -81,7 +81,7 @@ class ThinLayers:
     """Some layers, one after the other, of a batch that lies in ``given``."""
 
     def __init__(
-        self, layers: Sequence[Layer], given: wp.array, stream: "wp.Stream | None"
+        self, layers: Sequence[StemLayer], given: wp.array, stream: "wp.Stream | None"
     ) -> None:
         """Allocate. ``given``: [N, channels, rows, columns]; ``stream``: what is queued where.
 
@@ -97,7 +97,7 @@ class ThinLayers:
             self._add(layer)
         wp.synchronize_device(given.device)  # arrays were filled in another stream
 
-    def _add(self, layer: Layer) -> None:
+    def _add(self, layer: StemLayer) -> None:
         reads, given = layer.kernels.shape[1], self.out.shape[1]
         if reads != given:  # the kernel would read what lies behind the pictures
             raise ValueError(f"a convolution reads {reads} channels, given {given}")

@@ -62,7 +62,7 @@ def drive_variables(
     }
 
 
-class Script:
+class ForeignProcess:
     """A command of somebody else, and everything it starts."""
 
     def __init__(
@@ -184,7 +184,7 @@ class Ending:
                 self._done = True
 
 
-def run_command(script: Script, ending: Ending) -> int:
+def run_command(script: ForeignProcess, ending: Ending) -> int:
     """Run a foreign stack to its end; its exit code."""
     script.start()
     try:

@@ -20,7 +20,7 @@ import numpy as np
 
 from devkit.bridges import ScriptBridge
 from devkit.hosting.faults import is_machines, line_buffered, refusal, told
-from devkit.hosting.foreign import Ending, Script, drive_variables, run_command
+from devkit.hosting.foreign import Ending, ForeignProcess, drive_variables, run_command
 from devkit.hosting.foreign import watch_lifeline as watch_script_lifeline
 from devkit.hosting.foreign_place import placed, vacate
 from devkit.stack import Observation, Stack, StackError, StackMissingError, load_stack
@@ -49,10 +49,10 @@ from twin.base.process import (
 )
 from twin.fabric.bus import Bus
 from twin.fabric.drive import Incoming, StackEnd
-from twin.fabric.keys.key_file import Key, read_private
+from twin.fabric.keys.key_file import MemberKey, read_private
 from twin.fabric.zenoh_bus import open_bus
 from twin.sandbox.start import enter
-from twin.sandbox.view import View
+from twin.sandbox.view import SandboxView
 from twin.stack_identity.identity import Named, confirm, shown_name
 from twin.stack_identity.loaded import LoadedModules
 
@@ -70,7 +70,7 @@ class HostOptions:
     slots: int
     stack: str
     parameters: dict[str, Any]
-    key: Key | None = None
+    key: MemberKey | None = None
     """The key that the rig gave its stack, for a simulator that listens with TLS."""
     foreign: Foreign | None = None
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
@@ -78,7 +78,7 @@ class HostOptions:
     """What its first cases will look with."""
     source: StackSource = field(default_factory=StackSource)
     """What the stack consisted of when the campaign was submitted."""
-    view: View | None = None
+    view: SandboxView | None = None
     """The sandbox that it enters when it has fetched its files; None: it is in one, or in none."""
 
     @property
@@ -106,7 +106,7 @@ def run_host(options: HostOptions) -> int:
     return _run_stack(options, None)
 
 
-def _run_stack(options: HostOptions, script: Script | None) -> int:
+def _run_stack(options: HostOptions, script: ForeignProcess | None) -> int:
     """Load the stack and serve its rig; the exit code."""
     try:
         return _serve_rig(options, script)
@@ -148,14 +148,18 @@ def _run_foreign(options: HostOptions, foreign: Foreign) -> int:
         command, folder = placed(foreign, options.rig)
         if options.view is not None:
             _enter(options, options.view, foreign, command, folder)
-        script = Script(command, variables, folder)
+        script = ForeignProcess(command, variables, folder)
         return _run_stack(options, script) if options.stack else run_command(script, ending)
     finally:
         ending()
 
 
 def _enter(
-    options: HostOptions, view: View, foreign: Foreign, command: list[str], folder: str | None
+    options: HostOptions,
+    view: SandboxView,
+    foreign: Foreign,
+    command: list[str],
+    folder: str | None,
 ) -> NoReturn:
     """Become this program in a sandbox, which runs ``command`` in ``folder``."""
     here = Foreign(command=command, bridge=foreign.bridge)
@@ -172,7 +176,7 @@ def _enter(
     enter(words, view)
 
 
-def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[], None]]:
+def _key_of_script(key: MemberKey | None, foreign: Foreign) -> tuple[str, Callable[[], None]]:
     """Path of the key as the script sees it, and what removes what was made for that."""
     if key is None or foreign.image is None:
         return str(key.path) if key else "", lambda: None
@@ -182,7 +186,7 @@ def _key_of_script(key: Key | None, foreign: Foreign) -> tuple[str, Callable[[],
     return str(folder / "stack.key"), lambda: shutil.rmtree(folder, ignore_errors=True)
 
 
-def _serve_rig(options: HostOptions, script: Script | None) -> int:
+def _serve_rig(options: HostOptions, script: ForeignProcess | None) -> int:
     bus = _open_bus(options)
     try:
         link = StackEnd(bus, options.rig, options.slots)

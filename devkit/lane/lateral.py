@@ -22,7 +22,7 @@ BEND_S = 0.25
 """The bend that is handed on follows the one that is seen with this lag [s]."""
 
 
-class Steering(Struct, frozen=True, forbid_unknown_fields=True):
+class LateralParameters(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of lateral control."""
 
     steering: Literal["straight", "visual"] = "straight"
@@ -54,8 +54,8 @@ class Steering(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Refuse parameters that ``straight`` would not look at."""
         if self.steering == "straight":
-            names = Steering.__struct_fields__[1:]
-            for name, default in zip(names, Steering.__struct_defaults__[1:], strict=True):
+            names = LateralParameters.__struct_fields__[1:]
+            for name, default in zip(names, LateralParameters.__struct_defaults__[1:], strict=True):
                 if getattr(self, name) != default:
                     raise ValueError(f"{name} is set, but steering: straight looks at no lane")
 
@@ -87,7 +87,7 @@ def steer(
     bend: LaneCurve | None,
     speed_mps: float,
     period_s: float,
-    steering: Steering,
+    steering: LateralParameters,
 ) -> Wheel:
     """One control tick.
 

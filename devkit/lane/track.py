@@ -42,7 +42,7 @@ within this of the one it was looked for along [1/m]: cars do not begin beside t
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class CarMotion:
     """How the car moves, from its own sensors."""
 
     speed_mps: float
@@ -81,7 +81,7 @@ class LaneTrack:
     _rows: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
     """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
 
-    _motion: Motion | None = None
+    _motion: CarMotion | None = None
     _bend_per_m: float = 0.0
     """Of the lane when it was known last."""
     _looked_along: float = 0.0
@@ -91,7 +91,7 @@ class LaneTrack:
 
     def update(
         self,
-        motion: Motion,
+        motion: CarMotion,
         image: np.ndarray | None,
         period_s: float,
         covered: Sequence[Detection] = (),
@@ -119,7 +119,7 @@ class LaneTrack:
         """The curve, where so much of it is seen that its bend can be told."""
         return self.curve if self.known and self.sure else None
 
-    def _move(self, before: Motion, now: Motion, period_s: float) -> None:
+    def _move(self, before: CarMotion, now: CarMotion, period_s: float) -> None:
         """Carry everything along while the car moves for ``period_s``."""
         speed_mps = 0.5 * (before.speed_mps + now.speed_mps)
         turn = 0.5 * (before.yaw_rate_radps + now.yaw_rate_radps) * period_s

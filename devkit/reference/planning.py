@@ -16,11 +16,11 @@ from typing import Annotated, Literal, NamedTuple
 from msgspec import Meta, Struct
 
 from devkit.reference import planning_autodrive
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from schemas.messages import Detection
 
 
-class Shape(NamedTuple):
+class RoadUserShape(NamedTuple):
     """What is known of a road user by its label."""
 
     width_m: float
@@ -31,11 +31,11 @@ class Shape(NamedTuple):
 
 
 SHAPES = {
-    "car": Shape(1.8, 1.5, 3.0),
-    "truck": Shape(2.5, 3.2, 5.0),
-    "bus": Shape(2.5, 3.2, 8.0),
-    "pedestrian": Shape(0.5, 1.7, 0.2),
-    "bicycle": Shape(0.6, 1.7, 1.2),
+    "car": RoadUserShape(1.8, 1.5, 3.0),
+    "truck": RoadUserShape(2.5, 3.2, 5.0),
+    "bus": RoadUserShape(2.5, 3.2, 8.0),
+    "pedestrian": RoadUserShape(0.5, 1.7, 0.2),
+    "bicycle": RoadUserShape(0.6, 1.7, 1.2),
 }
 """Labels that can trigger emergency braking; typical sizes."""
 
@@ -129,7 +129,7 @@ def plan(
     state: State,
     detections: Sequence[Detection] | None,
     speed_mps: float,
-    view: View,
+    view: CameraView,
     planner: Planner,
     curvature_per_m: float = 0.0,
 ) -> tuple[State, Plan]:
@@ -154,7 +154,7 @@ def _next_state(
     state: State,
     detections: Sequence[Detection] | None,
     speed_mps: float,
-    view: View,
+    view: CameraView,
     planner: Planner,
     curvature_per_m: float,
 ) -> tuple[State, int | None]:
@@ -179,7 +179,7 @@ def _next_state(
     return Brake(), ahead.place if ahead else None
 
 
-class Nearest(NamedTuple):
+class NearestObject(NamedTuple):
     """The nearest relevant object in the ego's path."""
 
     ahead_m: float
@@ -189,13 +189,16 @@ class Nearest(NamedTuple):
 
 
 def nearest(
-    detections: Sequence[Detection], view: View, planner: Planner, curvature_per_m: float = 0.0
-) -> Nearest | None:
+    detections: Sequence[Detection],
+    view: CameraView,
+    planner: Planner,
+    curvature_per_m: float = 0.0,
+) -> NearestObject | None:
     """The nearest relevant object in the ego's path; None: there is none.
 
     All limits are inclusive.
     """
-    ahead: Nearest | None = None
+    ahead: NearestObject | None = None
     for place, detection in enumerate(detections):
         if not is_relevant(detection, view, planner):
             continue
@@ -203,11 +206,11 @@ def nearest(
         if extent is None or not extent.touches(planner.corridor_half_m):
             continue
         if extent.ahead_m < (ahead.ahead_m if ahead else math.inf):
-            ahead = Nearest(extent.ahead_m, place)
+            ahead = NearestObject(extent.ahead_m, place)
     return ahead
 
 
-def is_relevant(detection: Detection, view: View, planner: Planner) -> bool:
+def is_relevant(detection: Detection, view: CameraView, planner: Planner) -> bool:
     """Whether one detection is of a road user, confident and large enough; wherever it stands."""
     shape, car = SHAPES.get(detection.label), SHAPES["car"]
     if shape is None or detection.confidence < planner.confidence_min:
@@ -232,7 +235,7 @@ class Extent(NamedTuple):
         return self.left_m >= -half_m and self.right_m <= half_m
 
 
-def extent_m(detection: Detection, view: View, curvature_per_m: float = 0.0) -> Extent | None:
+def extent_m(detection: Detection, view: CameraView, curvature_per_m: float = 0.0) -> Extent | None:
     """Where an object stands on a flat road, from its box alone.
 
     The bottom edge of the box is the object's near end. Objects stand along the path, which has

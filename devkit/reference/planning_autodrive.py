@@ -27,7 +27,7 @@ def trigger(detections: Sequence[Detection], width_px: int, height_px: int) -> i
     Args:
         detections: those of the frame; the last confident one counts, so whoever wants the
             script's choice hands them over in the network's order
-            (:meth:`devkit.detector.decode.Detections.of` with ``by_place``).
+            (:meth:`devkit.detector.decode.DetectionBatch.of` with ``by_place``).
         width_px: of the image that the boxes are in [px].
         height_px: of that image [px].
     """

@@ -14,7 +14,7 @@ Axes = tuple[Axis, Axis, Axis]
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class CameraView:
     """A camera above a flat road, by the pinhole of its lens; distortion is left out: boxes of
     detectors are no more exact. (:mod:`devkit.lane.view` projects markings with all of it.)
 
@@ -34,7 +34,7 @@ class View:
     """The camera's right, down and forward in vehicle axes."""
 
     @classmethod
-    def of_site(cls, site: CameraSite) -> View:
+    def of_site(cls, site: CameraSite) -> CameraView:
         """The view of a camera; ``site`` stands in the episode."""
         lens = intrinsics(site.lens, site.width, site.height, site.hfov_deg)
         right, down, forward = vehicle_from_camera(site.rotation_deg).T.tolist()

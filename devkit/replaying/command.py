@@ -15,7 +15,7 @@ from twin.base.cli import Output, OutputOption, duration
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
 if TYPE_CHECKING:
-    from devkit.replaying.replay import Asked, Replayed
+    from devkit.replaying.replay import Replayed, StackChoice
 
 
 def replay(
@@ -98,14 +98,14 @@ def replay(
     raise typer.Exit(EXIT_PASS if equal == len(done) else EXIT_FAILED)
 
 
-def _asked(stack: str, parameters: dict[str, Any], device: str, timeout_s: float) -> Asked:
+def _asked(stack: str, parameters: dict[str, Any], device: str, timeout_s: float) -> StackChoice:
     from devkit.checking.check import campaign_of, names_file
-    from devkit.replaying.replay import Asked
+    from devkit.replaying.replay import StackChoice
 
     campaign = campaign_of(stack, parameters) if stack else None
     from_file = campaign is not None and names_file(stack)
     variants = campaign.autonomy.perception if campaign and from_file else {}
-    return Asked(campaign, variants, parameters, device, timeout_s)
+    return StackChoice(campaign, variants, parameters, device, timeout_s)
 
 
 def _print(one: Replayed) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from devkit.reference.planning import Cruise, Planner, plan
 from devkit.reference.planning_autodrive import HEIGHT_PX, WIDTH_PX
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from schemas.files.autodrive_log import AEB, CONFIDENCE, LABEL, MODEL, SIZE
 from schemas.messages import Detection
 from schemas.sections.lens_curve import Intrinsics
@@ -31,7 +31,7 @@ SHOWN_CHARS_MAX = 60
 
 PLANNER = Planner(rules="autodrive")
 _LENS = Intrinsics(500.0, 500.0, 0.5 * WIDTH_PX, 0.5 * HEIGHT_PX)
-VIEW = View(WIDTH_PX, HEIGHT_PX, _LENS, forward_m=0.0, lateral_m=0.0, above_m=1.0)
+VIEW = CameraView(WIDTH_PX, HEIGHT_PX, _LENS, forward_m=0.0, lateral_m=0.0, above_m=1.0)
 """The image of the script; its field of view plays no part in these rules."""
 
 
@@ -58,7 +58,7 @@ class Unreadable:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedLog:
     """A file that is no log, or could not be read."""
 
     file: str
@@ -79,7 +79,7 @@ class Parity:
     """Detector -> [rows agreeing, rows]."""
     disagreements: list[Disagreement] = field(default_factory=list)
     unreadable: list[Unreadable] = field(default_factory=list)
-    refused: list[Refused] = field(default_factory=list)
+    refused: list[RefusedLog] = field(default_factory=list)
 
 
 def run_parity(folder: Path) -> Parity:
@@ -110,7 +110,7 @@ def run_parity(folder: Path) -> Parity:
 
 def _take(file: LogFile, parity: Parity) -> None:
     if file.refused:
-        parity.refused.append(Refused(file.name, file.refused))
+        parity.refused.append(RefusedLog(file.name, file.refused))
         return
     parity.files += 1
     judge(file.name, file.data.decode("utf-8-sig", errors="replace"), parity)

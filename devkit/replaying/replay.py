@@ -46,7 +46,7 @@ class StackFailedError(TwinError):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class StackChoice:
     """Which stack is to drive."""
 
     campaign: Campaign | None = None
@@ -126,7 +126,7 @@ def find_records(folder: Path, cases: Sequence[str], attempt: int | None) -> lis
 
 def replay(
     paths: Sequence[Path],
-    asked: Asked,
+    asked: StackChoice,
     tolerances: Mapping[str, float],
     report: Callable[[Replayed], None],
 ) -> tuple[list[Replayed], list[str]]:
@@ -195,7 +195,7 @@ def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> Replay
         raise StackFailedError(str(error)) from None
 
 
-def _case(recorded: Case, asked: Asked) -> Case:
+def _case(recorded: Case, asked: StackChoice) -> Case:
     """The recorded case with the stack that was asked for."""
     if asked.campaign is None:
         parameters = {**recorded.parameters, **(asked.parameters or {})}
@@ -213,7 +213,11 @@ def _case(recorded: Case, asked: Asked) -> Case:
 
 
 def _drive(
-    rig: ReplayRig, reader: RecordReader, case: Case, asked: Asked, tolerances: Mapping[str, float]
+    rig: ReplayRig,
+    reader: RecordReader,
+    case: Case,
+    asked: StackChoice,
+    tolerances: Mapping[str, float],
 ) -> Replayed:
     pairs: list[tuple[int, Command | None, Command]] = []
     ended = ""
@@ -254,7 +258,9 @@ def _notes(
 class ReplayRig(StackRig):
     """A stack process with one slot that sees recorded ticks."""
 
-    def show(self, seen: RecordSeen, reader: RecordReader, case: Case, asked: Asked) -> Command:
+    def show(
+        self, seen: RecordSeen, reader: RecordReader, case: Case, asked: StackChoice
+    ) -> Command:
         """The stack's command for one recorded tick.
 
         Raises:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from devkit.darknet.build import build_network
-from devkit.darknet.network import Network
-from devkit.darknet.sections import DarknetError, Section, read_sections, to_text
+from devkit.darknet.network import DarknetNetwork
+from devkit.darknet.sections import CfgSection, DarknetError, read_sections, to_text
 from devkit.darknet.variant import architecture, vary
 from devkit.detector.labelled_images import LabelledImages
 from devkit.training.anchors import fit_anchors
@@ -44,7 +44,9 @@ def read_size(model: str) -> tuple[int, int] | None:
     return network.input.width, network.input.height
 
 
-def prepare(parameters: TrainingParameters, data: LabelledImages) -> tuple[list[Section], Network]:
+def prepare(
+    parameters: TrainingParameters, data: LabelledImages
+) -> tuple[list[CfgSection], DarknetNetwork]:
     """Sections and network for the classes and boxes of ``data``.
 
     Raises:
@@ -68,7 +70,10 @@ def _is_file(model: str) -> bool:
 
 
 def _anchors(
-    sections: list[Section], network: Network, data: LabelledImages, parameters: TrainingParameters
+    sections: list[CfgSection],
+    network: DarknetNetwork,
+    data: LabelledImages,
+    parameters: TrainingParameters,
 ) -> np.ndarray:
     """In the unit of the cfg's heads, [K, 2]."""
     heads = [section for section in sections if section.name in ("region", "yolo")]

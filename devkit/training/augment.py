@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from devkit.training.examples import IGNORED, LABEL, NOTHING, Boxes
-from devkit.training.parameters import Recipe
+from devkit.training.parameters import TrainingRecipe
 
 CHANCES = 8
 """Random numbers per image: four edges, flip, hue, saturation, exposure."""
@@ -39,7 +39,9 @@ def plan_epoch(seed: int, epoch: int, images: int) -> tuple[np.ndarray, np.ndarr
 class Augmentation:
     """Variations by ``recipe`` of images of one size."""
 
-    def __init__(self, recipe: Recipe, width: int, height: int, device: torch.device) -> None:
+    def __init__(
+        self, recipe: TrainingRecipe, width: int, height: int, device: torch.device
+    ) -> None:
         """Sizes in pixels."""
         self._recipe = recipe
         self._size_px = torch.tensor([width, height], dtype=torch.float32, device=device)
@@ -68,8 +70,8 @@ class Augmentation:
         return self._recoloured(values, chance)
 
     def boxes(self, boxes: Boxes, chance: Tensor) -> Boxes:
-        """Boxes of the varied images, cut at their edges; see :class:`Recipe` for what is ignored
-        then."""
+        """Boxes of the varied images, cut at their edges; see :class:`TrainingRecipe` for what is
+        ignored then."""
         low, high = self._window(chance)
         scale = (high - low)[:, None]
         centre = (boxes.box[..., :2] - low[:, None]) / scale

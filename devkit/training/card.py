@@ -7,12 +7,12 @@ from typing import Any
 
 import msgspec
 
-from devkit.darknet.network import Network
+from devkit.darknet.network import DarknetNetwork
 from devkit.darknet.weights import float_count
 from devkit.detector.labelled_images import DatasetHead, parse_classes
 from devkit.detector.score_tables import failures, report
 from devkit.detector.scoring import CONFIDENCE_SHOWN, Scorecard
-from devkit.training.parameters import Recipe, TrainingParameters
+from devkit.training.parameters import TrainingParameters, TrainingRecipe
 
 _SPLIT = {
     "held_out": "Streets, vehicles and people that training did not see (`held_out`)",
@@ -23,7 +23,7 @@ _SPLIT = {
 def write_card(
     name: str,
     parameters: TrainingParameters,
-    network: Network,
+    network: DarknetNetwork,
     data: DatasetHead,
     versions: Mapping[str, Any],
     cards: Mapping[str, Scorecard],
@@ -83,14 +83,14 @@ def training_command(data: DatasetHead, parameters: TrainingParameters, name: st
             words.append(f"--{key.replace('_', '-')} {getattr(parameters, key)}")
     if parameters.half:
         words.append("--half")
-    plain = msgspec.to_builtins(Recipe())
+    plain = msgspec.to_builtins(TrainingRecipe())
     for key, value in msgspec.to_builtins(parameters.recipe).items():
         if value != plain[key]:
             words.append(f"--set {key}={value}")
     return " ".join(words)
 
 
-def _what(parameters: TrainingParameters, network: Network) -> str:
+def _what(parameters: TrainingParameters, network: DarknetNetwork) -> str:
     millions = sum(map(float_count, network.convolutions())) / 1e6
     classes = []
     for one in parse_classes(parameters.classes):

@@ -36,7 +36,7 @@ from devkit.training.steps import Trainer
 from devkit.training.validation import validate
 from twin.base.errors import UsageError
 from twin.base.folder_lock import only_writer
-from twin.base.progress import Report, progress
+from twin.base.progress import ProgressReport, progress
 from twin.base.software import device_class, software_digest
 
 
@@ -62,7 +62,7 @@ class TrainingRequest:
     size: str | None = None
     """``WIDTHxHEIGHT``"""
     settings: tuple[str, ...] = ()
-    """``KEY=VALUE`` each, of :class:`devkit.training.parameters.Recipe`."""
+    """``KEY=VALUE`` each, of :class:`devkit.training.parameters.TrainingRecipe`."""
     device: str = "cpu"
 
 
@@ -156,7 +156,7 @@ def _train(
     folder: TrainingFolder,
     data: DatasetHead,
     images: LabelledImages,
-    report: Report,
+    report: ProgressReport,
 ) -> int:
     device = next(trainer.model.parameters()).device
     width, height = parameters.width, parameters.height

@@ -21,7 +21,7 @@ from devkit.training.loss import PARTS
 from devkit.training.parameters import TrainingParameters
 from devkit.training.steps import Trainer, learning_rate
 from twin.base.errors import UnfinishedError, UsageError
-from twin.base.progress import Report
+from twin.base.progress import ProgressReport
 
 CHECKPOINT_S = 60.0
 """Least time between two checkpoints; an interruption writes one at once [s]."""
@@ -48,7 +48,7 @@ def train(
     parameters: TrainingParameters,
     folder: TrainingFolder,
     validate: Callable[[], Evaluation] | None,
-    report: Report,
+    report: ProgressReport,
 ) -> int:
     """Train until the last epoch is done; returns the number of images seen.
 
@@ -121,7 +121,7 @@ def _end_epoch(
     parameters: TrainingParameters,
     validate: Callable[[], Evaluation] | None,
     folder: TrainingFolder,
-    report: Report,
+    report: ProgressReport,
 ) -> None:
     losses = (now.sums / steps).tolist()
     epoch = now.epoch + 1

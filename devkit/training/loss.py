@@ -40,9 +40,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from devkit.darknet.network import Head, Network
+from devkit.darknet.network import DarknetNetwork, Head
 from devkit.training.examples import IGNORED, LABEL, Boxes
-from devkit.training.parameters import Recipe
+from devkit.training.parameters import TrainingRecipe
 
 EXPONENT_MAX = 8.0
 """Larger exponents of a box's size are cut in the overlap: no object is e^8 anchors wide."""
@@ -79,7 +79,9 @@ class Claims:
 class GridLoss:
     """Loss of all heads of a network."""
 
-    def __init__(self, network: Network, recipe: Recipe, device: torch.device) -> None:
+    def __init__(
+        self, network: DarknetNetwork, recipe: TrainingRecipe, device: torch.device
+    ) -> None:
         self._recipe = recipe
         self._heads = network.heads()
         size = torch.tensor([network.input.width, network.input.height], dtype=torch.float32)

@@ -1,8 +1,8 @@
 """A Darknet network as a torch module, layer by layer what the ONNX writer writes.
 
-Layers are those of :class:`devkit.darknet.network.Network`, so everything a cfg can say is trained
-as it is exported. What differs from the exported file is batch normalisation: here it is a step of
-its own, in the exported file it is folded into the kernels.
+Layers are those of :class:`devkit.darknet.network.DarknetNetwork`, so everything a cfg can say is
+trained as it is exported. What differs from the exported file is batch normalisation: here it is a
+step of its own, in the exported file it is folded into the kernels.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from torch.nn import functional
 from devkit.darknet.network import (
     IMAGE,
     Convolutional,
+    DarknetNetwork,
     Head,
     MaxPool,
-    Network,
     Reorg,
     Route,
     Shortcut,
@@ -47,12 +47,12 @@ class TorchNetwork(nn.Module):
     One module per layer, under the layer's index; layers without weights are functions.
     """
 
-    def __init__(self, network: Network, seed: int) -> None:
+    def __init__(self, network: DarknetNetwork, seed: int) -> None:
         """Kernels are drawn by He et al. (2015) for a leaky slope of 0.1, from ``seed``."""
         super().__init__()
         self.network = network
         self.blocks = nn.ModuleDict(
-            {str(layer.index): Block(layer) for layer in network.convolutions()}
+            {str(layer.index): ConvolutionBlock(layer) for layer in network.convolutions()}
         )
         generator = torch.Generator().manual_seed(seed)
         with torch.no_grad():
@@ -61,10 +61,10 @@ class TorchNetwork(nn.Module):
             for head in network.heads():
                 self._expect_background(head)
 
-    def block(self, index: int) -> Block:
+    def block(self, index: int) -> ConvolutionBlock:
         """The convolution of layer ``index``."""
         block = self.blocks[str(index)]
-        assert isinstance(block, Block)
+        assert isinstance(block, ConvolutionBlock)
         return block
 
     def forward(self, images: Tensor) -> list[Tensor]:
@@ -109,7 +109,7 @@ class TorchNetwork(nn.Module):
                 self.block(index).take(numbers)
 
 
-class Block(nn.Module):
+class ConvolutionBlock(nn.Module):
     """Convolution, batch normalisation or bias, activation."""
 
     def __init__(self, layer: Convolutional) -> None:

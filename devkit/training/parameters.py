@@ -16,7 +16,7 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 Scale = Annotated[float, Meta(ge=0, le=1000)]
 
 
-class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
+class TrainingRecipe(Struct, frozen=True, forbid_unknown_fields=True):
     """How a network is trained; ``--set KEY=VALUE`` changes a value."""
 
     learning_rate: Annotated[float, Meta(gt=0, le=10)] = 2e-3
@@ -77,7 +77,7 @@ class TrainingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     """Epochs between two scores on `held_out` in the log; 0: none. Changes no weight."""
     half: bool = False
     """Kernels are stored as float16."""
-    recipe: Recipe = Recipe()
+    recipe: TrainingRecipe = TrainingRecipe()
 
 
 def parse_parameters(data: dict[str, Any], name: str) -> TrainingParameters:

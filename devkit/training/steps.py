@@ -9,12 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from devkit.darknet.network import Network
+from devkit.darknet.network import DarknetNetwork
 from devkit.training.augment import Augmentation
 from devkit.training.examples import Boxes, Examples
 from devkit.training.loss import GridLoss
 from devkit.training.network import TorchNetwork
-from devkit.training.parameters import Recipe, TrainingParameters
+from devkit.training.parameters import TrainingParameters, TrainingRecipe
 
 FINAL_SHARE = 0.01
 """Of the learning rate at the end of the schedule [-]."""
@@ -23,7 +23,7 @@ BETAS = (0.9, 0.999)
 """Of AdamW's running means (Loshchilov, Hutter, 2019)."""
 
 
-def learning_rate(recipe: Recipe, step: int, steps_per_epoch: int, epochs: int) -> float:
+def learning_rate(recipe: TrainingRecipe, step: int, steps_per_epoch: int, epochs: int) -> float:
     """Linear warm-up, then half a cosine down to :data:`FINAL_SHARE` of it."""
     warmup = min(recipe.warmup_epochs, epochs) * steps_per_epoch
     if step < warmup:
@@ -37,7 +37,7 @@ class Trainer:
     """Weights, optimiser and running mean; :meth:`step` is all that changes them."""
 
     def __init__(
-        self, network: Network, parameters: TrainingParameters, device: torch.device
+        self, network: DarknetNetwork, parameters: TrainingParameters, device: torch.device
     ) -> None:
         recipe = parameters.recipe
         self._recipe = recipe

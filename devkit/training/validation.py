@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from devkit.detector.decode import Detections, decode
+from devkit.detector.decode import DetectionBatch, decode
 from devkit.detector.description import DetectorDescription
 from devkit.detector.evaluate import Evaluation, evaluate
 from devkit.detector.labelled_images import LabelledImages
@@ -43,7 +43,7 @@ def _detect(
     first: int,
     data: LabelledImages,
     description: DetectorDescription,
-) -> Detections:
+) -> DetectionBatch:
     values = images.permute(0, 3, 1, 2).float() * description.scale
     raw = model(values.contiguous(memory_format=torch.channels_last))
     outputs = {

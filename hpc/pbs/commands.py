@@ -6,7 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
-from hpc.commands import Done, call
+from hpc.commands import ProgramEnd, call
 from hpc.pbs.job_script import options, render
 from hpc.pbs.lint import lint
 from hpc.request import JobRequest
@@ -111,7 +111,7 @@ def attributes(text: str) -> dict[str, str]:
     return found
 
 
-def _refusal(what: str, done: Done) -> TwinError:
+def _refusal(what: str, done: ProgramEnd) -> TwinError:
     if any(words in done.err for words in _NOT_ANSWERING):
         return InfrastructureError(f"{what}: the PBS server does not answer; try later")
     return UsageError(f"{what}: {done.last_words.removeprefix('qsub: ')}")

@@ -7,7 +7,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from hpc.commands import Done, call, exists
+from hpc.commands import ProgramEnd, call, exists
 from hpc.request import JobRequest, hours_minutes
 from hpc.scheduler import JobStatus, Kind, State
 from hpc.slurm.job_script import options, render
@@ -96,7 +96,7 @@ class Slurm:
         """Slurm's default name."""
         return f"slurm-{job}.out"
 
-    def _refusal(self, what: str, done: Done) -> TwinError:
+    def _refusal(self, what: str, done: ProgramEnd) -> TwinError:
         if any(words in done.err for words in _NOT_ANSWERING):
             return InfrastructureError(f"{what}: the Slurm controller does not answer; try later")
         line = re.sub(r"^(allocation failure|\w+: error): ", "", done.last_words)

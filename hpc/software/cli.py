@@ -114,10 +114,10 @@ def fetch_repository(
     The folder's name is the digest of content and set-up: it never changes, and what is there
     already is not fetched again.
     """
-    from hpc.inputs import Repository
+    from hpc.inputs import NamedRepository
     from hpc.inputs import fetch_repository as fetch
 
-    found = fetch(Repository(url, ref, setup), cache)
+    found = fetch(NamedRepository(url, ref, setup), cache)
     if output is Output.json:
         facts = {"folder": str(found.folder), "commit": found.commit, "key": found.key}
         print(json.dumps(facts))

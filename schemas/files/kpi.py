@@ -13,7 +13,7 @@ ColumnType = Literal["bool", "int32", "int64", "float64", "detections", "name"]
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ColumnDeclaration:
     """One KPI column; ``detections`` is a list of (label, confidence, x, y, width, height), a
     ``name`` what the scene calls an object."""
 
@@ -24,33 +24,37 @@ class Column:
     nullable: bool = False
 
 
-KPI_COLUMNS: tuple[Column, ...] = (
-    Column("tick", "int32", "", "Case tick, 0 at reset"),
-    Column("sim_time_ns", "int64", "ns", "Sim time since reset"),
-    Column("x_m", "float64", "m", "Ego position, world x (along the street)"),
-    Column("y_m", "float64", "m", "Ego position, world y (left)"),
-    Column("yaw_rad", "float64", "rad", "Ego heading"),
-    Column("speed_mps", "float64", "m/s", "Ego speed, forward"),
-    Column("accel_mps2", "float64", "m/s^2", "Ego acceleration, forward"),
-    Column("dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull", True),
-    Column("ttc_s", "float64", "s", "Time to collision at constant speed", nullable=True),
-    Column("collisions", "int32", "", "Collisions of the ego so far"),
-    Column(
+KPI_COLUMNS: tuple[ColumnDeclaration, ...] = (
+    ColumnDeclaration("tick", "int32", "", "Case tick, 0 at reset"),
+    ColumnDeclaration("sim_time_ns", "int64", "ns", "Sim time since reset"),
+    ColumnDeclaration("x_m", "float64", "m", "Ego position, world x (along the street)"),
+    ColumnDeclaration("y_m", "float64", "m", "Ego position, world y (left)"),
+    ColumnDeclaration("yaw_rad", "float64", "rad", "Ego heading"),
+    ColumnDeclaration("speed_mps", "float64", "m/s", "Ego speed, forward"),
+    ColumnDeclaration("accel_mps2", "float64", "m/s^2", "Ego acceleration, forward"),
+    ColumnDeclaration(
+        "dtc_m", "float64", "m", "Distance to collision: ego hull to obstacle hull", True
+    ),
+    ColumnDeclaration(
+        "ttc_s", "float64", "s", "Time to collision at constant speed", nullable=True
+    ),
+    ColumnDeclaration("collisions", "int32", "", "Collisions of the ego so far"),
+    ColumnDeclaration(
         "lateral_error_m",
         "float64",
         "m",
         "Middle of the rear axle left of the lane's centre; lane_keeping only",
         nullable=True,
     ),
-    Column("throttle", "float64", "", "Throttle command", nullable=True),
-    Column("brake", "float64", "", "Brake command", nullable=True),
-    Column("steering_rad", "float64", "rad", "Road-wheel angle command", nullable=True),
-    Column("aeb", "bool", "", "AEB trigger", nullable=True),
-    Column("headlights", "int32", "", "Headlight code 0-11 of AutoDRIVE", nullable=True),
-    Column("indicators", "int32", "", "0 off, 1 left, 2 right, 3 hazard", nullable=True),
-    Column("detections", "detections", "px", "Detections of the stack", nullable=True),
+    ColumnDeclaration("throttle", "float64", "", "Throttle command", nullable=True),
+    ColumnDeclaration("brake", "float64", "", "Brake command", nullable=True),
+    ColumnDeclaration("steering_rad", "float64", "rad", "Road-wheel angle command", nullable=True),
+    ColumnDeclaration("aeb", "bool", "", "AEB trigger", nullable=True),
+    ColumnDeclaration("headlights", "int32", "", "Headlight code 0-11 of AutoDRIVE", nullable=True),
+    ColumnDeclaration("indicators", "int32", "", "0 off, 1 left, 2 right, 3 hazard", nullable=True),
+    ColumnDeclaration("detections", "detections", "px", "Detections of the stack", nullable=True),
     # Columns are added behind these: files of earlier versions end here, and keep their bytes.
-    Column(
+    ColumnDeclaration(
         "nearest_m",
         "float64",
         "m",
@@ -58,8 +62,8 @@ KPI_COLUMNS: tuple[Column, ...] = (
         "vehicles, people, buildings, posts",
         nullable=True,
     ),
-    Column("nearest_object", "name", "", "Whose hull that is", nullable=True),
-    Column(
+    ColumnDeclaration("nearest_object", "name", "", "Whose hull that is", nullable=True),
+    ColumnDeclaration(
         "nearest_ttc_s",
         "float64",
         "s",
@@ -67,41 +71,55 @@ KPI_COLUMNS: tuple[Column, ...] = (
         "velocity; null: it would touch none",
         nullable=True,
     ),
-    Column("nearest_ttc_object", "name", "", "Whose hull that is", nullable=True),
+    ColumnDeclaration("nearest_ttc_object", "name", "", "Whose hull that is", nullable=True),
 )
 
-SCALARS: tuple[Column, ...] = (
-    Column("sim_time_s", "float64", "s", "Sim time at the end of the case"),
-    Column("ticks", "int32", "", "Control ticks"),
-    Column("dtc_min_m", "float64", "m", "Smallest distance to collision", nullable=True),
-    Column("dtc_end_m", "float64", "m", "Distance to collision at the end", nullable=True),
-    Column("aeb_time_s", "float64", "s", "Sim time of the first AEB trigger", nullable=True),
-    Column("aeb_dtc_m", "float64", "m", "Distance at the first AEB trigger", nullable=True),
-    Column(
+SCALARS: tuple[ColumnDeclaration, ...] = (
+    ColumnDeclaration("sim_time_s", "float64", "s", "Sim time at the end of the case"),
+    ColumnDeclaration("ticks", "int32", "", "Control ticks"),
+    ColumnDeclaration("dtc_min_m", "float64", "m", "Smallest distance to collision", nullable=True),
+    ColumnDeclaration(
+        "dtc_end_m", "float64", "m", "Distance to collision at the end", nullable=True
+    ),
+    ColumnDeclaration(
+        "aeb_time_s", "float64", "s", "Sim time of the first AEB trigger", nullable=True
+    ),
+    ColumnDeclaration(
+        "aeb_dtc_m", "float64", "m", "Distance at the first AEB trigger", nullable=True
+    ),
+    ColumnDeclaration(
         "aeb_ttc_s", "float64", "s", "Time to collision at the first AEB trigger", nullable=True
     ),
-    Column("impact_speed_mps", "float64", "m/s", "Speed at the first collision", nullable=True),
-    Column("decel_peak_mps2", "float64", "m/s^2", "Peak deceleration"),
-    Column("speed_max_mps", "float64", "m/s", "Highest speed"),
-    Column("collisions", "int32", "", "Collisions of the ego"),
-    Column("distance_m", "float64", "m", "Way driven along the lane; lane_keeping", nullable=True),
-    Column(
+    ColumnDeclaration(
+        "impact_speed_mps", "float64", "m/s", "Speed at the first collision", nullable=True
+    ),
+    ColumnDeclaration("decel_peak_mps2", "float64", "m/s^2", "Peak deceleration"),
+    ColumnDeclaration("speed_max_mps", "float64", "m/s", "Highest speed"),
+    ColumnDeclaration("collisions", "int32", "", "Collisions of the ego"),
+    ColumnDeclaration(
+        "distance_m", "float64", "m", "Way driven along the lane; lane_keeping", nullable=True
+    ),
+    ColumnDeclaration(
         "lateral_error_rms_m",
         "float64",
         "m",
         "Root mean square of the lateral error; lane_keeping",
         nullable=True,
     ),
-    Column("lateral_error_max_m", "float64", "m", "Largest of it; lane_keeping", nullable=True),
-    Column(
+    ColumnDeclaration(
+        "lateral_error_max_m", "float64", "m", "Largest of it; lane_keeping", nullable=True
+    ),
+    ColumnDeclaration(
         "nearest_min_m",
         "float64",
         "m",
         "Smallest distance to anything; 0: collision",
         nullable=True,
     ),
-    Column("nearest_ttc_min_s", "float64", "s", "Least time to any collision", nullable=True),
-    Column(
+    ColumnDeclaration(
+        "nearest_ttc_min_s", "float64", "s", "Least time to any collision", nullable=True
+    ),
+    ColumnDeclaration(
         "hit_hull",
         "int32",
         "",
@@ -110,11 +128,13 @@ SCALARS: tuple[Column, ...] = (
     ),
 )
 
-NAMES: tuple[Column, ...] = (
-    Column("hit_object", "name", "", "What the ego hit first", nullable=True),
-    Column("hit_class", "name", "", "Its class", nullable=True),
-    Column("nearest_object", "name", "", "What the ego came nearest to", nullable=True),
-    Column("nearest_ttc_object", "name", "", "What it would have hit soonest", nullable=True),
+NAMES: tuple[ColumnDeclaration, ...] = (
+    ColumnDeclaration("hit_object", "name", "", "What the ego hit first", nullable=True),
+    ColumnDeclaration("hit_class", "name", "", "Its class", nullable=True),
+    ColumnDeclaration("nearest_object", "name", "", "What the ego came nearest to", nullable=True),
+    ColumnDeclaration(
+        "nearest_ttc_object", "name", "", "What it would have hit soonest", nullable=True
+    ),
 )
 """Scalars of a case that are names; a missing one is left out."""
 

@@ -2,7 +2,8 @@
 
 Each worker appends to a part of its own, ``<campaign>/resources/<worker>.jsonl``: one sample per
 line, so that a part can be read at any moment, also after its writer was killed. The conductor
-gathers the parts into ``resources.parquet``, whose columns are the fields of :class:`Sample`.
+gathers the parts into ``resources.parquet``, whose columns are the fields of
+:class:`ResourceSample`.
 
 These are wall-clock measurements: they never reach a KPI, a verdict or a fingerprint.
 """
@@ -33,7 +34,7 @@ class ProcessUse(Struct, frozen=True, kw_only=True):
     """Resident set; memory that processes share counts in each of them [bytes]."""
 
 
-class Sample(Struct, frozen=True, kw_only=True):
+class ResourceSample(Struct, frozen=True, kw_only=True):
     """What one worker saw at one moment; None: it could not be measured, which is never 0."""
 
     time_ns: int

@@ -13,8 +13,8 @@ from schemas.sections.foreign import (
     BRIDGES,
     PASSWORD,
     Bridge,
+    ContainerImage,
     Foreign,
-    Image,
     Repository,
     Word,
     holds_password,
@@ -46,7 +46,7 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     Simulator; ``parameters`` are those of the bridge."""
     repository: Repository | None = None
     """Git repository that holds the command."""
-    image: Image | None = None
+    image: ContainerImage | None = None
     """Container in which the command runs."""
     slots: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Most cases that the stack drives at once; 0: one for a command, for a class as many as the

@@ -51,7 +51,7 @@ def holds_password(url: str) -> bool:
     return found is not None and (found[1].lower().startswith("http") or ":" in found[2])
 
 
-class Image(Struct, frozen=True, forbid_unknown_fields=True):
+class ContainerImage(Struct, frozen=True, forbid_unknown_fields=True):
     """The container in which the command runs."""
 
     path: Word
@@ -72,7 +72,7 @@ class Foreign(Struct, frozen=True, forbid_unknown_fields=True):
     bridge: Bridge = "none"
     """``none``: the command speaks the drive plane itself."""
     repository: Repository | None = None
-    image: Image | None = None
+    image: ContainerImage | None = None
 
 
 def lacking_bridges() -> dict[str, str]:

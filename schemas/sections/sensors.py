@@ -110,7 +110,7 @@ class Imu(_Spec, frozen=True):
     """Correlation time of the biases [s]."""
 
 
-class Pose(_Spec, frozen=True):
+class PoseSensor(_Spec, frozen=True):
     """Where the car is and how it stands, without errors: for protocols that send it, and tests."""
 
     on: bool = True
@@ -125,7 +125,7 @@ class Sensors(_Spec, frozen=True):
     encoders: Encoders = Encoders(on=False)
     gnss: Gnss = Gnss(on=False)
     imu: Imu = Imu(on=False)
-    pose: Pose = Pose(on=False)
+    pose: PoseSensor = PoseSensor(on=False)
 
     def rates(self, control_hz: int) -> dict[str, int]:
         """Name -> rate of every sensor that is on, in the order of the fields [Hz]."""

@@ -30,7 +30,7 @@ class _Action(Struct, frozen=True, forbid_unknown_fields=True, tag_field="action
     """Base of all actions: frozen, told apart by the key ``action``."""
 
 
-class Look(_Action, frozen=True, tag="look"):
+class Query(_Action, frozen=True, tag="look"):
     """Change nothing; the answer says how the case stands."""
 
 
@@ -149,7 +149,7 @@ class Together(_Action, frozen=True, tag="together"):
 
 
 Action = (
-    Look
+    Query
     | SetEnvironment
     | PlaceEgo
     | SetLights
@@ -257,8 +257,8 @@ class ControlReply(Struct, frozen=True):
 # --- the journal of an attempt -------------------------------------------------------------------
 
 JOURNAL_FILE = "interventions.jsonl"
-"""Beside ``kpi.parquet``: a line :class:`JournalHead`, a line :class:`Intervention` per action and,
-if the attempt came to its end, a line :class:`JournalEnd`."""
+"""Beside ``kpi.parquet``: a line :class:`JournalHead`, a line :class:`RecordedAction` per action
+and, if the attempt came to its end, a line :class:`JournalEnd`."""
 
 
 class JournalHead(Struct, frozen=True, tag_field="line", tag="attempt"):
@@ -274,7 +274,7 @@ class JournalHead(Struct, frozen=True, tag_field="line", tag="attempt"):
     case: Case
 
 
-class Intervention(Struct, frozen=True, tag_field="line", tag="intervention"):
+class RecordedAction(Struct, frozen=True, tag_field="line", tag="intervention"):
     """One action, applied before its tick was sensed."""
 
     tick: int
@@ -292,7 +292,7 @@ class JournalEnd(Struct, frozen=True, tag_field="line", tag="end"):
     ticks: int
 
 
-JournalLine = JournalHead | Intervention | JournalEnd
+JournalLine = JournalHead | RecordedAction | JournalEnd
 
 
 def steers(action: Action) -> bool:

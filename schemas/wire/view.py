@@ -25,7 +25,7 @@ POINT_CM = 0.01
 """Unit of the coordinates in a :class:`PointsSample`, which reach to 327 m [m]."""
 
 
-class Box(Struct, frozen=True):
+class ImageBox(Struct, frozen=True):
     """A ground-truth box, in pixels; x and y are its upper left corner."""
 
     label: str
@@ -128,7 +128,7 @@ class StateSample(Struct, frozen=True):
     collisions: int
     controls: Controls | None
     """None in the last row: the case has ended, nothing was asked."""
-    boxes: list[Box] | None
+    boxes: list[ImageBox] | None
     """None: no frame was due."""
     movers: list[list[float]] = []
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half

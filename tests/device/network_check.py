@@ -27,7 +27,7 @@ from foreign_memory import Elsewhere
 
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
-from devkit.detector.decode import Detections, Selection
+from devkit.detector.decode import DetectionBatch, Selection
 from devkit.detector.detector import Detector
 from devkit.detector.frames import MICRO_BATCH
 from devkit.detector.model_files import shipped_models
@@ -144,7 +144,7 @@ def agreement(path: Path, device: str) -> dict[str, float]:
     }
 
 
-def _boxes(found: Detections) -> dict[tuple[int, int, int], tuple[float, np.ndarray]]:
+def _boxes(found: DetectionBatch) -> dict[tuple[int, int, int], tuple[float, np.ndarray]]:
     """(image, place, class) -> confidence and box."""
     keys = zip(found.image.tolist(), found.place.tolist(), found.class_id.tolist(), strict=True)
     values = zip(found.confidence.tolist(), found.box_px, strict=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import zenoh
 
 from twin.fabric.keys.authority import make_keys
-from twin.fabric.keys.key_file import Key, load_key
+from twin.fabric.keys.key_file import MemberKey, load_key
 from twin.fabric.keys.roles import Role
 
 SILENCE_S = 2.0
@@ -57,7 +57,7 @@ class Stranger:
             self._session.close()
 
 
-def options_of(key: Key) -> dict[str, object]:
+def options_of(key: MemberKey) -> dict[str, object]:
     """Zenoh's TLS options of somebody who holds ``key``."""
     return _options(key.authority, key.certificate, key.private)
 

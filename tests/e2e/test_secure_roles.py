@@ -10,7 +10,7 @@ from processes import PATIENCE_S, keys_of, wait_for
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 
 from conductor.bench.own import noop_campaign
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from schemas import SCHEMA_VERSION
 from schemas.messages import Hello, Next, Reply, noop_result
 from schemas.wire import topics
@@ -189,7 +189,7 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     keys = keys_of(state)
     port = int(find_conductor(state).endpoint.rpartition(":")[2])
     tap = stack.enter_context(closing(Tap(port)))
-    with Client("", state, "twin", role=Role.submitter) as client:
+    with ConductorClient("", state, "twin", role=Role.submitter) as client:
         client.submit(noop_campaign(CASES), "")
     name = noop_campaign(CASES).campaign
     bus = open_bus("client", connect=[tap.endpoint], key=load_key(keys, Role.worker))
@@ -202,7 +202,7 @@ def test_a_recorded_commit_sent_again_changes_nothing(state, tmp_path, stack):
     assert ask(bus, commit).acks == [lease.token]
 
     def rows():
-        with Client("", state, "twin") as client:
+        with ConductorClient("", state, "twin") as client:
             found = client.status()
         return {
             "campaign": {

@@ -34,10 +34,10 @@ from conductor.journal.owner import this_process
 from conductor.journal.store import FILE_NAME as JOURNAL_FILE
 from conductor.journal.store import Journal
 from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
-from conductor.report.autodrive.layout import Imported
+from conductor.report.autodrive.layout import ImportNote
 from conductor.report.reading.cache import Cache
 from conductor.report.reading.resources import RESOURCES_SCHEMA
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from devkit.darknet.weights import write_weights
 from schemas import SCHEMA_VERSION as V
 from schemas.files.drive_record import RecordAnswer, RecordHead, RecordSeen
@@ -46,19 +46,19 @@ from schemas.files.yaml_file import dump_yaml
 from schemas.messages import Command
 from schemas.wire.codec import encode
 from schemas.wire.delivery import SeenFolder
-from schemas.wire.interventions import Intervention as Steered
 from schemas.wire.interventions import (
     JournalEnd,
     JournalHead,
     SetLights,
 )
+from schemas.wire.interventions import RecordedAction as Steered
 from twin.dataset.recipe import parse_recipe
 from twin.fabric.discovery import ConductorFile
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import as_line
 from twin.records.drive_record import RecordWriter, coded
 from twin.records.kpi_file import kpi_table
-from twin.rig.pipe import Done, Progress, pack
+from twin.rig.pipe import CaseDone, Progress, pack
 from twin.worker.spool import pack as spooled
 
 
@@ -85,7 +85,7 @@ def _wire() -> None:
     parts = [(0, ready, b""), (3, bytes(12), frame), (1, tick, b"")]
     stream = b"".join(PART.pack(k, len(a), len(b)) + a + b for k, a, b in parts)
     _write("wire-stack-end", "seq", stream)
-    _write("wire-pipe", "done", pack(Progress([65537], [3])) + pack(Done(result())))
+    _write("wire-pipe", "done", pack(Progress([65537], [3])) + pack(CaseDone(result())))
     _write("wire-socketio", "event", '42["Bridge",{"V1 Throttle":"0.1"}]')
     _write("view-points", "two", np.arange(8, dtype="<i2").tobytes())
     _write("view-jpeg", "small", cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
@@ -94,14 +94,14 @@ def _wire() -> None:
 
 def _conductor_files(folder: Path) -> None:
     journal = Journal(folder, owner=this_process())
-    engine = Engine(journal, Config(folder=str(folder)), 0)
+    engine = ConductorEngine(journal, Config(folder=str(folder)), 0)
     hello, next_, *_, submit = control()[:5]
     for request in (submit, hello, msgspec.structs.replace(next_, results=[], held=[])):
-        engine.turn([Message(encode(request), 1)])
+        engine.turn([IncomingRequest(encode(request), 1)])
     journal.append([EpochRaised(engine.state.epoch + 1)])
     journal.close()
     _write("journal", "leased.db", (folder / JOURNAL_FILE).read_bytes())
-    engine = Engine(journal := Journal(folder), Config(folder=str(folder)), 0)
+    engine = ConductorEngine(journal := Journal(folder), Config(folder=str(folder)), 0)
     engine.close()
     journal.close()
     _write("journal", "snapshot.db", (folder / JOURNAL_FILE).read_bytes())
@@ -188,7 +188,7 @@ def _autodrive() -> None:
         archive.addfile(member, io.BytesIO(text.encode()))
     _write("autodrive-archive", "one", packed.getvalue())
     _write("autodrive-config", "four", json.dumps(config()))
-    imported = Imported("logs", "0" * 64, 1, 6, [], [], {"a": "b"}, {"a": 1}, [])
+    imported = ImportNote("logs", "0" * 64, 1, 6, [], [], {"a": "b"}, {"a": 1}, [])
     _write("autodrive-imported", "one", msgspec.json.encode(imported))
 
 

@@ -9,7 +9,7 @@ from fuzz_target import Target, of_file
 
 from devkit.darknet.build import build_network, read_network
 from devkit.darknet.importer import _labels
-from devkit.darknet.network import Network
+from devkit.darknet.network import DarknetNetwork
 from devkit.darknet.sections import parse_sections
 from devkit.darknet.weights import read_weights
 from devkit.detector.description import read_description
@@ -39,7 +39,7 @@ num=1
 
 
 @cache
-def small_network() -> Network:
+def small_network() -> DarknetNetwork:
     """To which weights must fit."""
     return build_network(parse_sections(CFG, "n.cfg"), "n.cfg")
 

@@ -10,7 +10,7 @@ from fuzz_target import Target, of_file
 
 from conductor.core.state import Config
 from conductor.journal.owner import FILE_NAME as OWNER_FILE
-from conductor.journal.owner import Claim, Owner
+from conductor.journal.owner import FolderClaim, FolderOwner
 from conductor.journal.store import FILE_NAME as JOURNAL_FILE
 from conductor.journal.store import FolderLockedError, Journal, JournalError
 from conductor.records import fingerprint
@@ -19,7 +19,7 @@ from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
 from conductor.report.autodrive import layout as autodrive_layout
 from conductor.report.autodrive import logs as autodrive_logs
 from conductor.report.reading import cache, leases, resources
-from conductor.serve.engine import Engine
+from conductor.serve.engine import ConductorEngine
 from devkit.detector.labelled_images import read_head
 from devkit.replaying.replay import sensor_messages
 from hpc.site import load_site
@@ -68,7 +68,7 @@ def _journal(path: Path) -> None:
     """What a conductor does with the journal when it starts."""
     journal = Journal(path.parent)
     try:
-        Engine(journal, Config(folder=str(path.parent)), 0)
+        ConductorEngine(journal, Config(folder=str(path.parent)), 0)
     finally:
         journal.close()
 
@@ -85,8 +85,8 @@ def _outcomes(path: Path) -> object:
 
 
 def _owner(path: Path) -> object:
-    me = Owner(id="a", pid=1, host="b")
-    return Claim(path.parent, me, 1.0).read()
+    me = FolderOwner(id="a", pid=1, host="b")
+    return FolderClaim(path.parent, me, 1.0).read()
 
 
 def _cached(path: Path) -> object:

@@ -40,7 +40,7 @@ from schemas.wire.view import (
 from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Sample
 from twin.fabric.drive import StackEnd
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 from twin.rig.pipe import Unpacker, Upward
 from twin.worker.spool import unpack
 from viewer.live import mosaic
@@ -87,7 +87,7 @@ def _view(message: Any) -> None:
 
 def _stack_end(data: bytes) -> None:
     """A simulator that sends what it likes; a message is a kind, two lengths, and two bodies."""
-    end = StackEnd(Hub().open(), "r", 1)
+    end = StackEnd(MemoryHub().open(), "r", 1)
     kinds = ("control/simulator", "tick", "episode", "sensor/camera")
     while len(data) >= PART.size:
         kind, payload_size, attachment_size = PART.unpack_from(data)

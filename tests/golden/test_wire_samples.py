@@ -18,14 +18,14 @@ import wire_messages
 from conductor_bench import Bench
 
 from conductor.core.state import Config
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION, messages
 from schemas.wire import delivery, interventions, view
 from schemas.wire.codec import WireError, decode, encode
 from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Sample
 from twin.fabric.drive import SimulatorEnd, StackEnd
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 
 MADE = ["0.1"]
 HERE = Path(__file__).parent / "wire"
@@ -124,9 +124,9 @@ def _of_version(message: Any, version: int) -> bytes:
 
 def test_a_conductor_tells_a_worker_of_another_version() -> None:
     """The worker of the other version reads the same sentence, or says it itself."""
-    engine = Engine(_Nothing(), Config(folder="/nowhere"), 0)
+    engine = ConductorEngine(_Nothing(), Config(folder="/nowhere"), 0)
     (hello, *_) = wire_messages.control()
-    (data,) = engine.turn([Message(_of_version(hello, SCHEMA_VERSION + 1), 1)]).replies
+    (data,) = engine.turn([IncomingRequest(_of_version(hello, SCHEMA_VERSION + 1), 1)]).replies
     reply: messages.Reply = decode(data or b"", messages.Reply)
     assert f"schema version {SCHEMA_VERSION + 1} given, this side speaks" in reply.error
     assert engine.counters.refused == 1
@@ -147,7 +147,7 @@ class _Nothing:
 
 
 def test_both_ends_of_the_drive_plane_say_it() -> None:
-    hub = Hub()
+    hub = MemoryHub()
     simulator = SimulatorEnd(hub.open(), "r", 1, None)
     (ready, tick, *_) = wire_messages.drive_plane()
     answer = msgspec.structs.replace(ready, role="stack", seen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.render.post.focus import Focus, taps, turns
+from twin.render.post.focus import ThinLens, taps, turns
 from twin.render.post.motion import Shutter
 from twin.render.tone import TABLE_LEN, tone_table
 
@@ -124,7 +124,7 @@ def scattered(image: np.ndarray, sizes: list[tuple[int, int]], wider: float) -> 
     return found
 
 
-def focus(image: np.ndarray, depth: np.ndarray, lens: Focus) -> np.ndarray:
+def focus(image: np.ndarray, depth: np.ndarray, lens: ThinLens) -> np.ndarray:
     """Depth of field by gathering: every sample is a disc of its own or of the pixel's size."""
     height, width = depth.shape
     size = lens.tile

@@ -17,9 +17,9 @@ from schemas.messages import OBJECT_CLASSES
 from twin.base.errors import InfrastructureError, UsageError
 from twin.dataset.command import DatasetRequest, run_dataset, show_dataset
 from twin.dataset.crew.making import make_dataset
-from twin.dataset.recipe import SPLITS, Recipe, Shares, Streets
+from twin.dataset.recipe import SPLITS, DatasetRecipe, Shares, Streets
 
-RECIPE = Recipe(
+RECIPE = DatasetRecipe(
     seed=6,
     count=14,
     width=128,

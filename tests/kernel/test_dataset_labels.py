@@ -15,22 +15,22 @@ from schemas.sections.lens import Lens
 from schemas.sections.lens_projection import project
 from twin.dataset.images.cameras import eyes_of
 from twin.dataset.images.cast import streets_of
-from twin.dataset.images.eyepoint import View, eyepoint_of, outlines_of
-from twin.dataset.images.pose import Pose, attitude
+from twin.dataset.images.eyepoint import EyeView, eyepoint_of, outlines_of
+from twin.dataset.images.pose import VehiclePose, attitude
 from twin.dataset.images.shot import plan_shot
 from twin.dataset.images.studio import Studio
 from twin.dataset.images.traffic import Placed
 from twin.dataset.labels import contrast
-from twin.dataset.recipe import Recipe, Streets
+from twin.dataset.recipe import DatasetRecipe, Streets
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.meshes.materials import SIGN
 from twin.world.meshes.mesh import DECAL
 from twin.world.sky.weather import PRESETS
 
-RECIPE = Recipe(seed=4, cameras=4, streets=Streets(train=1, held_out=1))
+RECIPE = DatasetRecipe(seed=4, cameras=4, streets=Streets(train=1, held_out=1))
 VEHICLE = load_vehicle("opencav")
 EYES = eyes_of(RECIPE, VEHICLE)
-EGO = Pose(40.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+EGO = VehiclePose(40.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PINHOLE, FISHEYE, BROWN = 0, 3, 2
 
 
@@ -94,7 +94,7 @@ def drawn_box(studio, street, shot, eye):
 
 
 @pytest.mark.parametrize("eye", [PINHOLE, BROWN, FISHEYE])
-@pytest.mark.parametrize("pose", [EGO, Pose(40.0, 0.3, 0.12, 0.2, 0.04, -0.03)])
+@pytest.mark.parametrize("pose", [EGO, VehiclePose(40.0, 0.3, 0.12, 0.2, 0.04, -0.03)])
 def test_box_edges_are_those_of_the_projected_mesh(studio, street, eye, pose):
     shot = shot_of(street, standing(street, "car", 58.0, 0.4, 0.3), eye=eye, pose=pose)
     (found,) = labels(studio, shot, "car")
@@ -137,7 +137,7 @@ def test_what_is_counted_alone_does_not_change_with_what_covers_it(studio, stree
 @pytest.mark.parametrize("eye", [PINHOLE, BROWN, FISHEYE])
 def test_an_object_across_the_edge_is_half_outside(studio, street, eye):
     spec, lens = EYES[eye].camera, EYES[eye].mount.lens
-    view = View(lens, spec.width, spec.height, spec.hfov_deg)
+    view = EyeView(lens, spec.width, spec.height, spec.hfov_deg)
     seat = eyepoint_of(*attitude(EGO), EYES[eye].mount)
     shares = []
     for y_m in np.arange(2.0, 26.0, 0.5):
@@ -157,7 +157,7 @@ def test_an_object_across_the_edge_is_half_outside(studio, street, eye):
 
 def test_truncation_of_a_plate_is_exact():
     """A small plate far away, of which a known part lies outside the image."""
-    view = View(Lens(), 200, 100, 90.0)
+    view = EyeView(Lens(), 200, 100, 90.0)
     edge = 50.0  # the right edge of the image at z = 50
 
     def plate(low, high):
@@ -218,7 +218,7 @@ def test_a_sign_is_a_label_from_its_front_only(studio, street):
         for side, turn in (("front", 0.0), ("back", math.pi)):
             # The camera sits 2 m before the axle; it looks at the plate from 8 m.
             ahead = (math.cos(yaw + turn), math.sin(yaw + turn))
-            pose = Pose(x - 10.0 * ahead[0], y - 10.0 * ahead[1], yaw + turn, 0.0, 0.0, 0.0)
+            pose = VehiclePose(x - 10.0 * ahead[0], y - 10.0 * ahead[1], yaw + turn, 0.0, 0.0, 0.0)
             (taken,) = studio.take([shot_of(street, pose=pose)])
             for row in taken.annotations:
                 here = row["category_id"] == 6 and 7.0 < row["distance_m"] < 8.4

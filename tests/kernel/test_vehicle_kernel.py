@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from msgspec.structs import replace
 
-from twin.validate.track import Pedals, drive
+from twin.validate.track import DriverInput, drive
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import GroundMesh, drivable
 from twin.vehicle.guard import SPEED_MAX_MPS
@@ -117,7 +117,7 @@ def test_body_and_wheels_move_like_a_quarter_car():
         state[COLUMN["com_z_m"]] -= 0.01
         state[columns("suspension")] += 0.01
 
-    run = drive(alike, lambda t, s: Pedals(brake=1.0), 1.5, start=drop, every=1)
+    run = drive(alike, lambda t, s: DriverInput(brake=1.0), 1.5, start=drop, every=1)
     z = run.column("com_z_m") - alike.body.com_height_m
     first = (z[102:] - z[100:-2]) / 0.004
     second = (z[102:] - 2 * z[101:-1] + z[100:-2]) / 0.002**2
@@ -129,7 +129,11 @@ def test_body_and_wheels_move_like_a_quarter_car():
 
 
 def test_rest_is_exact_and_does_not_creep():
-    for pedals in (Pedals(), Pedals(brake=1.0, steering_rad=0.3), Pedals(throttle=0.005)):
+    for pedals in (
+        DriverInput(),
+        DriverInput(brake=1.0, steering_rad=0.3),
+        DriverInput(throttle=0.005),
+    ):
         run = drive(CAR, lambda t, s, p=pedals: p, 3.0, friction=0.85)
         assert (run.column("speed_mps") == 0.0).all()
         assert (run.column("com_x_m") == run.column("com_x_m")[0]).all()
@@ -142,7 +146,7 @@ def test_rest_is_exact_and_does_not_creep():
 @pytest.mark.parametrize("friction", [0.85, 0.2])
 def test_a_stop_does_not_ring(friction):
     run = drive(
-        CAR, lambda t, s: Pedals(brake=0.7), 12.0, speed_mps=8.0, friction=friction, every=1
+        CAR, lambda t, s: DriverInput(brake=0.7), 12.0, speed_mps=8.0, friction=friction, every=1
     )
     speed = run.column("speed_mps")
     assert (np.diff(speed) <= 0.02).all()
@@ -156,14 +160,16 @@ def test_a_stop_does_not_ring(friction):
 
 
 def test_walking_pace_does_not_ring():
-    run = drive(CAR, lambda t, s: Pedals(0.02 + 0.1 * (s[COLUMN["speed_mps"]] < 0.5)), 8.0, every=1)
+    run = drive(
+        CAR, lambda t, s: DriverInput(0.02 + 0.1 * (s[COLUMN["speed_mps"]] < 0.5)), 8.0, every=1
+    )
     slip = run.field("slip")[2000:]
     assert np.abs(np.diff(slip, axis=0)).max() < 0.01
     assert np.abs(run.field("sideslip")).max() < 1e-9
 
 
 def test_throttle_0_2_settles_at_about_5_mps():
-    run = drive(CAR, lambda t, s: Pedals(throttle=0.2), 60.0, friction=0.85, every=25)
+    run = drive(CAR, lambda t, s: DriverInput(throttle=0.2), 60.0, friction=0.85, every=25)
     assert run.end[COLUMN["speed_mps"]] == pytest.approx(5.0, abs=0.25)
     assert run.column("speed_mps").max() < 5.4
     gears = run.column("gear")
@@ -171,7 +177,7 @@ def test_throttle_0_2_settles_at_about_5_mps():
 
 
 def test_gears_rise_one_by_one_and_keep_the_engine_in_its_band():
-    run = drive(CAR, lambda t, s: Pedals(throttle=1.0), 25.0, friction=0.85, every=1)
+    run = drive(CAR, lambda t, s: DriverInput(throttle=1.0), 25.0, friction=0.85, every=1)
     gear, rpm = run.column("gear"), run.column("rpm")
     steps = np.diff(gear)
     assert set(steps.tolist()) == {0.0, 1.0}
@@ -179,23 +185,23 @@ def test_gears_rise_one_by_one_and_keep_the_engine_in_its_band():
     late = run.time_s > 4.0
     assert rpm[late].max() < 6700.0
     assert rpm[late].min() > 2500.0
-    down = drive(CAR, lambda t, s: Pedals(brake=0.4), 12.0, speed_mps=30.0, friction=0.85)
+    down = drive(CAR, lambda t, s: DriverInput(brake=0.4), 12.0, speed_mps=30.0, friction=0.85)
     assert set(np.diff(down.column("gear")).tolist()) <= {0.0, -1.0}
     assert down.end[COLUMN["gear"]] == 1.0
 
 
 def test_reverse_and_neutral():
-    run = drive(CAR, lambda t, s: Pedals(throttle=0.3, selector=-1.0), 6.0, friction=0.85)
+    run = drive(CAR, lambda t, s: DriverInput(throttle=0.3, selector=-1.0), 6.0, friction=0.85)
     assert run.end[COLUMN["gear"]] == -1.0
     assert run.end[COLUMN["speed_mps"]] < -3.0
     assert run.end[COLUMN["x_m"]] < -8.0
-    run = drive(CAR, lambda t, s: Pedals(throttle=1.0, selector=0.0), 3.0, friction=0.85)
+    run = drive(CAR, lambda t, s: DriverInput(throttle=1.0, selector=0.0), 3.0, friction=0.85)
     assert run.end[COLUMN["speed_mps"]] == 0.0
 
 
 def test_steering_rate_and_ackermann_angles():
     steering = CAR.steering
-    run = drive(CAR, lambda t, s: Pedals(brake=1.0, steering_rad=0.5), 2.0, every=1)
+    run = drive(CAR, lambda t, s: DriverInput(brake=1.0, steering_rad=0.5), 2.0, every=1)
     angle = run.column("steering_rad")
     assert np.diff(angle).max() <= steering.rate_radps * 0.002 * (1 + 1e-9)
     assert np.diff(angle).max() == pytest.approx(steering.rate_radps * 0.002)
@@ -213,18 +219,20 @@ def test_steering_rate_and_ackermann_angles():
 @pytest.mark.parametrize("driven", ["front", "rear", "all"])
 def test_torque_goes_to_the_driven_wheels_and_less_to_the_inside(driven):
     car = replace(CAR, driveline=replace(CAR.driveline, driven=driven, differential_drop=0.9))
-    straight = drive(car, lambda t, s: Pedals(throttle=0.4), 1.0, friction=0.85).end
+    straight = drive(car, lambda t, s: DriverInput(throttle=0.4), 1.0, friction=0.85).end
     slip = straight[columns("slip")]
     pulling = {"front": [1, 1, 0, 0], "rear": [0, 0, 1, 1], "all": [1, 1, 1, 1]}[driven]
     assert (slip > 1e-4).tolist() == [bool(p) for p in pulling]
-    turning = drive(car, lambda t, s: Pedals(throttle=0.4, steering_rad=0.5), 1.0, friction=0.85)
+    turning = drive(
+        car, lambda t, s: DriverInput(throttle=0.4, steering_rad=0.5), 1.0, friction=0.85
+    )
     load, slip = turning.end[columns("load")], turning.end[columns("slip")]
     first = 2 if driven == "rear" else 0
     assert slip[first] * load[first] < 0.8 * slip[first + 1] * load[first + 1]
 
 
 def test_engine_turns_as_the_gears_say():
-    run = drive(CAR, lambda t, s: Pedals(throttle=0.5), 12.0, friction=0.85)
+    run = drive(CAR, lambda t, s: DriverInput(throttle=0.5), 12.0, friction=0.85)
     ratio = CAR.gearbox.ratios[int(run.end[COLUMN["gear"]]) - 1] * CAR.gearbox.final_drive
     wheel = run.end[columns("wheel_speed")][:2].mean()
     assert run.end[COLUMN["rpm"]] == pytest.approx(wheel * ratio * 30 / math.pi, rel=0.03)
@@ -233,7 +241,7 @@ def test_engine_turns_as_the_gears_say():
 
 def test_abs_keeps_wheels_turning_and_without_it_they_lock():
     def lowest(car):
-        run = drive(car, lambda t, s: Pedals(brake=1.0), 1.0, speed_mps=20.0, friction=0.3)
+        run = drive(car, lambda t, s: DriverInput(brake=1.0), 1.0, speed_mps=20.0, friction=0.3)
         return run.field("wheel_speed")[-1].min()
 
     assert lowest(CAR) > 25.0
@@ -242,7 +250,7 @@ def test_abs_keeps_wheels_turning_and_without_it_they_lock():
 
 def test_traction_control_limits_wheelspin_on_snow():
     def slip(car):
-        run = drive(car, lambda t, s: Pedals(throttle=1.0), 4.0, friction=0.2)
+        run = drive(car, lambda t, s: DriverInput(throttle=1.0), 4.0, friction=0.2)
         return run.field("slip")[400:].max(), run.end[COLUMN["speed_mps"]]
 
     spinning = replace(CAR, driveline=replace(CAR.driveline, traction_control=False))

@@ -4,7 +4,7 @@ its tyres can give at once."""
 import numpy as np
 import pytest
 
-from twin.validate.track import Pedals, drive
+from twin.validate.track import DriverInput, drive
 from twin.vehicle.model import AIR_DENSITY_KGPM3, PHYSICS_STEP_NS, vehicle_model
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -33,7 +33,7 @@ def test_braking_moves_load_forward_by_the_height_of_the_mass_centre(name):
     vehicle = VEHICLES[name]
 
     def driver(time_s, _state):
-        return Pedals(brake=0.3 * min(time_s, 1.0))
+        return DriverInput(brake=0.3 * min(time_s, 1.0))
 
     run = drive(vehicle, driver, 3.5, speed_mps=30.0, friction=1.0, every=1)
     late = run.time_s[1:] >= 2.0
@@ -52,7 +52,7 @@ def test_cornering_moves_load_outwards_by_the_height_of_the_mass_centre(name):
     model = vehicle_model(vehicle)
 
     def driver(time_s, _state):
-        return Pedals(throttle=0.25, steering_rad=0.03 * min(time_s, 1.0))
+        return DriverInput(throttle=0.25, steering_rad=0.03 * min(time_s, 1.0))
 
     run = drive(vehicle, driver, 7.0, speed_mps=18.0, friction=1.0, every=1)
     yaw, accel = run.column("yaw_rad")[1:], accelerations(run)
@@ -73,7 +73,7 @@ def test_braking_in_a_bend_takes_no_more_than_the_tyres_have(steering_rad, frict
     assert all(t.longitudinal.force_extremum == t.lateral.force_extremum == 1.0 for t in curves)
 
     def driver(time_s, _state):
-        return Pedals(
+        return DriverInput(
             brake=1.0 if time_s > 0.8 else 0.0, steering_rad=steering_rad * min(time_s / 0.5, 1.0)
         )
 

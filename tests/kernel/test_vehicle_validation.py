@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from twin.cli import app
 from twin.validate import table
-from twin.validate.check import Check
+from twin.validate.check import ManoeuvreCheck
 from twin.validate.cornering import STEP_RAD, STEP_SPEED_MPS, cruise, step_steer
-from twin.validate.track import Pedals, drive
+from twin.validate.track import DriverInput, drive
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -118,7 +118,7 @@ def test_understeer_gradient_follows_the_multi_body_model(oracle, camber):
         theirs.append((angle, row[5], row[3]))
 
         def driver(_t, state, angle=angle):
-            return Pedals(throttle=cruise(speed, state), steering_rad=angle)
+            return DriverInput(throttle=cruise(speed, state), steering_rad=angle)
 
         end = drive(ours, driver, 6.0, speed_mps=speed).states[-50:].mean(axis=0)
         mine.append((angle, end[COLUMN["yaw_rate_radps"]], end[COLUMN["speed_mps"]]))
@@ -134,7 +134,7 @@ def test_the_neutral_car_is_neutral_in_both_models(oracle):
     row = oracle(angle, speed, 4.0, hold=True)[-1]
 
     def driver(_t, state):
-        return Pedals(throttle=cruise(speed, state), steering_rad=angle)
+        return DriverInput(throttle=cruise(speed, state), steering_rad=angle)
 
     end = drive(bmw, driver, 6.0, speed_mps=speed).states[-50:].mean(axis=0)
     length = bmw.wheelbase_m
@@ -144,12 +144,12 @@ def test_the_neutral_car_is_neutral_in_both_models(oracle):
 
 
 def test_checks_can_fail():
-    assert not Check("a", "m", 1.06, 1.0, 0.05, "").passed
-    assert Check("a", "m", 1.04, 1.0, 0.05, "").passed
-    assert not Check("a", "m", 70.1, 70.0, 0.0, "", "at most").passed
-    assert not Check("a", "m", math.nan, 1.0, 0.05, "").passed
-    assert Check("a", "m", -0.9, -1.0, 0.15, "").passed
-    assert not Check("a", "m", 0.9, -1.0, 0.15, "").passed
+    assert not ManoeuvreCheck("a", "m", 1.06, 1.0, 0.05, "").passed
+    assert ManoeuvreCheck("a", "m", 1.04, 1.0, 0.05, "").passed
+    assert not ManoeuvreCheck("a", "m", 70.1, 70.0, 0.0, "", "at most").passed
+    assert not ManoeuvreCheck("a", "m", math.nan, 1.0, 0.05, "").passed
+    assert ManoeuvreCheck("a", "m", -0.9, -1.0, 0.15, "").passed
+    assert not ManoeuvreCheck("a", "m", 0.9, -1.0, 0.15, "").passed
 
 
 def test_command_prints_a_table_and_writes_a_page(tmp_path):

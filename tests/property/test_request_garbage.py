@@ -24,7 +24,7 @@ from conductor.core.invariants import check
 from conductor.core.session import folder_for
 from conductor.core.state import Config
 from conductor.journal.store import Journal
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Reply
@@ -226,10 +226,12 @@ def _tried(
     files: list[dict[str, Any]],
 ) -> None:
     config = Config(folder=name, speculate=False)
-    engine = Engine(journal, config, 0, lambda request: folders.check(engine.state, request))
+    engine = ConductorEngine(
+        journal, config, 0, lambda request: folders.check(engine.state, request)
+    )
 
     def ask(*payloads: bytes) -> list[Reply]:
-        turn = engine.turn([Message(payload, S) for payload in payloads])
+        turn = engine.turn([IncomingRequest(payload, S) for payload in payloads])
         assert engine.counters.faults == 0
         assert not engine.storage_error
         return [decode(reply or b"", Reply) for reply in turn.replies]

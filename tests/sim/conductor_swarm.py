@@ -37,7 +37,7 @@ from conductor.core.grant import broken
 from conductor.core.invariants import check
 from conductor.core.state import Config
 from conductor.journal.store import JournalError
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Control, Reply, Submit
 from schemas.wire.codec import decode, encode
@@ -210,10 +210,10 @@ class Swarm:
             host_deaths=2,
             spread=seed % 3 == 0,
         )
-        self.engine: Engine | None = None
+        self.engine: ConductorEngine | None = None
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._count = itertools.count()
-        self._inbox: list[tuple[Message, Worker, str]] = []
+        self._inbox: list[tuple[IncomingRequest, Worker, str]] = []
         self._turn_due = False
         self._submitter = Worker(self, "submitter")
         # Some cases kill whatever runs them, to the very end.
@@ -271,7 +271,7 @@ class Swarm:
         def arrive() -> None:
             if self.engine is None:
                 return  # no router: nobody answers
-            self._inbox.append((Message(payload, self.now_ns, vanished), worker, name))
+            self._inbox.append((IncomingRequest(payload, self.now_ns, vanished), worker, name))
             if not self._turn_due:
                 self._turn_due = True
                 self.after(self.random.randint(0, 20 * MS), self._turn)
@@ -336,7 +336,7 @@ class Swarm:
         if self.engine is not None:
             return
         try:
-            self.engine = Engine(self.disk, self.config, self.now_ns)
+            self.engine = ConductorEngine(self.disk, self.config, self.now_ns)
         except (CrashError, JournalError):
             self.after(S, self._boot)
             return

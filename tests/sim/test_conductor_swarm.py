@@ -22,9 +22,9 @@ from conductor.core.facts import SHARED, Committed, Fact, Retried, Snapshot, Wor
 from conductor.core.lease import Policy
 from conductor.core.session import issued_to
 from conductor.core.state import CaseState, LiveLease, State, WorkerState
-from conductor.core.turn import Turn as CoreTurn
+from conductor.core.turn import RequestTurn as CoreTurn
 from conductor.journal.store import JournalError
-from conductor.serve.engine import Engine, Turn
+from conductor.serve.engine import ConductorEngine, TurnResult
 from schemas.messages import Result
 
 SEEDS = int(os.environ.get("SWARM_SEEDS", "1000"))
@@ -190,20 +190,22 @@ def test_planted_a_result_is_retried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_planted_memory_runs_ahead_of_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Engine, "_refold", lambda self: None)
+    monkeypatch.setattr(ConductorEngine, "_refold", lambda self: None)
     assert "memory is not the disk" in _caught()
 
 
 def test_planted_replies_before_the_commit(monkeypatch: pytest.MonkeyPatch) -> None:
-    def hasty(self: Engine, decided: Sequence[tuple[list[Fact], bytes | None]]) -> Turn:
+    def hasty(
+        self: ConductorEngine, decided: Sequence[tuple[list[Fact], bytes | None]]
+    ) -> TurnResult:
         facts = [fact for made, _ in decided for fact in made]
         try:
             self._journal.append(facts)
         except JournalError as error:
             self._storage_failed(error)
-        return Turn([reply for _, reply in decided], facts)
+        return TurnResult([reply for _, reply in decided], facts)
 
-    monkeypatch.setattr(Engine, "_commit", hasty)
+    monkeypatch.setattr(ConductorEngine, "_commit", hasty)
     assert "not on disk" in _caught()
 
 

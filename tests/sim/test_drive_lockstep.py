@@ -21,8 +21,8 @@ from twin.fabric.drive import (
     SimulatorEnd,
     StackEnd,
 )
-from twin.fabric.frames import Channel, FrameBuffer
-from twin.fabric.memory_bus import Faults, Hub
+from twin.fabric.frames import FrameBuffer, FrameChannel
+from twin.fabric.memory_bus import Faults, MemoryHub
 from twin.fabric.rig_folder import RigFolder, frames_socket
 
 SLOTS = 3
@@ -94,12 +94,12 @@ def run_stack(link, count, stepped):
 @pytest.mark.parametrize("seed", range(8))
 def test_every_seq_is_stepped_once_and_in_order(seed, shared):
     count = 25
-    hub = Hub(seed=seed, faults=Faults(loss=0.1, duplicate=0.2, delay=0.2))
+    hub = MemoryHub(seed=seed, faults=Faults(loss=0.1, duplicate=0.2, delay=0.2))
     hub.run()
     folder = RigFolder()
     door = frames_socket(folder.drive)
     frames = FrameBuffer(int(np.prod(SHAPE)), door) if shared else None
-    buffer = frames.array(Channel("camera", SHAPE, "|u1"), 0) if frames else None
+    buffer = frames.array(FrameChannel("camera", SHAPE, "|u1"), 0) if frames else None
     stepped = []
     stack = StackEnd(hub.open(), "r", SLOTS)
     simulator = SimulatorEnd(hub.open(), "r", SLOTS, frames, resend_s=0.02)
@@ -151,7 +151,7 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
     OtherMemory.arrays = {b"probe": nonce, b"picture": image(0)}
     OtherMemory.opened = []
     monkeypatch.setattr(cuda, "DeviceMemory", OtherMemory)
-    hub = Hub(seed=1)
+    hub = MemoryHub(seed=1)
     hub.run()
     folder = RigFolder()
     frames = FrameBuffer(int(np.prod(SHAPE)), frames_socket(folder.drive))
@@ -173,7 +173,7 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
     threading.Thread(target=serve, daemon=True).start()
     simulator.handshake(lambda: None)
     assert simulator.transport == ("device" if takes else "memory")
-    buffer = frames.array(Channel("camera", SHAPE, "|u1"), 0)
+    buffer = frames.array(FrameChannel("camera", SHAPE, "|u1"), 0)
     for seq in range(4):
         buffer[:] = OtherMemory.arrays[b"picture"][:] = image(7 * seq)
         sent = msgspec.structs.replace(
@@ -190,7 +190,7 @@ def test_frames_in_shared_gpu_memory(monkeypatch, takes):
 
 def held():
     """A simulator's end, and a stack that says what a test wants."""
-    hub = Hub(seed=1)
+    hub = MemoryHub(seed=1)
     return hub, SimulatorEnd(hub.open(), "r", SLOTS, None, resend_s=0.02), hub.open()
 
 
@@ -263,7 +263,7 @@ def test_messages_that_wait_have_a_size(key):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("at", ["handshake", "exchange"])
 def test_a_stack_that_is_not_the_submitted_one_says_so_until_it_is_heard(seed, at):
-    hub = Hub(seed=seed, faults=Faults(loss=0.3, duplicate=0.2, delay=0.2))
+    hub = MemoryHub(seed=seed, faults=Faults(loss=0.3, duplicate=0.2, delay=0.2))
     hub.run()
     stack = StackEnd(hub.open(), "r", SLOTS)
     bus = hub.open()

@@ -13,7 +13,7 @@ from twin.actors.cyclist import LENGTH_M, WAY_M, WIDTH_M, add_cyclist
 from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.path import Path, TimeLaw, build_path, law_of_speeds, law_of_times
 from twin.actors.person import PHASES, add_person, random_looks
-from twin.actors.script import Actor, Script
+from twin.actors.script import Actor, MotionScript
 from twin.world.content import SceneObject
 from twin.world.meshes.mesh import Color, MeshBuilder
 from twin.world.street.parking import PAINTS
@@ -69,7 +69,7 @@ def build_cast(objects: list[SceneObject]) -> Cast:
         named(item.name or f"{item.kind} {number}", _CLASS[item.kind])
         for number, item in enumerate(objects)
     )
-    return Cast(tuple(kinds), Script(actors), classes, things)
+    return Cast(tuple(kinds), MotionScript(actors), classes, things)
 
 
 def _checked_actor(number: int, item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
@@ -127,13 +127,13 @@ def _law(item: SceneObject, path: Path) -> TimeLaw:
     return law_of_speeds(path.waypoint_m, np.array(speeds, float), np.array(waits, float))
 
 
-def script_of(objects: list[SceneObject]) -> Script:
+def script_of(objects: list[SceneObject]) -> MotionScript:
     """The script of a scene's objects without their meshes, which are what takes long.
 
     Raises:
         ValueError: see :func:`build_cast`.
     """
-    return Script([_checked_actor(n, item, 0, 0, 0.0) for n, item in enumerate(objects)])
+    return MotionScript([_checked_actor(n, item, 0, 0, 0.0) for n, item in enumerate(objects)])
 
 
 def hull_size(item: SceneObject) -> tuple[float, float]:

@@ -85,7 +85,7 @@ class Actor:
         return -math.sin(yaw) * offset_m, math.cos(yaw) * offset_m
 
 
-class Script:
+class MotionScript:
     """The motion of M actors in closed form: tables, looked up for all slots at once."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:

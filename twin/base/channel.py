@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Channel(Generic[T]):
+class BoundedChannel(Generic[T]):
     """First in, first out, with a limit on the sum of sizes; what does not fit is refused or waits.
 
     A single item may be larger than the limit: it fits when the queue is empty.

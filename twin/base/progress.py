@@ -21,7 +21,7 @@ LINES = 20
 """Lines of progress in a log file."""
 
 
-class Report(Protocol):
+class ProgressReport(Protocol):
     """Told how far something is."""
 
     def __call__(self, done: int, total: int, /) -> None:
@@ -34,7 +34,7 @@ class Report(Protocol):
 
 
 @contextlib.contextmanager
-def progress(name: str, doing: str, unit: str) -> Iterator[Report]:
+def progress(name: str, doing: str, unit: str) -> Iterator[ProgressReport]:
     """Report through what this yields.
 
     Args:

@@ -11,7 +11,7 @@ LATER = "-"
 """As ``--connect`` of a worker or of a stack's host: it will be told."""
 
 
-class Told(Struct, frozen=True):
+class WorkerStart(Struct, frozen=True):
     """What such a worker is told, on one line of JSON."""
 
     connect: str

@@ -83,7 +83,7 @@ class Rate:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class CameraFigures:
     """What was measured."""
 
     device: str
@@ -120,7 +120,7 @@ class Measured:
 
 def measure(
     device: str, size: Size, pictures: tuple[str, ...] = (), *, peer: bool = True, rounds: int = 5
-) -> Measured:
+) -> CameraFigures:
     """Render ``size.slots`` views spread along the street, and the peer's if it is installed.
 
     Args:
@@ -137,7 +137,7 @@ def measure(
         rate = bench.rate(rounds)
         target = TARGETS.get((kind, picture, size))
         rates.append(dataclasses.replace(rate, target=target))
-    found = Measured(device, size, len(world.mesh.faces), world.motion.count, rates)
+    found = CameraFigures(device, size, len(world.mesh.faces), world.motion.count, rates)
     if not peer:
         return dataclasses.replace(found, peer_reason="not asked for")
     if not newton_peer.available():
@@ -314,7 +314,7 @@ def _peer(world: World, size: Size, device: str, rounds: int) -> dict[str, float
     return rates
 
 
-def as_json(found: Measured) -> dict[str, object]:
+def as_json(found: CameraFigures) -> dict[str, object]:
     """The result for ``--output json``."""
     return {
         "device": found.device,
@@ -332,7 +332,7 @@ def as_json(found: Measured) -> dict[str, object]:
     }
 
 
-def lines(found: Measured) -> list[str]:
+def lines(found: CameraFigures) -> list[str]:
     """The result for people."""
     size = found.size
     text = [

@@ -21,9 +21,9 @@ from twin.bench.camera import (
     views,
 )
 from twin.bench.lambert import LambertCamera, Way
-from twin.render.build import CUDA, Build, Tuning, tuning_for
+from twin.render.build import CUDA, KernelOptions, Tuning, tuning_for
 from twin.render.picture import PARTS
-from twin.render.trace.bvh import Shape
+from twin.render.trace.bvh import BvhWidth
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 from twin.world.street.build import World, build_world
@@ -32,9 +32,9 @@ WAYS: dict[str, Way] = {
     "warp leaf 2": Way(traversal="warp", leaf=2, registers=0),
     "warp leaf 2 block 64": Way(traversal="warp", leaf=2, block=64, registers=0),
     "own": Way(),
-    "own leaf 1": Way(shape=Shape(4, 1, packed=False)),
-    "own leaf 4": Way(shape=Shape(4, 4, packed=False)),
-    "own leaf 8": Way(shape=Shape(4, 8, packed=False)),
+    "own leaf 1": Way(shape=BvhWidth(4, 1, packed=False)),
+    "own leaf 4": Way(shape=BvhWidth(4, 4, packed=False)),
+    "own leaf 8": Way(shape=BvhWidth(4, 8, packed=False)),
     "own block 64": Way(block=64, registers=16),
     "own block 256": Way(block=256, registers=4),
     "own fast math": Way(fast_math=True),
@@ -48,28 +48,32 @@ WAYS: dict[str, Way] = {
 """What is tried on a GPU; on a CPU the hierarchies' shape is fixed by the vector code."""
 TUNINGS: dict[str, Tuning] = {
     "usual": CUDA,
-    "exact": Tuning(Build(blocks=8), Build(), Build(blocks=4)),
+    "exact": Tuning(KernelOptions(blocks=8), KernelOptions(), KernelOptions(blocks=4)),
     **{
-        f"picture {blocks} blocks": replace(CUDA, picture=Build(fast_math=True, blocks=blocks))
+        f"picture {blocks} blocks": replace(
+            CUDA, picture=KernelOptions(fast_math=True, blocks=blocks)
+        )
         for blocks in (0, 5, 6, 8)
     },
-    "picture block 256": replace(CUDA, picture=Build(fast_math=True, block=256, blocks=2)),
+    "picture block 256": replace(CUDA, picture=KernelOptions(fast_math=True, block=256, blocks=2)),
     **{
-        f"mirror {blocks} blocks": replace(CUDA, mirror=Build(fast_math=True, blocks=blocks))
+        f"mirror {blocks} blocks": replace(
+            CUDA, mirror=KernelOptions(fast_math=True, blocks=blocks)
+        )
         for blocks in (0, 3, 5)
     },
     **{
-        f"visibility {blocks} blocks": replace(CUDA, visibility=Build(blocks=blocks))
+        f"visibility {blocks} blocks": replace(CUDA, visibility=KernelOptions(blocks=blocks))
         for blocks in (0, 6, 10)
     },
-    "visibility block 64": replace(CUDA, visibility=Build(block=64, blocks=16)),
-    "visibility block 256": replace(CUDA, visibility=Build(block=256, blocks=4)),
+    "visibility block 64": replace(CUDA, visibility=KernelOptions(block=64, blocks=16)),
+    "visibility block 256": replace(CUDA, visibility=KernelOptions(block=256, blocks=4)),
 }
 """Ways to compile the kernels of the fast picture on a GPU."""
 CPU_WAYS: dict[str, Way] = {
     "warp leaf 8": Way(traversal="warp", leaf=8),
     "own": Way(),
-    "own scalar": Way(traversal="scalar", shape=Shape(4, 2, packed=False)),
+    "own scalar": Way(traversal="scalar", shape=BvhWidth(4, 2, packed=False)),
     "own tile 16x8": Way(tile=(16, 8)),
     "own tile 32x1": Way(tile=(32, 1)),
 }

@@ -69,7 +69,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SlotsRow:
     """One number of slots."""
 
     slots: int
@@ -134,7 +134,7 @@ DONE = re.compile(r"(\d+) of (\d+) cases? done")
 
 def measure(
     request: Request, slots: int, report: Callable[[int, int], object] = lambda *_: None
-) -> Row:
+) -> SlotsRow:
     """Run the campaign once with ``slots`` slots per worker.
 
     ``report`` is told how many cases have ended, of how many.
@@ -205,7 +205,7 @@ def _row(
     wall_s: float,
     slots: int,
     watcher: _GpuWatcher,
-) -> Row:
+) -> SlotsRow:
     laps: dict[str, float] = {}
     for profile in profiles:
         for name, spent_s in profile.seconds.items():
@@ -219,7 +219,7 @@ def _row(
     longest = max(profiles, key=lambda profile: profile.ticks)
     period_s = longest.period_s
     percent, memory = watcher.between(first_s, full_s)
-    return Row(
+    return SlotsRow(
         slots=slots,
         cases=run["cases"],
         fingerprint=run["fingerprint"],
@@ -293,7 +293,7 @@ class _GpuWatcher:
         )
 
 
-def as_json(request: Request, rows: Sequence[Row]) -> dict[str, Any]:
+def as_json(request: Request, rows: Sequence[SlotsRow]) -> dict[str, Any]:
     """All of it as plain values."""
     return {
         "campaign": request.campaign,
@@ -313,7 +313,7 @@ def as_json(request: Request, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def lines(rows: Sequence[Row]) -> list[str]:
+def lines(rows: Sequence[SlotsRow]) -> list[str]:
     """The table for people."""
     head = ["slots", "cases/min", "x real time", "frames/s", "ms/sim s", "loop ms/sim s"]
     head += ["slot use", *PARTS, "trip p50 ms", "p99 ms", "GPU", "GPU GB", "transport"]
@@ -342,7 +342,7 @@ def lines(rows: Sequence[Row]) -> list[str]:
     return told
 
 
-def _by_use(row: Row) -> list[list[str]]:
+def _by_use(row: SlotsRow) -> list[list[str]]:
     """ms per tick while few and while many of the slots had a case: what does not fall with them
     is paid for slots that stand empty."""
     table = [["slots in use", "ticks", "cases per tick", *(f"{part} ms" for part in PARTS)]]

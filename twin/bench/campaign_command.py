@@ -14,7 +14,7 @@ from schemas.words import counted
 from twin.base.errors import UsageError
 from twin.base.progress import progress
 from twin.base.software import device_class
-from twin.bench.campaign import Request, Row, as_json, lines, measure
+from twin.bench.campaign import Request, SlotsRow, as_json, lines, measure
 
 SLOTS_MAX = 4096
 USUAL_SLOTS = (1, 8, 64, 256)
@@ -44,7 +44,7 @@ def show(
         print("no GPU: the same on the CPU, without targets", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="twin-bench-") as temporary:
         request = Request(campaign, device, out or Path(temporary), cases, workers)
-        rows: list[Row] = []
+        rows: list[SlotsRow] = []
         while counts:
             rows.append(_measured(request, counts.pop(0)))
             if slots is None:
@@ -60,7 +60,7 @@ def show(
         raise typer.Exit(1)
 
 
-def _measured(request: Request, slots: int) -> Row:
+def _measured(request: Request, slots: int) -> SlotsRow:
     """One run, which says how far it is."""
     name = f"twin: {request.campaign} with {counted(slots, 'slot')}"
     with progress(name, f"{counted(slots, 'slot')}", "cases") as report:

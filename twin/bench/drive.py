@@ -43,7 +43,7 @@ from twin.base.errors import InfrastructureError
 from twin.base.process import end, how_it_ended, last_lines, spawn
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.endpoint import LOOPBACK
-from twin.fabric.frames import Channel, FrameBuffer, lay_out
+from twin.fabric.frames import FrameBuffer, FrameChannel, lay_out
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
 
@@ -60,9 +60,9 @@ NEEDED = ("socketio", "eventlet", "websockets")
 """Packages of the bridge and its script."""
 
 CHANNEL_LIST = (
-    Channel("camera", (1, HEIGHT, WIDTH, 3), "|u1"),
-    Channel("camera.front_left", (1, HEIGHT, WIDTH, 3), "|u1"),
-    Channel("lidar.roof", (1, CHANNELS * COLUMNS, len(POINT_COLUMNS)), "<f4"),
+    FrameChannel("camera", (1, HEIGHT, WIDTH, 3), "|u1"),
+    FrameChannel("camera.front_left", (1, HEIGHT, WIDTH, 3), "|u1"),
+    FrameChannel("lidar.roof", (1, CHANNELS * COLUMNS, len(POINT_COLUMNS)), "<f4"),
 )
 SMALL = {
     "vehicle": (len(VEHICLE_COLUMNS), "<f8"),
@@ -73,7 +73,7 @@ SMALL = {
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DriveFigures:
     """What was measured."""
 
     shared_ticks_per_s: float
@@ -103,7 +103,7 @@ class Found:
         return found
 
 
-def measure(ticks: int, rounds: int = ROUNDS) -> Found:
+def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
     """Time all peers in turns.
 
     Args:
@@ -126,10 +126,12 @@ def measure(ticks: int, rounds: int = ROUNDS) -> Found:
             if bridge is not None:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
     median = {name: statistics.median(each) for name, each in rates.items() if each}
-    return Found(median["shared"], median["loopback"], median["payload"], median.get("bridge"))
+    return DriveFigures(
+        median["shared"], median["loopback"], median["payload"], median.get("bridge")
+    )
 
 
-def lines(found: Found) -> list[str]:
+def lines(found: DriveFigures) -> list[str]:
     """For people."""
     size = f"2 x {WIDTH}x{HEIGHT} RGB and {CHANNELS} x {COLUMNS} points per tick, one slot"
     socket = found.shared_ticks_per_s / found.loopback_ticks_per_s
@@ -146,7 +148,7 @@ def lines(found: Found) -> list[str]:
     return [*shown, f"{bridge}: {found.ratio:.0f} times (target {TARGET_RATIO:.0f})"]
 
 
-def as_json(found: Found) -> dict[str, Any]:
+def as_json(found: DriveFigures) -> dict[str, Any]:
     """For programs."""
     targets = {"target_ticks_per_s": TARGET_TICKS_PER_S, "target_ratio": TARGET_RATIO}
     return {**asdict(found), "ratio": found.ratio, **targets}
@@ -193,7 +195,7 @@ class _Peer:
         self._end.exchange(seq, tick, sensors, episodes, self._check)
         self._seq += 1
 
-    def _large(self, channel: Channel, each: dict[str, Any]) -> Outgoing:
+    def _large(self, channel: FrameChannel, each: dict[str, Any]) -> Outgoing:
         shared = self._end.transport == "memory"
         offset = self._offsets[channel.name] if shared else -1
         frame = _frame(channel.name, channel.dtype, channel.shape, each, offset)

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from twin.render.trace import bvh, traverse
-from twin.render.trace.geometry import Geometry, Scene, occluded, ray_functions, trace
+from twin.render.trace.geometry import Geometry, RayScene, occluded, ray_functions, trace
 from twin.world.street.build import World
 
 wp.set_module_options({"enable_backward": False})
@@ -25,7 +25,7 @@ AMBIENT = wp.constant(0.2)
 class Way:
     """One way to render the pictures."""
 
-    shape: bvh.Shape | None = None
+    shape: bvh.BvhWidth | None = None
     """Of the hierarchies; None: that of the device."""
     traversal: str = "native"
     """``native``, or ``scalar``: the GPU's code on every device, or ``warp``: ``wp.Mesh``."""
@@ -109,7 +109,7 @@ def _kernel(way: Way) -> wp.Kernel:
 
     @wp.kernel(module="unique", module_options=options, **bounds)
     def lambert_kernel(
-        scene: Scene,
+        scene: RayScene,
         mesh: wp.uint64,
         views: wp.array(dtype=wp.vec4),
         sun: wp.vec3,

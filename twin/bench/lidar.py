@@ -42,7 +42,7 @@ WEATHER = LidarWeather(extinction_per_m=2.996 / 500.0, rain_mm_per_h=2.0, wetnes
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class LidarFigures:
     """What was measured."""
 
     device: str
@@ -91,7 +91,7 @@ class Measured:
 
 def measure(
     device: str, slots: int, profile: str = "spinning_32", scene: str = "downtown"
-) -> Measured:
+) -> LidarFigures:
     """Sweep ``slots`` cars spread along ``scene``; newton's ranges if it is installed.
 
     Raises:
@@ -112,7 +112,7 @@ def measure(
     full.scan(_truth(positions, 0.0, warp_device))
     later = _truth(positions + np.array([1.2, 0.05, 0.0]), 0.02, warp_device)
     rate = _rate(lambda: full.scan(later), slots * kind.channels * kind.columns, warp_device)
-    return Measured(
+    return LidarFigures(
         device=device,
         slots=slots,
         profile=kind,
@@ -149,7 +149,7 @@ def time_tiles(
     return rates
 
 
-def as_json(found: Measured) -> dict[str, object]:
+def as_json(found: LidarFigures) -> dict[str, object]:
     """What is printed with ``--output json``."""
     return {
         "device": found.device,
@@ -170,7 +170,7 @@ def as_json(found: Measured) -> dict[str, object]:
     }
 
 
-def lines(found: Measured) -> list[str]:
+def lines(found: LidarFigures) -> list[str]:
     """What people read."""
     kind = found.profile
     text = [

@@ -21,7 +21,7 @@ from twin.base.software import package_folder
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Sandboxed
-from twin.sandbox.view import View
+from twin.sandbox.view import SandboxView
 
 START_MS_MAX = 50.0
 """Target: what a sandbox may add to the start of a rig [ms]."""
@@ -37,7 +37,7 @@ STARTS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SandboxFigures:
     """What was measured."""
 
     start_ms: float
@@ -65,7 +65,7 @@ class Found:
         return found
 
 
-def measure(campaign: str, rounds: int) -> Found:
+def measure(campaign: str, rounds: int) -> SandboxFigures:
     """Time starts, and a shipped campaign with and without a sandbox in turns.
 
     Raises:
@@ -78,11 +78,11 @@ def measure(campaign: str, rounds: int) -> Found:
     inside, outside = zip(*((_start_s(True), _start_s(False)) for _ in range(STARTS)), strict=True)
     start_ms = (min(inside) - min(outside)) * 1e3
     if not campaign or not rounds:
-        return Found(start_ms, first_ms, "", None, ())
+        return SandboxFigures(start_ms, first_ms, "", None, ())
     pairs = [(_run(campaign, "default"), _run(campaign, "off")) for _ in range(rounds)]
     boxed, plain = (statistics.median(pair[i][0] for pair in pairs) for i in (0, 1))
     prints = tuple(each[1] for pair in pairs for each in pair)
-    return Found(start_ms, first_ms, campaign, (boxed / plain - 1) * 100, prints)
+    return SandboxFigures(start_ms, first_ms, campaign, (boxed / plain - 1) * 100, prints)
 
 
 def _start_s(boxed: bool) -> float:
@@ -93,7 +93,7 @@ def _start_s(boxed: bool) -> float:
         words, variables = command, dict(os.environ)
         descriptors: tuple[int, ...] = ()
         if boxed:
-            view = View(readable=python_reads(), folder=Path.cwd())
+            view = SandboxView(readable=python_reads(), folder=Path.cwd())
             box = at_end.enter_context(Sandboxed(command, view))
             words, variables, descriptors = box.words, box.environment, box.descriptors
         child = subprocess.Popen(words, env=variables, pass_fds=descriptors, stdout=subprocess.PIPE)

@@ -24,7 +24,7 @@ _ROUND_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class VehicleFigures:
     """What was measured."""
 
     device: str
@@ -45,10 +45,10 @@ class Measured:
         return None if oracle is None else self.substeps_per_s / oracle
 
 
-def measure(device: str, vehicles: int) -> Measured:
+def measure(device: str, vehicles: int) -> VehicleFigures:
     """Drive ``vehicles`` cars, one per slot, and the oracle if it is installed."""
     oracle = _oracle_rate() if importlib.util.find_spec("vehiclemodels") else None
-    return Measured(device, vehicles, _rate(device, vehicles), oracle)
+    return VehicleFigures(device, vehicles, _rate(device, vehicles), oracle)
 
 
 def _rate(device: str, vehicles: int) -> float:

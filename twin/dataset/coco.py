@@ -15,10 +15,10 @@ from twin.dataset.images.cameras import Eye
 from twin.dataset.images.cast import Street
 from twin.dataset.images.studio import Taken
 from twin.dataset.labels import CATEGORIES
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 
 
-def part_of(taken: Taken, recipe: Recipe, street: Street, eye: Eye) -> dict[str, Any]:
+def part_of(taken: Taken, recipe: DatasetRecipe, street: Street, eye: Eye) -> dict[str, Any]:
     """What is kept of one image: its COCO entry and its annotations, without ids."""
     shot = taken.shot
     lamps = [name for name in ("low", "high", "fog") if getattr(taken.lights, name)]
@@ -49,7 +49,7 @@ def part_of(taken: Taken, recipe: Recipe, street: Street, eye: Eye) -> dict[str,
 
 
 def write_annotations(
-    folder: Folder, recipe: Recipe, eyes: list[Eye], description: str
+    folder: Folder, recipe: DatasetRecipe, eyes: list[Eye], description: str
 ) -> dict[str, Any]:
     """Write ``annotations/SPLIT.json`` of all splits; returns what was counted.
 

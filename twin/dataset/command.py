@@ -13,7 +13,7 @@ from twin.base.errors import UsageError
 from twin.base.progress import progress
 from twin.dataset.crew.making import make_dataset
 from twin.dataset.folder import Folder
-from twin.dataset.recipe import SPLITS, Recipe, parse_recipe
+from twin.dataset.recipe import SPLITS, DatasetRecipe, parse_recipe
 from twin.dataset.sheet import check_sheet, write_sheet
 from twin.dataset.tally import print_tally, tally
 
@@ -28,7 +28,7 @@ class DatasetRequest:
 
     out: Path
     plain: dict[str, Any]
-    """Keys of :class:`twin.dataset.recipe.Recipe` with plain values, or None."""
+    """Keys of :class:`twin.dataset.recipe.DatasetRecipe` with plain values, or None."""
     size: str | None = None
     """``WIDTHxHEIGHT``"""
     split_shares: str | None = None
@@ -82,7 +82,7 @@ def run_dataset(request: DatasetRequest) -> dict[str, Any]:
     return found
 
 
-def _usual_slots(recipe: Recipe, on_cpu: bool) -> int:
+def _usual_slots(recipe: DatasetRecipe, on_cpu: bool) -> int:
     pixels, most = _BATCH[on_cpu]
     return max(1, min(most, pixels // (recipe.width * recipe.height)))
 

@@ -17,7 +17,7 @@ from schemas.files.yaml_file import load_yaml
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.files import sync_files, write_atomic
 from twin.base.folder_lock import after_all_writers, one_of_the_writers
-from twin.dataset.recipe import Recipe, parse_recipe
+from twin.dataset.recipe import DatasetRecipe, parse_recipe
 
 HEAD = "dataset.yaml"
 _PARTS = ".parts"
@@ -59,7 +59,7 @@ class Folder:
             raise UsageError(f"{self.head_path}: has no recipe; give a new folder")
         return head
 
-    def write_head(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
+    def write_head(self, recipe: DatasetRecipe, maker: Maker, more: dict[str, Any]) -> None:
         """Write ``dataset.yaml``."""
         head = {
             "format": 1,
@@ -71,7 +71,7 @@ class Folder:
         text = yaml.safe_dump(head, sort_keys=False, width=100)
         write_atomic(self.head_path, text.encode())
 
-    def open(self, recipe: Recipe, maker: Maker) -> bool:
+    def open(self, recipe: DatasetRecipe, maker: Maker) -> bool:
         """Make the folder ready for more images; returns whether it is complete already.
 
         Raises:
@@ -101,7 +101,7 @@ class Folder:
         """In a process that writes images for the only writer."""
         return one_of_the_writers(self.path / _PARTS)
 
-    def _check(self, head: dict[str, Any], recipe: Recipe, maker: Maker) -> None:
+    def _check(self, head: dict[str, Any], recipe: DatasetRecipe, maker: Maker) -> None:
         stored = parse_recipe(head["recipe"], str(self.head_path))
         for name in recipe.__struct_fields__:
             begun, given = getattr(stored, name), getattr(recipe, name)
@@ -117,7 +117,7 @@ class Folder:
                     f"{now[:40]}, so the images would differ; give a new folder"
                 )
 
-    def image_path(self, recipe: Recipe, split: str, index: int) -> Path:
+    def image_path(self, recipe: DatasetRecipe, split: str, index: int) -> Path:
         """Where an image lies."""
         return self.path / "images" / split / f"{index:06d}.{recipe.format}"
 
@@ -125,7 +125,7 @@ class Folder:
         """Where its labels lie until all images are there."""
         return self.path / _PARTS / f"{split}-{index:06d}.json"
 
-    def done(self, recipe: Recipe, split: str, index: int) -> bool:
+    def done(self, recipe: DatasetRecipe, split: str, index: int) -> bool:
         """Whether an image and its labels are there; labels are written last.
 
         A file without a byte is what a power cut leaves.
@@ -135,7 +135,7 @@ class Folder:
             return all(path.stat().st_size for path in paths)
         return False
 
-    def write(self, recipe: Recipe, split: str, index: int, image: bytes, part: Any) -> None:
+    def write(self, recipe: DatasetRecipe, split: str, index: int, image: bytes, part: Any) -> None:
         """Keep a finished image and its labels."""
         write_atomic(self.image_path(recipe, split, index), image, sync=False)
         text = json.dumps(part, separators=(",", ":"))
@@ -155,7 +155,7 @@ class Folder:
                 f"{path}: damaged, as by a power cut; remove it and run the same command again"
             ) from None
 
-    def finish(self, recipe: Recipe, maker: Maker, more: dict[str, Any]) -> None:
+    def finish(self, recipe: DatasetRecipe, maker: Maker, more: dict[str, Any]) -> None:
         """Say that everything is there, and tidy up."""
         sync_files(self.path)
         self.write_head(recipe, maker, {"complete": True, **more})

@@ -17,7 +17,7 @@ _RING = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SeenObject:
     """One object as a camera has seen it."""
 
     class_index: int
@@ -37,7 +37,7 @@ class Seen:
     """A traffic sign of which the camera sees the back."""
 
 
-def annotation(seen: Seen, rules: Rules, extinction_per_m: float) -> dict[str, Any]:
+def annotation(seen: SeenObject, rules: Rules, extinction_per_m: float) -> dict[str, Any]:
     """The COCO annotation, without ids."""
     reasons = ignored_for(seen, rules, extinction_per_m)
     return {
@@ -58,12 +58,12 @@ def annotation(seen: Seen, rules: Rules, extinction_per_m: float) -> dict[str, A
     }
 
 
-def visibility(seen: Seen) -> float:
+def visibility(seen: SeenObject) -> float:
     """Visible over unoccluded pixels inside the image [-]."""
     return round(seen.visible_px / seen.unoccluded_px, 3)
 
 
-def ignored_for(seen: Seen, rules: Rules, extinction_per_m: float) -> list[str]:
+def ignored_for(seen: SeenObject, rules: Rules, extinction_per_m: float) -> list[str]:
     """Why an object is no label; empty: it is one."""
     long_px, short_px = max(seen.box[2:]), min(seen.box[2:])
     small = (

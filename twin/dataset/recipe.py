@@ -60,7 +60,7 @@ class Streets(_Spec, frozen=True):
     other_scene: Annotated[int, Meta(ge=1, le=64)] = 1
 
 
-class Recipe(_Spec, frozen=True):
+class DatasetRecipe(_Spec, frozen=True):
     """Everything that decides the bytes of a dataset, beside software and device class."""
 
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
@@ -98,17 +98,17 @@ class Recipe(_Spec, frozen=True):
         return dict(zip(SPLITS, counts, strict=True))
 
 
-def parse_recipe(data: dict[str, Any], name: str) -> Recipe:
+def parse_recipe(data: dict[str, Any], name: str) -> DatasetRecipe:
     """Plain data -> recipe.
 
     Args:
-        data: keys of :class:`Recipe`.
+        data: keys of :class:`DatasetRecipe`.
         name: stands before the error.
 
     Raises:
         UsageError: the first mistake, one line.
     """
-    recipe, mistakes = convert_all(data, Recipe)
+    recipe, mistakes = convert_all(data, DatasetRecipe)
     if recipe is None:
         raise UsageError(mistakes[0].line(name))
     if recipe.scene == recipe.other_scene:

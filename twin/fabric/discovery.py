@@ -14,7 +14,7 @@ from twin.base.errors import UnreachableError, UsageError
 from twin.base.own_folder import VARIABLE
 from twin.fabric.endpoint import is_tls
 from twin.fabric.handshake import greet
-from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.keys.key_file import MemberKey, UnfitKeyError, load_key
 from twin.fabric.keys.own_keys import fabric_folder
 from twin.fabric.keys.roles import Role
 
@@ -64,7 +64,7 @@ class Target:
 
     endpoint: str
     namespace: str
-    key: Key | None
+    key: MemberKey | None
 
 
 def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = None) -> Target:
@@ -163,7 +163,7 @@ def choose_target(
     )
 
 
-def agreed_namespace(given: str, key: Key | None) -> str:
+def agreed_namespace(given: str, key: MemberKey | None) -> str:
     """The namespace to speak in: that of an invitation, or else the one given.
 
     Raises:

@@ -38,7 +38,7 @@ _SEAL, _SHRINK, _GROW, _FUTURE_WRITE = 0x1, 0x2, 0x4, 0x10
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class FrameChannel:
     """An array that a simulator writes at every frame of a sensor."""
 
     name: str
@@ -53,7 +53,7 @@ class Channel:
         return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
-def lay_out(channels: Sequence[Channel]) -> tuple[dict[str, int], int]:
+def lay_out(channels: Sequence[FrameChannel]) -> tuple[dict[str, int], int]:
     """Where each channel lies in one buffer, aligned, and the size of the buffer [bytes]."""
     offsets, size = {}, 0
     for channel in channels:
@@ -115,7 +115,7 @@ class FrameBuffer:
             self._door = None
             Path(self.path).unlink(missing_ok=True)
 
-    def array(self, channel: Channel, offset: int) -> NDArray[Any]:
+    def array(self, channel: FrameChannel, offset: int) -> NDArray[Any]:
         """The channel's array; it begins at ``offset`` [bytes]."""
         count = math.prod(channel.shape)
         flat: NDArray[Any] = np.frombuffer(self._map, channel.dtype, count, HEADER_BYTES + offset)

@@ -15,14 +15,16 @@ from typing import Any
 
 from twin.base.errors import UnreachableError
 from twin.fabric.endpoint import check_protected, host_and_port, is_tls
-from twin.fabric.keys.key_file import Key, UnfitKeyError
+from twin.fabric.keys.key_file import MemberKey, UnfitKeyError
 from twin.fabric.keys.roles import Role, rig_of, split_name
 
 _NOT_YET_VALID, _EXPIRED = 9, 10
 """X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED of OpenSSL."""
 
 
-def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0, *, linger_s: float = 0.0) -> None:
+def greet(
+    endpoint: str, key: MemberKey | None, timeout_s: float = 2.0, *, linger_s: float = 0.0
+) -> None:
     """Return if somebody listens at ``endpoint`` and, for TLS, is one to connect to.
 
     A side that proves to be of our fabric accepts a certificate of it from us as well, unless it is
@@ -42,7 +44,7 @@ def greet(endpoint: str, key: Key | None, timeout_s: float = 2.0, *, linger_s: f
         raise UnreachableError(f"{endpoint}: no conductor answers ({reason})") from None
 
 
-def _shake_hands(endpoint: str, key: Key, connection: socket.socket, linger_s: float) -> None:
+def _shake_hands(endpoint: str, key: MemberKey, connection: socket.socket, linger_s: float) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.load_verify_locations(cadata=key.authority.decode())

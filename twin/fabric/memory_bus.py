@@ -1,8 +1,8 @@
 """The bus in memory, with injectable loss, delay and duplication from a seed.
 
-A :class:`Hub` plays the network: sessions opened on it hear each other. Messages wait in a queue
-until :meth:`Hub.deliver`, so a test decides when and in which order anything arrives; a pump
-thread (``Hub.run``) delivers for tests that use real threads.
+A :class:`MemoryHub` plays the network: sessions opened on it hear each other. Messages wait in a
+queue until :meth:`MemoryHub.deliver`, so a test decides when and in which order anything arrives; a
+pump thread (``MemoryHub.run``) delivers for tests that use real threads.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Waiting:
 
 
 @dataclass(slots=True)
-class Counters:
+class HubCounters:
     """What the hub did; a test that drove no fault proves nothing."""
 
     delivered: int = 0
@@ -43,12 +43,12 @@ class Counters:
 
 
 @dataclass(slots=True)
-class Hub:
+class MemoryHub:
     """The network between in-memory sessions."""
 
     seed: int = 0
     faults: Faults = field(default_factory=Faults)
-    counters: Counters = field(default_factory=Counters)
+    counters: HubCounters = field(default_factory=HubCounters)
     _random: random.Random = field(init=False)
     _condition: threading.Condition = field(default_factory=threading.Condition)
     _waiting: list[_Waiting] = field(default_factory=list)
@@ -143,9 +143,9 @@ class Hub:
 
 
 class MemoryBus:
-    """A session on a :class:`Hub`; same interface as the Zenoh one."""
+    """A session on a :class:`MemoryHub`; same interface as the Zenoh one."""
 
-    def __init__(self, hub: Hub) -> None:
+    def __init__(self, hub: MemoryHub) -> None:
         self.endpoints: list[str] = []
         self.closed = False
         self._hub = hub

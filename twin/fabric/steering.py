@@ -21,7 +21,7 @@ from schemas.wire.interventions import (
     ControlReply,
     ControlRequest,
     HandState,
-    Look,
+    Query,
     Setting,
     Together,
     parts_of,
@@ -107,7 +107,7 @@ def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action,
             yield part, reply
 
 
-class Steered:
+class RunningAttempt:
     """An attempt that was found running, and how it stood at the last answer."""
 
     def __init__(self, bus: Bus, state: HandState, key: str = "") -> None:
@@ -129,12 +129,12 @@ def running(bus: Bus, campaign: str = "*", case: str = "*") -> list[HandState]:
         UsageError: a simulator speaks another version; one line.
     """
     key = topics.VIEW_CONTROL.key.format(campaign=campaign, case=case)
-    replies = _ask(bus, key, ControlRequest(v=SCHEMA_VERSION, id="", action=Look()))
+    replies = _ask(bus, key, ControlRequest(v=SCHEMA_VERSION, id="", action=Query()))
     states = [reply.state for reply in replies if reply.state is not None]
     return sorted(states, key=lambda state: (state.campaign, state.case, state.token))
 
 
-def find(bus: Bus, case: str, campaign: str = "") -> Steered:
+def find(bus: Bus, case: str, campaign: str = "") -> RunningAttempt:
     """The running attempt of a case, through the conductor's router.
 
     Raises:
@@ -149,10 +149,10 @@ def find(bus: Bus, case: str, campaign: str = "") -> Steered:
     if not found:
         raise _why_not(bus, case, campaign)
     state = found[-1]  # of two attempts at once the later one
-    return Steered(bus, state)
+    return RunningAttempt(bus, state)
 
 
-def find_in_rig(bus: Bus, rig: str, case: str = "", slot: int = -1) -> Steered:
+def find_in_rig(bus: Bus, rig: str, case: str = "", slot: int = -1) -> RunningAttempt:
     """The attempt that runs in a rig, over the rig's own session.
 
     Raises:
@@ -160,11 +160,11 @@ def find_in_rig(bus: Bus, rig: str, case: str = "", slot: int = -1) -> Steered:
         UnreachableError: nobody answers.
     """
     key = topics.CONTROL.key.format(rig=rig)
-    request = ControlRequest(v=SCHEMA_VERSION, id="", action=Look(), case=case, slot=slot)
+    request = ControlRequest(v=SCHEMA_VERSION, id="", action=Query(), case=case, slot=slot)
     for reply in _ask(bus, key, request):
         if reply.state is None:
             raise UsageError(f"rig {rig}: {reply.error}")
-        return Steered(bus, reply.state, key)
+        return RunningAttempt(bus, reply.state, key)
     raise UnreachableError(f"rig {rig}: its simulator does not answer; check endpoint and rig")
 
 

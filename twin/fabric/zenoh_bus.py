@@ -18,7 +18,7 @@ from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.endpoint import SOCKET, check_protected, is_socket, is_tls
 from twin.fabric.handshake import greet
-from twin.fabric.keys.key_file import Key, WrongRoleError
+from twin.fabric.keys.key_file import MemberKey, WrongRoleError
 from twin.fabric.keys.roles import Act, Role, access_control, may, refusal
 
 Mode = Literal["router", "client", "peer"]
@@ -33,7 +33,7 @@ def open_bus(
     listen: Sequence[str] = (),
     connect: Sequence[str] = (),
     namespace: str = "twin",
-    key: Key | None = None,
+    key: MemberKey | None = None,
     shared_memory: bool = False,
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
@@ -158,7 +158,7 @@ def _config(
     return config
 
 
-def _tls(key: Key) -> dict[str, Any]:
+def _tls(key: MemberKey) -> dict[str, Any]:
     """TLS in both directions, inline: Zenoh needs no files that could be left behind."""
     certificate = base64.b64encode(key.certificate).decode()
     private = base64.b64encode(key.private).decode()
@@ -192,7 +192,7 @@ def _explain(
     error: Exception,
     listen: Sequence[str],
     connect: Sequence[str],
-    key: Key | None,
+    key: MemberKey | None,
     timeout_s: float,
 ) -> TwinError:
     text = str(error)
@@ -229,7 +229,7 @@ def _cause(text: str) -> str:
 
 
 class _ZenohBus:
-    def __init__(self, session: zenoh.Session, endpoints: list[str], key: Key | None) -> None:
+    def __init__(self, session: zenoh.Session, endpoints: list[str], key: MemberKey | None) -> None:
         self.endpoints = endpoints
         self._key = key
         self._session = session

@@ -10,7 +10,7 @@ import numpy as np
 
 from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
 from schemas.messages import Command, Lights
-from twin.kpi.table import Detections, KpiColumn, KpiTable
+from twin.kpi.table import DetectionColumn, KpiColumn, KpiTable
 from twin.vehicle.columns import COLUMN
 
 CLOSING_MIN_MPS = 0.05
@@ -31,7 +31,7 @@ _NAMES = frozenset(column.name for column in KPI_COLUMNS if column.type == "name
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "collisions")
 
 
-class Recorder:
+class KpiRecorder:
     """Rows of all slots: of every column one NumPy array [S, rows], which doubles when full.
 
     What a row costs hardly depends on the number of slots.
@@ -163,7 +163,7 @@ class Recorder:
             {name: values[slot, :rows] for name, values in self._values.items()},
             {name: valid[slot, :rows] for name, valid in self._valid.items()},
             self._names,
-            Detections(
+            DetectionColumn(
                 offsets=np.array(self._offsets[slot], np.int32),
                 valid=np.array(self._commanded[slot], np.bool_),
                 label=[d.label for d in self._detected[slot]],
@@ -184,7 +184,7 @@ class CaseRows:
         values: dict[str, np.ndarray],
         valid: dict[str, np.ndarray],
         names: np.ndarray,
-        detections: Detections,
+        detections: DetectionColumn,
     ) -> None:
         self._values = values
         self._valid = valid

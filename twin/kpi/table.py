@@ -21,7 +21,7 @@ class KpiColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class Detections:
+class DetectionColumn:
     """The ragged column: the detections of row i are entries ``offsets[i]:offsets[i + 1]``."""
 
     offsets: np.ndarray
@@ -42,7 +42,7 @@ class KpiTable:
 
     rows: int
     columns: dict[str, KpiColumn]
-    detections: Detections
+    detections: DetectionColumn
 
     def to_lists(self) -> dict[str, list[Any]]:
         """Columns of plain Python values, None where missing; detections are lists of dicts."""

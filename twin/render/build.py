@@ -9,7 +9,7 @@ import warp as wp
 
 
 @dataclass(frozen=True, slots=True)
-class Build:
+class KernelOptions:
     """Of one kernel."""
 
     fast_math: bool = False
@@ -35,19 +35,19 @@ class Build:
 class Tuning:
     """Of a camera's kernels."""
 
-    visibility: Build
-    mirror: Build
-    picture: Build
+    visibility: KernelOptions
+    mirror: KernelOptions
+    picture: KernelOptions
     without: frozenset[str] = frozenset()
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
 
-CPU = Tuning(Build(block=1), Build(block=1), Build(block=1))
+CPU = Tuning(KernelOptions(block=1), KernelOptions(block=1), KernelOptions(block=1))
 """Exact functions: a vector unit has no quick ones."""
 CUDA = Tuning(
-    visibility=Build(blocks=8),
-    mirror=Build(fast_math=True, blocks=4),
-    picture=Build(fast_math=True, blocks=4),
+    visibility=KernelOptions(blocks=8),
+    mirror=KernelOptions(fast_math=True, blocks=4),
+    picture=KernelOptions(fast_math=True, blocks=4),
 )
 """A GPU's exact functions are slow and large; the quick ones stay far below one level."""
 

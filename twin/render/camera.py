@@ -11,10 +11,10 @@ from schemas.campaign import Camera
 from schemas.sections.lens import CameraMount
 from schemas.sections.lens_projection import vehicle_from_camera
 from twin.render.boxes import BOX_FIELDS
-from twin.render.build import Build, Tuning, tuning_for
+from twin.render.build import KernelOptions, Tuning, tuning_for
 from twin.render.lens import ray_table
 from twin.render.light import lamps
-from twin.render.light.lamps import BEAMS_MAX, Beams
+from twin.render.light.lamps import BEAMS_MAX, LampBeams
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.light.street_lamps import street_lamps
@@ -90,7 +90,7 @@ class RayCamera:
         self._kept: dict[int, wp.array] = {}
         """Poses in the last pictures of slots that are held."""
         self._new = np.ones(slots, np.bool_)
-        self._beams = wp.zeros((slots, BEAMS_MAX), dtype=Beams, device=device)
+        self._beams = wp.zeros((slots, BEAMS_MAX), dtype=LampBeams, device=device)
         self._chunk = min(slots, max(1, visibility.CHUNK_PIXELS // (camera.width * camera.height)))
         self._wanted = wanted_of(camera)
         self._seen = visibility.allocate_seen(
@@ -131,7 +131,7 @@ class RayCamera:
         wp.load_module(raster, device=self._device)
         return visibility.sun_kernel(build, self._wanted.second)
 
-    def _launches(self) -> tuple[tuple[wp.Kernel | None, Build], ...]:
+    def _launches(self) -> tuple[tuple[wp.Kernel | None, KernelOptions], ...]:
         """What goes over all pixels, in order: visibility, second rays if asked for, shading."""
         tuning = self._tuning
         builds = (tuning.visibility, tuning.mirror, tuning.picture)

@@ -10,16 +10,23 @@ from functools import cache
 
 import warp as wp
 
-from twin.render.build import Build
+from twin.render.build import KernelOptions
 from twin.render.light.air import through_air
-from twin.render.light.lamps import Beams, StreetLamps
+from twin.render.light.lamps import LampBeams, StreetLamps
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import smooth_sky, sun_through_clouds
 from twin.render.noise import value_noise
-from twin.render.shading import PI_INVERSE, Place, fresnel_of, matt_light, place_of, surface_of
-from twin.render.trace.geometry import Scene, occluded, trace
+from twin.render.shading import (
+    PI_INVERSE,
+    ShadedPoint,
+    fresnel_of,
+    matt_light,
+    place_of,
+    surface_of,
+)
+from twin.render.trace.geometry import RayScene, occluded, trace
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import MIRRORED, Seen, pixel_of
+from twin.render.trace.visibility import MIRRORED, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -37,10 +44,10 @@ STRIDE = 1 << 17
 
 @wp.func
 def far_light(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     optics: Optics,
     pose: SlotPose,
     start: wp.vec3,
@@ -59,7 +66,7 @@ def far_light(
         return smooth_sky(direction, slot, light, table)
     if glass and hit.t < _SHELL_M:
         return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
-    at = Place()
+    at = ShadedPoint()
     at.p = start + direction * hit.t
     at.n = hit.normal
     at.face = hit.face
@@ -77,13 +84,13 @@ def far_light(
 
 @wp.func
 def _second_light(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     optics: Optics,
     pose: SlotPose,
-    at: Place,
+    at: ShadedPoint,
     direction: wp.vec3,
     light: SlotLight,
     table: wp.array3d(dtype=wp.vec3),
@@ -121,13 +128,13 @@ def _second_light(
 
 
 @cache
-def mirror_kernel(build: Build) -> wp.Kernel:
+def mirror_kernel(build: KernelOptions) -> wp.Kernel:
     """The kernel, compiled as ``build`` says."""
 
     @wp.kernel(**build.arguments())
     def second_kernel(
         # model
-        scene: Scene,
+        scene: RayScene,
         lamps: StreetLamps,
         optics: Optics,
         rays: wp.array2d(dtype=wp.vec3),
@@ -135,12 +142,12 @@ def mirror_kernel(build: Build) -> wp.Kernel:
         lights: wp.array(dtype=SlotLight),
         sky_table: wp.array3d(dtype=wp.vec3),
         poses: wp.array(dtype=SlotPose),
-        beams: wp.array2d(dtype=Beams),
+        beams: wp.array2d(dtype=LampBeams),
         # args
         first_slot: wp.int32,
         stride: wp.int32,
         # out
-        seen: Seen,
+        seen: PixelsSeen,
     ):
         """Follow second rays of the pixels on the list; the launch may be shorter than it."""
         at_list = wp.tid()

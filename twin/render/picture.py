@@ -7,20 +7,20 @@ from functools import cache
 import warp as wp
 
 from twin.render.boxes import gather_box
-from twin.render.build import Build
+from twin.render.build import KernelOptions
 from twin.render.light.air import sky_path, through_air
-from twin.render.light.lamps import WARM_WHITE, Beams, StreetLamps, headlamp_glow, lamps_glow
+from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light.light import SlotLight
 from twin.render.light.precipitation import cover
 from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
 from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import Place, fresnel_of, matt_light, place_of, surface_of
-from twin.render.surface import Surface
+from twin.render.shading import ShadedPoint, fresnel_of, matt_light, place_of, surface_of
+from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
-from twin.render.trace.geometry import DECAL_TAG, Scene, turned
+from twin.render.trace.geometry import DECAL_TAG, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import MIRRORED, OUTSIDE, Seen, pixel_of
+from twin.render.trace.visibility import MIRRORED, OUTSIDE, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,7 +36,7 @@ def air_light(
     row: wp.int32,
     column: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     optics: Optics,
     pose: SlotPose,
     direction: wp.vec3,
@@ -71,7 +71,7 @@ def sky_share(bounce: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def _instance_of(scene: Scene, slot: wp.int32, at: Place) -> wp.int32:
+def _instance_of(scene: RayScene, slot: wp.int32, at: ShadedPoint) -> wp.int32:
     instance = wp.int32(-1)
     if at.object >= 0:
         if scene.faces[at.face].tag != DECAL_TAG:
@@ -88,9 +88,9 @@ def _camera_axes(v: wp.vec3, pose: SlotPose) -> wp.vec3:
 
 @wp.func
 def flow_at(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
-    at: Place,
+    at: ShadedPoint,
     rays: wp.array2d(dtype=wp.vec3),
     row: wp.int32,
     column: wp.int32,
@@ -156,7 +156,7 @@ def flow_at(
 
 @cache
 def picture_kernel(
-    wanted: Wanted, build: Build, without: frozenset[str] = frozenset()
+    wanted: Wanted, build: KernelOptions, without: frozenset[str] = frozenset()
 ) -> wp.Kernel:
     """The kernel that writes what is ``wanted``; compiled once for every set.
 
@@ -171,7 +171,7 @@ def picture_kernel(
     @wp.kernel(**build.arguments())
     def camera_kernel(
         # model
-        scene: Scene,
+        scene: RayScene,
         lamps: StreetLamps,
         optics: Optics,
         rays: wp.array2d(dtype=wp.vec3),
@@ -181,8 +181,8 @@ def picture_kernel(
         sky_table: wp.array3d(dtype=wp.vec3),
         poses: wp.array(dtype=SlotPose),
         poses_before: wp.array(dtype=SlotPose),
-        beams: wp.array2d(dtype=Beams),
-        seen: Seen,
+        beams: wp.array2d(dtype=LampBeams),
+        seen: PixelsSeen,
         # args
         first_slot: wp.int32,
         period_s: wp.float32,
@@ -238,7 +238,7 @@ def picture_kernel(
                 distance = at.distance
                 if at.lit > 0.0:
                     at.lit = sun_through_clouds(at.p, light)
-                s = Surface()
+                s = SurfacePoint()
                 if wp.static(surfaces):
                     s = surface_of(scene, slot, optics, at, direction, light)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)

@@ -7,19 +7,19 @@ import warp as wp
 from twin.render.light.lamps import (
     SODIUM,
     WARM_WHITE,
-    Beams,
+    LampBeams,
     StreetLamps,
     headlamp_lux,
     street_lamp_lux,
     vehicles_lux,
 )
 from twin.render.light.light import SlotLight
-from twin.render.surface import Surface, surface_at
+from twin.render.surface import SurfacePoint, surface_at
 from twin.render.texture import texture_at
 from twin.render.trace import traverse
-from twin.render.trace.geometry import Face, Scene, turned
+from twin.render.trace.geometry import Face, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import LIT, OBJECT_MASK, Seen
+from twin.render.trace.visibility import LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import UV_METRES
 
@@ -31,7 +31,7 @@ _CLEARANCE_M = wp.constant(0.55)
 
 
 @wp.struct
-class Place:
+class ShadedPoint:
     """A point of a surface in the world."""
 
     p: wp.vec3
@@ -49,15 +49,15 @@ class Place:
 
 @wp.func
 def place_of(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
-    seen: Seen,
+    seen: PixelsSeen,
     thread: wp.int32,
     eye: wp.vec3,
     direction: wp.vec3,
-) -> Place:
+) -> ShadedPoint:
     """What the pixel of a thread sees; its face is below 0 if nothing."""
-    at = Place()
+    at = ShadedPoint()
     at.face = seen.face[thread]
     at.object = -1
     if at.face < 0:
@@ -91,14 +91,14 @@ def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _uv_at(scene: Scene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
+def _uv_at(scene: RayScene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
     first = 3 * row
     return scene.uv[first] * u + scene.uv[first + 1] * v + scene.uv[first + 2] * (1.0 - u - v)
 
 
 @wp.func
 def albedo_at(
-    scene: Scene, face: Face, row: wp.int32, u: wp.float32, v: wp.float32, footprint: wp.float32
+    scene: RayScene, face: Face, row: wp.int32, u: wp.float32, v: wp.float32, footprint: wp.float32
 ) -> wp.vec3:
     """Colour of a face, times its image if it has one; ``footprint``: width of the pixel [m]."""
     if face.texture < 0:
@@ -109,7 +109,7 @@ def albedo_at(
 
 
 @wp.func
-def _ambient(scene: Scene, at: Place) -> wp.float32:
+def _ambient(scene: RayScene, at: ShadedPoint) -> wp.float32:
     """Share of the sky that the point sees [-], baked."""
     row = 3 * at.face
     share = scene.ambient[row] * at.u + scene.ambient[row + 1] * at.v
@@ -117,7 +117,7 @@ def _ambient(scene: Scene, at: Place) -> wp.float32:
 
 
 @wp.func
-def _contact(scene: Scene, slot: wp.int32, at: Place) -> wp.float32:
+def _contact(scene: RayScene, slot: wp.int32, at: ShadedPoint) -> wp.float32:
     """Share of the sky that objects standing on the ground leave to it [-].
 
     The further below the hull the darker: full at its middle, gone a hand beyond its edge.
@@ -141,13 +141,13 @@ def _contact(scene: Scene, slot: wp.int32, at: Place) -> wp.float32:
 
 @wp.func
 def irradiance(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     optics: Optics,
     pose: SlotPose,
-    at: Place,
+    at: ShadedPoint,
     n: wp.vec3,
     retro: wp.float32,
     light: SlotLight,
@@ -176,7 +176,7 @@ def irradiance(
 
 
 @wp.func
-def _object_lamps(scene: Scene, slot: wp.int32, m: wp.int32) -> wp.vec2:
+def _object_lamps(scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec2:
     on = wp.vec2(0.0, 0.0)
     if m >= 0:
         on = wp.vec2(scene.objects[slot, m].lamps, scene.objects[slot, m].brake)
@@ -185,8 +185,13 @@ def _object_lamps(scene: Scene, slot: wp.int32, m: wp.int32) -> wp.vec2:
 
 @wp.func
 def surface_of(
-    scene: Scene, slot: wp.int32, optics: Optics, at: Place, direction: wp.vec3, light: SlotLight
-) -> Surface:
+    scene: RayScene,
+    slot: wp.int32,
+    optics: Optics,
+    at: ShadedPoint,
+    direction: wp.vec3,
+    light: SlotLight,
+) -> SurfacePoint:
     """Reflectance and own light at a place seen along ``direction``."""
     face = scene.faces[at.face]
     slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
@@ -204,14 +209,14 @@ def surface_of(
 
 @wp.func
 def matt_light(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     optics: Optics,
     pose: SlotPose,
-    at: Place,
-    s: Surface,
+    at: ShadedPoint,
+    s: SurfacePoint,
     light: SlotLight,
 ) -> wp.vec3:
     """What a place reflects in all directions and what it emits [cd/m^2]."""

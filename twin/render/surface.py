@@ -47,7 +47,7 @@ _ROOM = wp.constant(wp.vec3(1.0, 0.72, 0.40))
 
 
 @wp.struct
-class Surface:
+class SurfacePoint:
     """A point of a surface."""
 
     albedo: wp.vec3
@@ -65,7 +65,7 @@ class Surface:
 
 
 @wp.func
-def _facade(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
+def _facade(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
     """A grid of windows; ``u`` runs along the wall and ``z`` up [m]."""
     pitch = 2.3 + 1.5 * lattice(tag, 1, 0)
     storey = 3.1 + 0.5 * lattice(tag, 2, 0)
@@ -98,7 +98,7 @@ def _facade(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: Slot
 
 
 @wp.func
-def _shopfront(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
+def _shopfront(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
     pitch = 3.4 + 1.6 * lattice(tag, 4, 0)
     column = wp.floor(u / pitch)
     a = wp.abs(u / pitch - column - 0.5)
@@ -120,7 +120,9 @@ def _shopfront(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, light: S
 
 
 @wp.func
-def _ground(s: Surface, material: wp.int32, p: wp.vec2, distance: wp.float32, light: SlotLight):
+def _ground(
+    s: SurfacePoint, material: wp.int32, p: wp.vec2, distance: wp.float32, light: SlotLight
+):
     """Road, paving and paint: texture, water, snow."""
     patch = value_noise(p[0] * 0.22, p[1] * 0.9, 5)
     if material == _PAVING:
@@ -173,7 +175,7 @@ def may_mirror(material: wp.int32) -> wp.bool:
 
 
 @wp.func
-def _pane(s: Surface, tag: wp.int32, light: SlotLight):
+def _pane(s: SurfacePoint, tag: wp.int32, light: SlotLight):
     """One pane of a building, with a curtain or a lit room behind it."""
     dice = lattice(tag, 5, 7)
     curtain = wp.where(dice > 0.6, 0.18 * lattice(tag, 6, 9), 0.0)
@@ -185,7 +187,7 @@ def _pane(s: Surface, tag: wp.int32, light: SlotLight):
 
 
 @wp.func
-def _masonry(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, distance: wp.float32):
+def _masonry(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, distance: wp.float32):
     """Courses of bricks of 25 cm by 7.7 cm; joints average out far away."""
     course = wp.floor(z / 0.077)
     along = u / 0.25 + 0.5 * (course - 2.0 * wp.floor(course * 0.5))
@@ -202,7 +204,7 @@ def _masonry(s: Surface, tag: wp.int32, u: wp.float32, z: wp.float32, distance: 
 
 
 @wp.func
-def _plain_surface(s: Surface, m: wp.int32, on: wp.vec2, light: SlotLight):
+def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec2, light: SlotLight):
     """Materials without a pattern."""
     if m == _CAR_PAINT:
         s.mirror = 0.04
@@ -243,7 +245,7 @@ def surface_at(
     normal: wp.vec3,
     distance: wp.float32,
     light: SlotLight,
-) -> Surface:
+) -> SurfacePoint:
     """The surface at world point ``p`` with unit ``normal``, seen from ``distance`` [m].
 
     ``ground``: x along the street and y across it, where patterns of the ground lie [m];
@@ -251,7 +253,7 @@ def surface_at(
     ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
     brake lamps are on.
     """
-    s = Surface()
+    s = SurfacePoint()
     s.albedo = albedo
     s.retro = 1.0
     m = face.material

@@ -11,7 +11,7 @@ from twin.world.meshes.srgb import linear, srgb
 
 
 @wp.struct
-class Image:
+class TextureImage:
     """Where an image is in the array."""
 
     first: wp.int32
@@ -25,7 +25,7 @@ class Image:
 class Textures:
     """All images."""
 
-    images: wp.array(dtype=Image)
+    images: wp.array(dtype=TextureImage)
     texels: wp.array(dtype=wp.uint8)
     linear: wp.array(dtype=wp.float32)
     """Linear light of an sRGB byte [256]."""
@@ -39,7 +39,7 @@ def srgb_to_linear() -> np.ndarray:
 def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures:
     """Put ``textures``, uint8 [h, w, 3] sRGB with the first row on top, on a device."""
     values = srgb_to_linear()
-    rows = np.zeros(max(1, len(textures)), Image.numpy_dtype())
+    rows = np.zeros(max(1, len(textures)), TextureImage.numpy_dtype())
     parts, first = [], 0
     for row, texture in zip(rows, textures, strict=False):
         row["first"], row["height"], row["width"] = first, *texture.shape[:2]
@@ -52,7 +52,7 @@ def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures
                 break
             level = _half(level, values)
     packed = Textures()
-    packed.images = wp.array(rows, dtype=Image, device=device)
+    packed.images = wp.array(rows, dtype=TextureImage, device=device)
     texels = np.concatenate(parts) if parts else np.zeros(3, np.uint8)
     packed.texels = wp.array(texels, dtype=wp.uint8, device=device)
     packed.linear = wp.array(values, dtype=wp.float32, device=device)

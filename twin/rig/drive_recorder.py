@@ -24,7 +24,7 @@ from schemas.files.drive_record import (
     RecordSeen,
 )
 from schemas.messages import Command, Episode, Lease, Result, Tick
-from twin.base.channel import Channel
+from twin.base.channel import BoundedChannel
 from twin.base.software import device_class, software_digest
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class DriveRecorder:
         """
         self._records: dict[int, AttemptRecord] = {}
         self._slots, self._device = slots, device
-        self._jobs: Channel[Callable[[], None]] | None = None
+        self._jobs: BoundedChannel[Callable[[], None]] | None = None
         """Of the thread, once there is something to record."""
 
     # --- the simulator's loop ---------------------------------------------------------------
@@ -152,7 +152,7 @@ class DriveRecorder:
         if lease.case.drive == "none":
             return
         if self._jobs is None:
-            self._jobs = Channel(WAITING_BYTES_MAX)
+            self._jobs = BoundedChannel(WAITING_BYTES_MAX)
             threading.Thread(target=_work, args=[self._jobs], name="record", daemon=True).start()
         jobs = self._jobs
         record = self._records[slot] = AttemptRecord(lease, lambda job: jobs.put(job, 0))
@@ -214,7 +214,7 @@ class DriveRecorder:
             done.wait(timeout_s)
 
 
-def _work(jobs: Channel[Callable[[], None]]) -> None:
+def _work(jobs: BoundedChannel[Callable[[], None]]) -> None:
     while (job := jobs.take()) is not None:
         try:
             job()

@@ -23,12 +23,12 @@ from twin.actors.intervention_motion import HandMotion
 from twin.actors.motion import Placement
 from twin.base.errors import RefusedError
 from twin.base.stopwatch import Stopwatch
-from twin.fabric.frames import Channel
+from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
 from twin.kpi.course import Course
 from twin.kpi.judge_record import judge_record
 from twin.kpi.lane_progress import LaneProgress
-from twin.kpi.recorder import Recorder
+from twin.kpi.recorder import KpiRecorder
 from twin.kpi.table import KpiTable
 from twin.rig.command_delay import Delays
 from twin.rig.interventions.steerable import Steerable
@@ -183,7 +183,7 @@ class Engine(Steerable):
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
         names = [thing.name for thing in self._world.things]
-        self._recorder = Recorder(slots, names, target=self._world.target is not None)
+        self._recorder = KpiRecorder(slots, names, target=self._world.target is not None)
         self._limits = judging.Limits.of(slots)
         self._course = Course.of(self._world, vehicle)
         self._nearest = np.zeros((slots, len(NEAREST)))
@@ -540,7 +540,7 @@ class Engine(Steerable):
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
 
 
-def frame_channels(case: Case, slots: int) -> list[Channel]:
+def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
     """The arrays of a rig that are large enough to be worth sharing.
 
     Raises:

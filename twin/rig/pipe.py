@@ -11,12 +11,12 @@ from msgspec import Struct
 from schemas.messages import Lease, Result, Touch
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
-from schemas.wire.interventions import Intervention
+from schemas.wire.interventions import RecordedAction
 
 _LENGTH = struct.Struct("<I")
 
 
-class Build(Struct, frozen=True, tag_field="kind", tag="build"):
+class BuildRig(Struct, frozen=True, tag_field="kind", tag="build"):
     """The first message: build the engine for the rig of this lease's case."""
 
     lease: Lease
@@ -45,7 +45,7 @@ class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
     """Run this lease in a free slot."""
 
     lease: Lease
-    replay: list[Intervention] = []
+    replay: list[RecordedAction] = []
     """What the journal of a steered attempt says was done to it."""
 
 
@@ -82,7 +82,7 @@ class Listening(Struct, frozen=True, tag_field="kind", tag="listening"):
     """Where a recorder connects; empty: nothing is to be recorded."""
 
 
-class Refused(Struct, frozen=True, tag_field="kind", tag="refused"):
+class RefusedPeer(Struct, frozen=True, tag_field="kind", tag="refused"):
     """Somebody was not let into the rig; a sentence for the worker's log."""
 
     line: str
@@ -119,13 +119,13 @@ class Faulted(Struct, frozen=True, tag_field="kind", tag="faulted"):
     reason: str
 
 
-class Done(Struct, frozen=True, tag_field="kind", tag="done"):
+class CaseDone(Struct, frozen=True, tag_field="kind", tag="done"):
     """A case ended; its attempt folder is complete."""
 
     result: Result
 
 
-class Steered(Struct, frozen=True, tag_field="kind", tag="steered"):
+class SteeredDone(Struct, frozen=True, tag_field="kind", tag="steered"):
     """A case ended that a hand had steered; its attempt folder is complete, and is no result."""
 
     result: Result
@@ -139,9 +139,18 @@ class Broken(Struct, frozen=True, tag_field="kind", tag="broken"):
     detail: str
 
 
-Downward = Build | Assign | Abandon | Fail | Close | Drain
+Downward = BuildRig | Assign | Abandon | Fail | Close | Drain
 Upward = (
-    Listening | Refused | Built | Progress | Touched | Faulted | Done | Steered | Drained | Broken
+    Listening
+    | RefusedPeer
+    | Built
+    | Progress
+    | Touched
+    | Faulted
+    | CaseDone
+    | SteeredDone
+    | Drained
+    | Broken
 )
 
 

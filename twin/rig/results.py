@@ -24,7 +24,7 @@ WAITING_MAX = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class EndedCase:
     """A case that has ended, and what it took."""
 
     lease: Lease
@@ -48,16 +48,16 @@ class Ended:
 class ResultWriter:
     """Writes attempts in the order in which they ended, and tells of each when it is complete."""
 
-    def __init__(self, tell: Callable[[Ended, Result], None]) -> None:
+    def __init__(self, tell: Callable[[EndedCase, Result], None]) -> None:
         self._tell = tell
-        self._waiting: queue.Queue[Ended] = queue.Queue(WAITING_MAX)
+        self._waiting: queue.Queue[EndedCase] = queue.Queue(WAITING_MAX)
         self._tokens: list[int] = []
         self._settled = threading.Condition()
         """Notified when there are fewer tokens."""
         self._error: Exception | None = None
         threading.Thread(target=self._run, name="results", daemon=True).start()
 
-    def put(self, ended: Ended) -> None:
+    def put(self, ended: EndedCase) -> None:
         """Hand over a case.
 
         Raises:
@@ -97,7 +97,7 @@ class ResultWriter:
                 self._settled.notify_all()
 
 
-def _written(ended: Ended) -> Result:
+def _written(ended: EndedCase) -> Result:
     # Late: this module imports Parquet only after the engine is warm.
     from twin.rig.attempt import write_attempt, write_pace
 

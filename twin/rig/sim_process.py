@@ -21,7 +21,7 @@ from twin.base.errors import RefusedError, StackFaultError, TwinError
 from twin.base.gpu.first_use import begun
 from twin.base.process import keep_to_itself, leave_signals_to_the_parent, spawn
 from twin.rig.orders import Orders
-from twin.rig.pipe import Broken, Build, Faulted, Listening, Refused, Upstream
+from twin.rig.pipe import Broken, BuildRig, Faulted, Listening, RefusedPeer, Upstream
 from twin.worker.rig_child import RigChild
 
 LOADED = (
@@ -92,7 +92,7 @@ def main(device: str) -> int:
     return 0
 
 
-def _first(device: str, orders: Orders) -> Build:
+def _first(device: str, orders: Orders) -> BuildRig:
     """What is to be built; the time until it is known is for what takes long to load."""
     build = orders.next(0)
     if build is None:
@@ -102,7 +102,7 @@ def _first(device: str, orders: Orders) -> Build:
             importlib.import_module(name)
         waking.join()
         build = orders.next(None)
-    assert isinstance(build, Build)
+    assert isinstance(build, BuildRig)
     return build
 
 
@@ -112,7 +112,7 @@ def _wake(device: str) -> None:
         importlib.import_module("twin.world.kernel_cache").wake(device)
 
 
-def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
+def _run(build: BuildRig, orders: Orders, out: Upstream, at_end: contextlib.ExitStack) -> None:
     from twin.fabric.drive import STACK_BYTES_MAX
     from twin.fabric.endpoint import allow_plain, is_exposed
     from twin.fabric.keys.key_file import load_key
@@ -132,7 +132,9 @@ def _run(build: Build, orders: Orders, out: Upstream, at_end: contextlib.ExitSta
             rig_key = load_key(path, Role.worker)
     if rig_key is not None or key is not None:  # the feed has a listener, too
         name = build.rig
-        at_end.enter_context(refusals_logged(lambda why: out.send(Refused(f"rig {name} {why}"))))
+        at_end.enter_context(
+            refusals_logged(lambda why: out.send(RefusedPeer(f"rig {name} {why}")))
+        )
     bus = open_bus(
         "peer",
         listen=[build.listen],

@@ -32,27 +32,27 @@ from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.rig_folder import frames_socket
 from twin.rig.drive_recorder import DriveRecorder
 from twin.rig.interventions.case import Hand
-from twin.rig.interventions.listener import Steering
+from twin.rig.interventions.listener import RigInterventions
 from twin.rig.need_to_know import as_told
 from twin.rig.orders import Orders
 from twin.rig.pipe import (
     Abandon,
     Assign,
-    Build,
+    BuildRig,
     Built,
+    CaseDone,
     Close,
-    Done,
     Drained,
     Fail,
     Faulted,
     Progress,
-    Steered,
+    SteeredDone,
     Touched,
     Upstream,
 )
 from twin.rig.profile import LoopLog
 from twin.rig.realtime import RealtimeLink
-from twin.rig.results import Ended, ResultWriter
+from twin.rig.results import EndedCase, ResultWriter
 from twin.rig.stack_output import StackOutput, readable
 from twin.view.port import Feed
 
@@ -95,7 +95,9 @@ class _Slot:
 class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
-    def __init__(self, bus: Bus, build: Build, orders: Orders, out: Upstream, feed: Feed) -> None:
+    def __init__(
+        self, bus: Bus, build: BuildRig, orders: Orders, out: Upstream, feed: Feed
+    ) -> None:
         rig, slots, device = build.rig, build.slots, build.device
         self._bus = bus
         self._feed = feed
@@ -107,7 +109,7 @@ class Simulator:
         self._orders = orders
         orders.on_drain(self._drain)
         self._slots: list[_Slot | None] = [None] * slots
-        self._steering = Steering(rig, self._slots, device, self._touched)
+        self._steering = RigInterventions(rig, self._slots, device, self._touched)
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
         feed.steered_by(self._steering.ask)
         self._recorder = DriveRecorder(slots, device)
@@ -338,7 +340,7 @@ class Simulator:
         self._feed.end(shown)
         self._slots[finished.slot] = None
         self._results.put(
-            Ended(
+            EndedCase(
                 slot.lease,
                 finished,
                 time.monotonic() - slot.started_s,
@@ -468,9 +470,9 @@ class Simulator:
         if hand.note is not None and not hand.replayed:
             self._upward.send(Touched(hand.lease.token, hand.note))
 
-    def _written(self, ended: Ended, result: Result) -> None:
+    def _written(self, ended: EndedCase, result: Result) -> None:
         """An attempt folder is complete; on the thread that writes them."""
-        self._upward.send(Steered(result, ended.changes) if ended.changes else Done(result))
+        self._upward.send(SteeredDone(result, ended.changes) if ended.changes else CaseDone(result))
 
     def _drain(self) -> None:
         """The stack is gone and the worker wants what is there; on the thread of the orders."""

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 
 from twin.sandbox.start import PROGRAM, Sandboxed
-from twin.sandbox.view import SCRATCH, View
+from twin.sandbox.view import SCRATCH, SandboxView
 
 TRIAL_S = 10.0
 """Longest time for a trial [s]."""
@@ -21,7 +21,7 @@ def why_not() -> str:
     """Why there is no sandbox on this machine, and what to do, in half a line; empty: it works."""
     if shutil.which(PROGRAM) is None:
         return f"no {PROGRAM} on this machine; {INSTALL}"
-    with Sandboxed(["true"], View(folder=SCRATCH)) as trial:
+    with Sandboxed(["true"], SandboxView(folder=SCRATCH)) as trial:
         try:
             done = subprocess.run(
                 trial.words,

@@ -15,7 +15,7 @@ from typing import IO, NoReturn, Self
 from twin.base.process import PARENT_VARIABLE, UNKNOWN, spawn
 from twin.sandbox.inside import INSIDE_VARIABLE, PROCESSES_MAX
 from twin.sandbox.system_calls import filter_of
-from twin.sandbox.view import View, arguments, environment
+from twin.sandbox.view import SandboxView, arguments, environment
 
 PROGRAM = "bwrap"
 """The command of bubblewrap."""
@@ -34,7 +34,7 @@ SIGNAL_CODES_MIN = 128
 class Sandboxed:
     """A command line that starts ``command`` in a sandbox, while the block lasts."""
 
-    def __init__(self, command: Sequence[str], view: View) -> None:
+    def __init__(self, command: Sequence[str], view: SandboxView) -> None:
         """Say what is to run, and what it sees."""
         self._filter = filter_of(platform.machine(), containers=view.containers)
         self._command, self._view = list(command), view
@@ -77,7 +77,7 @@ class Sandboxed:
         return [*_UNSIGNALLED, PROGRAM, *arguments(self._view), *calls, "--", *self._command]
 
 
-def enter(command: Sequence[str], view: View) -> NoReturn:
+def enter(command: Sequence[str], view: SandboxView) -> NoReturn:
     """Become ``command`` in a sandbox.
 
     Raises:
@@ -130,7 +130,7 @@ class Entering(Inside):
         subprocess.Popen.kill(self)
 
 
-def spawn_inside(command: Sequence[str], view: View, log: IO[bytes]) -> Inside:
+def spawn_inside(command: Sequence[str], view: SandboxView, log: IO[bytes]) -> Inside:
     """:func:`twin.base.process.spawn` in a sandbox. Only from the main thread."""
     with Sandboxed(command, view) as box:
         child = spawn(

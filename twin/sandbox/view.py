@@ -63,7 +63,7 @@ PASSED_PREFIXES = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class SandboxView:
     """What is seen, and what is shared with the host."""
 
     readable: Sequence[Path] = ()
@@ -89,21 +89,21 @@ class View:
         return self.device.startswith("cuda")
 
 
-def encode(view: View) -> str:
+def encode(view: SandboxView) -> str:
     """As JSON, for a process that enters the sandbox later."""
     content = {each.name: getattr(view, each.name) for each in fields(view)}
     return json.dumps({**content, "variables": dict(view.variables)}, default=str)
 
 
-def decode(text: str) -> View:
+def decode(text: str) -> SandboxView:
     """What :func:`encode` wrote; nobody but a worker gives it."""
     given: dict[str, Any] = json.loads(text)
     for name in ("readable", "writable", "hidden"):
         given[name] = [Path(each) for each in given[name]]
-    return View(**{**given, "folder": Path(given["folder"])})
+    return SandboxView(**{**given, "folder": Path(given["folder"])})
 
 
-def arguments(view: View) -> list[str]:
+def arguments(view: SandboxView) -> list[str]:
     """The words between ``bwrap`` and the command, but for the filter of system calls."""
     own = [kind for name, kind in KINDS.items() if name not in view.shared]
     words = [f"--unshare-{kind}" for kind in ("user", "uts", *own)] + ["--unshare-cgroup-try"]
@@ -146,7 +146,7 @@ def arguments(view: View) -> list[str]:
     return [*words, "--remount-ro", "/dev", "--remount-ro", "/", "--chdir", str(folder)]
 
 
-def working_folder(view: View) -> Path:
+def working_folder(view: SandboxView) -> Path:
     """The working folder of ``view``, or the scratch where that would hide the system or files that
     are to be read."""
     fixed = [Path(each) for each in (*SYSTEM, "/proc", "/dev", "/sys", "/etc")]
@@ -167,7 +167,7 @@ def _gpu() -> list[str]:
     return words
 
 
-def environment(view: View, given: Mapping[str, str]) -> dict[str, str]:
+def environment(view: SandboxView, given: Mapping[str, str]) -> dict[str, str]:
     """The variables inside; what else is ``given`` stays outside, such as tokens of a cloud."""
     passed = {
         name: value

@@ -15,7 +15,7 @@ from schemas.identity import stream_key
 from schemas.messages import CameraSite, LidarSite, Lights
 from schemas.sections.lidar import lidar_columns
 from twin.actors.motion import Placement
-from twin.fabric.frames import Channel
+from twin.fabric.frames import FrameChannel
 from twin.render.camera import RayCamera
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.memory import check_free, free_bytes
@@ -50,7 +50,7 @@ class Moment:
     """bool [S]"""
 
 
-def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[Channel]:
+def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[FrameChannel]:
     """The arrays of a rig's cameras and lidars, large enough to be worth sharing.
 
     Raises:
@@ -59,13 +59,13 @@ def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[Channel]:
     channels = []
     for camera, suffix in _cameras(case):
         size = (slots, camera.height, camera.width)
-        channels.append(Channel(f"camera{suffix}", (*size, 3), "|u1"))
+        channels.append(FrameChannel(f"camera{suffix}", (*size, 3), "|u1"))
         for output in camera.outputs:
             shape = (*size, *_DEPTHS.get(output, ()))
-            channels.append(Channel(f"{output}{suffix}", shape, _DTYPES[output]))
+            channels.append(FrameChannel(f"{output}{suffix}", shape, _DTYPES[output]))
     for site in lidar_sites(case, vehicle):
         shape = (slots, site.channels * site.columns, len(site.fields))
-        channels.append(Channel(site.message, shape, "<f4"))
+        channels.append(FrameChannel(site.message, shape, "<f4"))
     return channels
 
 

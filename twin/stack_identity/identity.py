@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from schemas.identity import digest
-from schemas.sections.foreign import Foreign, Image
+from schemas.sections.foreign import ContainerImage, Foreign
 from schemas.sections.stack_identity import IMAGE, StackIdentity, StackSource, difference
 from twin.base.errors import RefusedError, UsageError
 from twin.stack_identity.command import CommandFiles
@@ -46,7 +46,7 @@ class Named:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class StackFiles:
     """A stack's files as they are here."""
 
     identity: StackIdentity
@@ -54,7 +54,7 @@ class Found:
     """Every file that counts, links resolved."""
 
 
-def find_stack(named: Named, *, image: bool = True) -> Found:
+def find_stack(named: Named, *, image: bool = True) -> StackFiles:
     """Locate and read the files of a stack; nothing of it is run.
 
     Args:
@@ -75,7 +75,7 @@ def find_stack(named: Named, *, image: bool = True) -> Found:
             known["autonomy.repository"] = digest(pinned)
     known |= {name: content_digest(path) for name, path in files.items()}
     known |= {f"installed/{name}": sha for name, sha in contents(distributions).items()}
-    return Found(identity_of(known), frozenset(path.resolve() for path in files.values()))
+    return StackFiles(identity_of(known), frozenset(path.resolve() for path in files.values()))
 
 
 def stack_files(named: Named) -> list[tuple[str, Path]]:
@@ -125,7 +125,7 @@ def named_files(values: Iterable[Any]) -> dict[str, str]:
     return known
 
 
-def confirm(named: Named, source: StackSource, parameters: Mapping[str, Any]) -> Found | None:
+def confirm(named: Named, source: StackSource, parameters: Mapping[str, Any]) -> StackFiles | None:
     """Compare the stack here with the one of the submission; None: nothing is known of that.
 
     Args:
@@ -224,7 +224,7 @@ def _parameter(value: str, budget: Budget) -> dict[str, Path]:
     return named_path(value, path, budget) if is_path else {}
 
 
-def _image(image: Image) -> dict[str, str]:
+def _image(image: ContainerImage) -> dict[str, str]:
     """The content of a container image, or podman's id of it; nothing: it cannot be had here."""
     path = Path(image.path)
     if path.is_file():

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from twin.base.errors import RefusedError
-from twin.stack_identity.identity import Found
+from twin.stack_identity.identity import StackFiles
 from twin.stack_identity.imports import OURS, is_standard
 from twin.stack_identity.installed import claimants
 
@@ -14,7 +14,7 @@ from twin.stack_identity.installed import claimants
 class LoadedModules:
     """Watches that this process loads no module of the stack whose content does not count."""
 
-    def __init__(self, found: Found, shown: str) -> None:
+    def __init__(self, found: StackFiles, shown: str) -> None:
         """From now on; ``shown``: the stack, in messages."""
         self._counted = found.paths
         self._shown = shown

@@ -12,7 +12,7 @@ POINTS_MAX = 800
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class CheckCurve:
     """A curve for the page."""
 
     x: np.ndarray
@@ -22,7 +22,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class ManoeuvreCheck:
     """A figure of a manoeuvre against its reference."""
 
     name: str
@@ -35,7 +35,7 @@ class Check:
     source: str
     """Where the reference comes from."""
     kind: Literal["equals", "at most"] = "equals"
-    series: tuple[Series, ...] = field(default=(), compare=False)
+    series: tuple[CheckCurve, ...] = field(default=(), compare=False)
 
     @property
     def difference(self) -> float:
@@ -64,7 +64,7 @@ class Check:
         }
 
 
-def thinned(x: np.ndarray, y: np.ndarray, x_title: str, y_title: str) -> Series:
+def thinned(x: np.ndarray, y: np.ndarray, x_title: str, y_title: str) -> CheckCurve:
     """A curve with at most :data:`POINTS_MAX` points."""
     step = max(1, len(x) // POINTS_MAX)
-    return Series(x[::step].copy(), y[::step].copy(), x_title, y_title)
+    return CheckCurve(x[::step].copy(), y[::step].copy(), x_title, y_title)

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from twin.validate.check import Check, thinned
-from twin.validate.track import Pedals, Run, drive
+from twin.validate.check import ManoeuvreCheck, thinned
+from twin.validate.track import DriverInput, ManoeuvreRun, drive
 from twin.vehicle.model import GRAVITY_MPS2, corner_points
 from twin.vehicle.state import COLUMN
-from twin.vehicle.vehicle_file import Curve, Vehicle
+from twin.vehicle.vehicle_file import TyreCurve, Vehicle
 
 _SPEED, _YAW_RATE = COLUMN["speed_mps"], COLUMN["yaw_rate_radps"]
 RADIUS_M = 100.0
@@ -24,7 +24,7 @@ def cruise(speed_mps: float, state: np.ndarray) -> float:
     return float(np.clip(0.3 + 0.8 * (speed_mps - state[_SPEED]), 0.0, 1.0))
 
 
-def turning_radius(vehicle: Vehicle) -> list[Check]:
+def turning_radius(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Walking pace: the rear axle's middle turns on L / tan delta (Ackermann)."""
     if vehicle.steering.ackermann < 1.0:
         return []
@@ -32,15 +32,15 @@ def turning_radius(vehicle: Vehicle) -> list[Check]:
     for share in (0.3, 1.0):
         steering = share * vehicle.steering.max_rad
 
-        def driver(_time_s: float, state: np.ndarray, steering: float = steering) -> Pedals:
-            return Pedals(throttle=cruise(1.2, state), steering_rad=steering)
+        def driver(_time_s: float, state: np.ndarray, steering: float = steering) -> DriverInput:
+            return DriverInput(throttle=cruise(1.2, state), steering_rad=steering)
 
         run = drive(vehicle, driver, 10.0, speed_mps=1.2)
         tail = run.states[len(run.states) // 2 :]
         radius = float((tail[:, _SPEED] / tail[:, _YAW_RATE]).mean())
         path = thinned(run.column("x_m"), run.column("y_m"), "x [m]", "y [m]")
         found.append(
-            Check(
+            ManoeuvreCheck(
                 f"turning radius at {steering:.2f} rad",
                 "m",
                 radius,
@@ -54,11 +54,13 @@ def turning_radius(vehicle: Vehicle) -> list[Check]:
     if circle is not None:
         outer = math.hypot(radius + vehicle.track_m / 2, vehicle.wheelbase_m)
         source = "reference.turning_circle_m"
-        found.append(Check("turning circle, outer wheel", "m", 2 * outer, circle, 0.02, source))
+        found.append(
+            ManoeuvreCheck("turning circle, outer wheel", "m", 2 * outer, circle, 0.02, source)
+        )
     return found
 
 
-def _slip_at(curve: Curve, force: float) -> float:
+def _slip_at(curve: TyreCurve, force: float) -> float:
     """Slip at which a tyre gives ``force`` over its load, on the rising part of its curve."""
     s = np.linspace(0.0, 1.0, 20_001)
     k = curve.shape
@@ -92,22 +94,22 @@ def expected_steering(vehicle: Vehicle, accel_mps2: float, radius_m: float) -> f
     return vehicle.wheelbase_m / radius_m + slip
 
 
-def steady_corner(vehicle: Vehicle, accel_mps2: float) -> Run:
+def steady_corner(vehicle: Vehicle, accel_mps2: float) -> ManoeuvreRun:
     """Round a circle of :data:`RADIUS_M` at the speed for ``accel_mps2``, with a steady hand."""
     speed = math.sqrt(accel_mps2 * RADIUS_M)
     steering = vehicle.wheelbase_m / RADIUS_M
 
-    def driver(_time_s: float, state: np.ndarray) -> Pedals:
+    def driver(_time_s: float, state: np.ndarray) -> DriverInput:
         nonlocal steering
         if state[_SPEED] > 1.0:
             error = 1.0 / RADIUS_M - state[_YAW_RATE] / state[_SPEED]
             steering += 0.02 * vehicle.wheelbase_m * error
-        return Pedals(throttle=cruise(speed, state), steering_rad=steering)
+        return DriverInput(throttle=cruise(speed, state), steering_rad=steering)
 
     return drive(vehicle, driver, 12.0, speed_mps=speed, every=10)
 
 
-def understeer(vehicle: Vehicle) -> list[Check]:
+def understeer(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """ISO 4138: slope of the steering angle over lateral acceleration on a circle of 100 m."""
     measured, accels = [], []
     for accel in ACCELERATIONS_MPS2:
@@ -123,7 +125,7 @@ def understeer(vehicle: Vehicle) -> list[Check]:
     accel_title = "lateral acceleration [m/s^2]"
     curve = thinned(np.array(accels), np.array(measured), accel_title, "steering [deg]")
     return [
-        Check(
+        ManoeuvreCheck(
             "understeer gradient, ISO 4138",
             "deg s^2/m",
             slope,
@@ -135,21 +137,21 @@ def understeer(vehicle: Vehicle) -> list[Check]:
     ]
 
 
-def step_steer(vehicle: Vehicle) -> tuple[Run, float, float]:
+def step_steer(vehicle: Vehicle) -> tuple[ManoeuvreRun, float, float]:
     """80 km/h, a step to 2 degrees, coasting: the run, yaw rate after 2 s [rad/s], rise time [s].
 
     The rise time is that to 90 % of the yaw rate after 2 s.
     """
 
-    def driver(_time_s: float, _state: np.ndarray) -> Pedals:
-        return Pedals(steering_rad=STEP_RAD, selector=0.0)
+    def driver(_time_s: float, _state: np.ndarray) -> DriverInput:
+        return DriverInput(steering_rad=STEP_RAD, selector=0.0)
 
     run = drive(vehicle, driver, 2.0, speed_mps=STEP_SPEED_MPS, every=1)
     rate = run.column("yaw_rate_radps")
     return run, float(rate[-1]), float(run.time_s[int(np.argmax(rate >= 0.9 * rate[-1]))])
 
 
-def step_response(vehicle: Vehicle) -> list[Check]:
+def step_response(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """The step steer against the file's figures of a multi-body model."""
     rate = vehicle.reference.step_steer_yaw_rate_degps
     rise = vehicle.reference.step_steer_rise_s
@@ -160,7 +162,7 @@ def step_response(vehicle: Vehicle) -> list[Check]:
     curve = thinned(run.time_s, degrees, "time [s]", "yaw rate [deg/s]")
     where = "step to 2 deg at 80 km/h"
     return [
-        Check(
+        ManoeuvreCheck(
             f"yaw rate, {where}",
             "deg/s",
             math.degrees(found),
@@ -169,5 +171,7 @@ def step_response(vehicle: Vehicle) -> list[Check]:
             "reference.step_steer_yaw_rate_degps",
             series=(curve,),
         ),
-        Check(f"rise time, {where}", "s", time_s, rise, 0.15, "reference.step_steer_rise_s"),
+        ManoeuvreCheck(
+            f"rise time, {where}", "s", time_s, rise, 0.15, "reference.step_steer_rise_s"
+        ),
     ]

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from twin.validate.check import Check, Series
+from twin.validate.check import CheckCurve, ManoeuvreCheck
 from twin.vehicle.vehicle_file import Vehicle
 
 _TEMPLATE = """<!doctype html>
@@ -44,7 +44,7 @@ Total mass {{ "%.0f" | format(vehicle.mass_kg) }} kg, wheelbase {{ vehicle.wheel
 """
 
 
-def _figure(title: str, series: Series) -> Markup:
+def _figure(title: str, series: CheckCurve) -> Markup:
     figure = go.Figure(go.Scatter(x=series.x.tolist(), y=series.y.tolist(), mode="lines"))
     figure.update_layout(
         title={"text": title, "font": {"size": 14}},
@@ -62,7 +62,7 @@ def _figure(title: str, series: Series) -> Markup:
     return Markup(text[1:-1].replace("<", "\\u003c"))
 
 
-def render(vehicle: Vehicle, checks: list[Check]) -> str:
+def render(vehicle: Vehicle, checks: list[ManoeuvreCheck]) -> str:
     """The page."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     figures = [
@@ -75,7 +75,7 @@ def render(vehicle: Vehicle, checks: list[Check]) -> str:
     )
 
 
-def write(folder: Path, vehicle: Vehicle, checks: list[Check]) -> Path:
+def write(folder: Path, vehicle: Vehicle, checks: list[ManoeuvreCheck]) -> Path:
     """Write ``FOLDER/NAME.html`` and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{vehicle.vehicle}.html"

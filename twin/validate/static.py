@@ -7,8 +7,8 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from twin.validate.check import Check, thinned
-from twin.validate.track import Pedals, drive
+from twin.validate.check import ManoeuvreCheck, thinned
+from twin.validate.track import DriverInput, drive
 from twin.vehicle.model import GRAVITY_MPS2
 from twin.vehicle.state import COLUMN, columns
 from twin.vehicle.vehicle_file import Vehicle
@@ -18,19 +18,19 @@ _STIFF_N_PER_M = 3.0e6
 _WHEEL = ("front left", "front right", "rear left", "rear right")
 
 
-def static_sag(vehicle: Vehicle) -> list[Check]:
+def static_sag(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Let the vehicle settle from 5 mm above its place; corner sag is M_i g / K_i = g / w_n^2."""
 
     def lift(state: np.ndarray) -> None:
         state[COLUMN["com_z_m"]] += 0.005
 
-    run = drive(vehicle, lambda _t, _s: Pedals(brake=1.0), 6.0, start=lift, every=25)
+    run = drive(vehicle, lambda _t, _s: DriverInput(brake=1.0), 6.0, start=lift, every=25)
     found = []
     for wheel, name in enumerate(_WHEEL):
         axle = vehicle.front if wheel < 2 else vehicle.rear
         sag = run.field("suspension")[:, wheel]
         found.append(
-            Check(
+            ManoeuvreCheck(
                 f"static sag, {name}",
                 "mm",
                 1e3 * float(sag[-1]),
@@ -59,7 +59,7 @@ def heave_frequency(time_s: np.ndarray, z_m: np.ndarray) -> tuple[float, float]:
     return frequency, damping / (2 * frequency)
 
 
-def free_heave(vehicle: Vehicle) -> list[Check]:
+def free_heave(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Drop the body by 20 mm onto one axle's springs, all four alike, on stiff tyres."""
     found = []
     for axle in ("front", "rear"):
@@ -78,7 +78,7 @@ def free_heave(vehicle: Vehicle) -> list[Check]:
             state[COLUMN["com_z_m"]] -= 0.02
             state[columns("suspension")] += 0.02
 
-        run = drive(alike, lambda _t, _s: Pedals(brake=1.0), 2.0, start=drop, every=1)
+        run = drive(alike, lambda _t, _s: DriverInput(brake=1.0), 2.0, start=drop, every=1)
         z = run.field("suspension").mean(axis=1)
         z = z - GRAVITY_MPS2 / spring.natural_frequency_radps**2
         # The wheels have come to rest on their tyres by then.
@@ -86,7 +86,7 @@ def free_heave(vehicle: Vehicle) -> list[Check]:
         frequency, ratio = heave_frequency(run.time_s[late], z[late])
         curve = thinned(run.time_s, 1e3 * z, "time [s]", f"heave on {axle} springs [mm]")
         found += [
-            Check(
+            ManoeuvreCheck(
                 f"heave frequency, {axle} springs",
                 "rad/s",
                 frequency,
@@ -95,7 +95,7 @@ def free_heave(vehicle: Vehicle) -> list[Check]:
                 "w_n of the file",
                 series=(curve,),
             ),
-            Check(
+            ManoeuvreCheck(
                 f"heave damping, {axle} springs",
                 "-",
                 ratio,

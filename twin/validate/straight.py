@@ -7,8 +7,8 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from twin.validate.check import Check, Series, thinned
-from twin.validate.track import Pedals, Run, drive
+from twin.validate.check import CheckCurve, ManoeuvreCheck, thinned
+from twin.validate.track import DriverInput, ManoeuvreRun, drive
 from twin.vehicle.model import AIR_DENSITY_KGPM3, GRAVITY_MPS2, MPH_60_MPS
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
@@ -18,24 +18,24 @@ DRY = 0.85
 _SPEED = COLUMN["speed_mps"]
 
 
-def _speed_curve(run: Run) -> tuple[Series, ...]:
+def _speed_curve(run: ManoeuvreRun) -> tuple[CheckCurve, ...]:
     return (thinned(run.time_s, run.column("speed_mps"), "time [s]", "speed [m/s]"),)
 
 
-def stop(vehicle: Vehicle, speed_mps: float, friction: float) -> Run:
+def stop(vehicle: Vehicle, speed_mps: float, friction: float) -> ManoeuvreRun:
     """Full pedal from ``speed_mps`` until the vehicle stands."""
 
-    def driver(_time_s: float, state: np.ndarray) -> Pedals | None:
-        return None if state[COLUMN["held"]] else Pedals(brake=1.0)
+    def driver(_time_s: float, state: np.ndarray) -> DriverInput | None:
+        return None if state[COLUMN["held"]] else DriverInput(brake=1.0)
 
     return drive(vehicle, driver, 60.0, speed_mps=speed_mps, friction=friction)
 
 
-def braking_60mph(vehicle: Vehicle) -> list[Check]:
+def braking_60mph(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """60 mph to rest on a dry road against the calibrated distance."""
     run = stop(vehicle, MPH_60_MPS, DRY)
     return [
-        Check(
+        ManoeuvreCheck(
             f"braking from 60 mph, friction {DRY:g}",
             "m",
             float(run.end[COLUMN["x_m"]]),
@@ -47,14 +47,20 @@ def braking_60mph(vehicle: Vehicle) -> list[Check]:
     ]
 
 
-def braking_fmvss135(vehicle: Vehicle) -> list[Check]:
+def braking_fmvss135(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """100 km/h to rest within 70 m."""
     run = stop(vehicle, 100 / 3.6, DRY)
     distance = float(run.end[COLUMN["x_m"]])
-    return [Check("braking from 100 km/h", "m", distance, 70.0, 0.0, "FMVSS 135 S7.5", "at most")]
+    return [
+        ManoeuvreCheck(
+            "braking from 100 km/h", "m", distance, 70.0, 0.0, "FMVSS 135 S7.5", "at most"
+        )
+    ]
 
 
-def braking_on(vehicle: Vehicle, frictions: tuple[float, ...] = (0.8, 0.5, 0.2)) -> list[Check]:
+def braking_on(
+    vehicle: Vehicle, frictions: tuple[float, ...] = (0.8, 0.5, 0.2)
+) -> list[ManoeuvreCheck]:
     """Tyre-limited stops with ABS from 80 km/h, brakes applied at once: v^2 / (2 mu g).
 
     mu is the road's friction times the tyres' extremum.
@@ -71,7 +77,7 @@ def braking_on(vehicle: Vehicle, frictions: tuple[float, ...] = (0.8, 0.5, 0.2))
     for friction in frictions:
         run = stop(ready, speed, friction)
         found.append(
-            Check(
+            ManoeuvreCheck(
                 f"ABS stop from 80 km/h, friction {friction:g}",
                 "m",
                 float(run.end[COLUMN["x_m"]]),
@@ -84,19 +90,19 @@ def braking_on(vehicle: Vehicle, frictions: tuple[float, ...] = (0.8, 0.5, 0.2))
     return found
 
 
-def zero_to_60mph(vehicle: Vehicle) -> list[Check]:
+def zero_to_60mph(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Full throttle from rest, against the file's cited figure."""
     reference = vehicle.reference.zero_to_60mph_s
     if reference is None:
         return []
 
-    def driver(_time_s: float, state: np.ndarray) -> Pedals | None:
-        return None if state[_SPEED] >= MPH_60_MPS else Pedals(throttle=1.0)
+    def driver(_time_s: float, state: np.ndarray) -> DriverInput | None:
+        return None if state[_SPEED] >= MPH_60_MPS else DriverInput(throttle=1.0)
 
     run = drive(vehicle, driver, 60.0, friction=DRY, every=1)
     rpm = thinned(run.time_s, run.column("rpm"), "time [s]", "engine speed [rpm]")
     return [
-        Check(
+        ManoeuvreCheck(
             "0 to 60 mph",
             "s",
             float(run.time_s[-1]),
@@ -108,7 +114,9 @@ def zero_to_60mph(vehicle: Vehicle) -> list[Check]:
     ]
 
 
-def coast_down(vehicle: Vehicle, fast_mps: float = 30.0, slow_mps: float = 10.0) -> list[Check]:
+def coast_down(
+    vehicle: Vehicle, fast_mps: float = 30.0, slow_mps: float = 10.0
+) -> list[ManoeuvreCheck]:
     """Out of gear from fast to slow: m v dv/dx = -(c v^2 + r) integrated."""
     wheels = vehicle.wheels
     drag = 0.5 * AIR_DENSITY_KGPM3 * vehicle.aero.idle_m2
@@ -118,12 +126,12 @@ def coast_down(vehicle: Vehicle, fast_mps: float = 30.0, slow_mps: float = 10.0)
     inertia = vehicle.mass_kg + 4 * wheels.inertia_kgm2 / wheels.radius_m**2
     ratio = (drag * fast_mps**2 + rolling) / (drag * slow_mps**2 + rolling)
 
-    def driver(_time_s: float, state: np.ndarray) -> Pedals | None:
-        return None if state[_SPEED] <= slow_mps else Pedals(selector=0.0)
+    def driver(_time_s: float, state: np.ndarray) -> DriverInput | None:
+        return None if state[_SPEED] <= slow_mps else DriverInput(selector=0.0)
 
     run = drive(vehicle, driver, 300.0, speed_mps=fast_mps, friction=DRY)
     return [
-        Check(
+        ManoeuvreCheck(
             f"coast-down from {fast_mps:g} to {slow_mps:g} m/s",
             "m",
             float(run.end[COLUMN["x_m"]]),

@@ -8,10 +8,10 @@ from typing import Any
 from rich.table import Table
 
 from twin.validate import cornering, static, straight
-from twin.validate.check import Check
+from twin.validate.check import ManoeuvreCheck
 from twin.vehicle.vehicle_file import Vehicle
 
-MANOEUVRES: tuple[Callable[[Vehicle], list[Check]], ...] = (
+MANOEUVRES: tuple[Callable[[Vehicle], list[ManoeuvreCheck]], ...] = (
     static.static_sag,
     static.free_heave,
     straight.braking_60mph,
@@ -26,12 +26,12 @@ MANOEUVRES: tuple[Callable[[Vehicle], list[Check]], ...] = (
 """Each drives one kind of manoeuvre; none for which the file has no reference."""
 
 
-def validate(vehicle: Vehicle) -> list[Check]:
+def validate(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Drive all manoeuvres."""
     return [check for manoeuvre in MANOEUVRES for check in manoeuvre(vehicle)]
 
 
-def to_table(vehicle: Vehicle, checks: list[Check]) -> Table:
+def to_table(vehicle: Vehicle, checks: list[ManoeuvreCheck]) -> Table:
     """The checks, one row each."""
     table = Table(title=f"{vehicle.vehicle}: manoeuvres against references", title_justify="left")
     for name in ("manoeuvre", "value", "reference", "unit", "difference", "allowed", ""):
@@ -51,7 +51,7 @@ def to_table(vehicle: Vehicle, checks: list[Check]) -> Table:
     return table
 
 
-def to_json(vehicle: Vehicle, checks: list[Check]) -> dict[str, Any]:
+def to_json(vehicle: Vehicle, checks: list[ManoeuvreCheck]) -> dict[str, Any]:
     """The checks without their curves."""
     return {
         "vehicle": vehicle.vehicle,

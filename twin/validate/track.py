@@ -19,7 +19,7 @@ CONTROL_STEPS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Pedals:
+class DriverInput:
     """What a driver asks for."""
 
     throttle: float = 0.0
@@ -29,12 +29,12 @@ class Pedals:
     selector: float = 1.0
 
 
-Driver = Callable[[float, np.ndarray], Pedals | None]
+Driver = Callable[[float, np.ndarray], DriverInput | None]
 """Time [s] and state [T] -> pedals; None: the manoeuvre is over."""
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ManoeuvreRun:
     """A manoeuvre as it was driven."""
 
     time_s: np.ndarray
@@ -65,7 +65,7 @@ def drive(
     start: Callable[[np.ndarray], None] | None = None,
     device: str = "cpu",
     every: int = CONTROL_STEPS,
-) -> Run:
+) -> ManoeuvreRun:
     """Drive until the driver has had enough or time is up.
 
     Args:
@@ -96,4 +96,4 @@ def drive(
     fault = fleet.fault(0)
     if fault:
         raise ValueError(f"{vehicle.vehicle}: {fault}, after {len(states) * every * STEP_S:g} s")
-    return Run(np.arange(len(states)) * every * STEP_S, np.array(states))
+    return ManoeuvreRun(np.arange(len(states)) * every * STEP_S, np.array(states))

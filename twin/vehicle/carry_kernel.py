@@ -9,7 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.vehicle.chassis import observe
-from twin.vehicle.kernel import Scene, measure, mover_contacts, vehicle_contacts
+from twin.vehicle.kernel import VehicleScene, measure, mover_contacts, vehicle_contacts
 from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.state import VehicleState
 
@@ -54,7 +54,7 @@ def _rate(a: wp.quatd, b: wp.quatd, time_s: wp.float64) -> wp.vec3d:
 def carry_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
-    scene: Scene,
+    scene: VehicleScene,
     # args
     steps: wp.int32,
     first_step: wp.array(dtype=wp.int32),

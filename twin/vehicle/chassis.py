@@ -41,7 +41,7 @@ _REACH = wp.constant(wp.float64(0.7))
 
 
 @wp.struct
-class Command:
+class VehicleCommand:
     """What is asked of a vehicle; see :data:`twin.vehicle.powertrain.COMMANDS`."""
 
     throttle: wp.float64
@@ -216,7 +216,7 @@ def advance(
     m: VehicleModel,
     ground: Ground,
     before: VehicleState,
-    c: Command,
+    c: VehicleCommand,
     friction: wp.float64,
     wind: wp.vec2d,
 ) -> VehicleState:

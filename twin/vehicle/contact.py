@@ -23,7 +23,7 @@ _REBOUND_MIN_MPS = wp.constant(wp.float64(0.3))
 
 
 @wp.struct
-class Box:
+class RigidBox:
     """A hull as a rigid body in the plane; walls have inverse masses of 0."""
 
     x: wp.float64
@@ -47,8 +47,8 @@ class Box:
 class Meeting:
     """Two boxes after their contact."""
 
-    a: Box
-    b: Box
+    a: RigidBox
+    b: RigidBox
     touched: wp.bool
     speed: wp.float64
     """Relative speed of the hulls at the point, before the impulse [m/s]."""
@@ -59,7 +59,7 @@ class Meeting:
 
 
 @wp.func
-def hull_of(a: Box) -> Hull:
+def hull_of(a: RigidBox) -> Hull:
     """The hull of a body."""
     c = wp.cos(a.yaw)
     s = wp.sin(a.yaw)
@@ -114,7 +114,9 @@ def _point(r: Hull, i: Hull, nx: wp.float64, ny: wp.float64, own: wp.float64) ->
 
 
 @wp.func
-def _impulse(a: Box, b: Box, px: wp.float64, py: wp.float64, nx: wp.float64, ny: wp.float64):
+def _impulse(
+    a: RigidBox, b: RigidBox, px: wp.float64, py: wp.float64, nx: wp.float64, ny: wp.float64
+):
     """Impulse on ``b`` (``a`` gets its opposite) at a point with normal n from a to b [N s]."""
     rax = px - a.x
     ray = py - a.y
@@ -156,7 +158,7 @@ def _impulse(a: Box, b: Box, px: wp.float64, py: wp.float64, nx: wp.float64, ny:
 
 
 @wp.func
-def _push(a: Box, px: wp.float64, py: wp.float64, jx: wp.float64, jy: wp.float64) -> Box:
+def _push(a: RigidBox, px: wp.float64, py: wp.float64, jx: wp.float64, jy: wp.float64) -> RigidBox:
     b = a
     b.vx = a.vx + jx * a.inverse_mass
     b.vy = a.vy + jy * a.inverse_mass
@@ -165,7 +167,7 @@ def _push(a: Box, px: wp.float64, py: wp.float64, jx: wp.float64, jy: wp.float64
 
 
 @wp.func
-def extent_of(b: Box) -> wp.float64:
+def extent_of(b: RigidBox) -> wp.float64:
     """No corner of the hull is farther from the box's place than this [m]."""
     return b.half_length + b.half_width + wp.abs(b.offset)
 
@@ -179,13 +181,13 @@ def in_reach(
 
 
 @wp.func
-def near(a: Box, b: Box) -> wp.bool:
+def near(a: RigidBox, b: RigidBox) -> wp.bool:
     """:func:`in_reach` of two boxes."""
     return in_reach(a.x, a.y, b.x, b.y, extent_of(a) + extent_of(b))
 
 
 @wp.func
-def meet(a: Box, b: Box) -> Meeting:
+def meet(a: RigidBox, b: RigidBox) -> Meeting:
     """Contact of two boxes; they come back unchanged where they do not touch."""
     m = Meeting()
     m.a = a

@@ -65,7 +65,7 @@ class Fleet:
         self._models = wp.array(self._host_models, dtype=VehicleModel, device=device)
         self._ground = ground or FlatGround(device)
         step_s = PHYSICS_STEP_NS / 1e9
-        scene = kernel.Scene()
+        scene = kernel.VehicleScene()
         scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
         scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
         kinds = [prop_model(kind, step_s) for kind in props]

@@ -33,7 +33,7 @@ class Ground:
 
 
 @wp.struct
-class Surface:
+class GroundPoint:
     """The ground below a point: height [m], unit normal, grip [-]."""
 
     height: wp.float64
@@ -48,13 +48,13 @@ def _corner(mesh: wp.uint64, index: wp.int32) -> wp.vec3d:
 
 
 @wp.func
-def surface_below(ground: Ground, p: wp.vec3d) -> Surface:
+def surface_below(ground: Ground, p: wp.vec3d) -> GroundPoint:
     """The ground straight below ``p``; far below where there is none.
 
     The ray only finds the face: height and normal follow from its corners in double precision, so
     a level mesh at z = 0 gives exactly the plane's values.
     """
-    s = Surface()
+    s = GroundPoint()
     s.normal = wp.vec3d(_ZERO, _ZERO, _ONE)
     s.grip = _ONE
     if ground.flat != 0:

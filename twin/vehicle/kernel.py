@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.vehicle.chassis import Command, advance, observe
-from twin.vehicle.contact import Box, Meeting, extent_of, hull_of, in_reach, meet, near
+from twin.vehicle.chassis import VehicleCommand, advance, observe
+from twin.vehicle.contact import Meeting, RigidBox, extent_of, hull_of, in_reach, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
 from twin.vehicle.hull import hull_at, overlap, separation
@@ -47,7 +47,7 @@ _ONE = wp.constant(wp.float64(1.0))
 
 
 @wp.struct
-class Scene:
+class VehicleScene:
     """What a slot's vehicles share; counts may be 0."""
 
     colliders: wp.array2d(dtype=wp.float64)
@@ -61,8 +61,8 @@ class Scene:
 
 
 @wp.func
-def _vehicle_box(m: VehicleModel, s: VehicleState) -> Box:
-    b = Box()
+def _vehicle_box(m: VehicleModel, s: VehicleState) -> RigidBox:
+    b = RigidBox()
     b.x = s.com[0]
     b.y = s.com[1]
     b.yaw = s.yaw
@@ -80,8 +80,8 @@ def _vehicle_box(m: VehicleModel, s: VehicleState) -> Box:
 
 
 @wp.func
-def _wall_box(colliders: wp.array2d(dtype=wp.float64), k: int) -> Box:
-    b = Box()
+def _wall_box(colliders: wp.array2d(dtype=wp.float64), k: int) -> RigidBox:
+    b = RigidBox()
     b.x = colliders[k, 0]
     b.y = colliders[k, 1]
     b.yaw = colliders[k, 2]
@@ -93,9 +93,11 @@ def _wall_box(colliders: wp.array2d(dtype=wp.float64), k: int) -> Box:
 
 
 @wp.func
-def _mover_box(movers: wp.array3d(dtype=wp.float64), slot: int, k: int, since: wp.float64) -> Box:
+def _mover_box(
+    movers: wp.array3d(dtype=wp.float64), slot: int, k: int, since: wp.float64
+) -> RigidBox:
     """A scripted object ``since`` seconds after its hull was written; nothing stops it."""
-    b = Box()
+    b = RigidBox()
     b.vx = movers[slot, k, 5]
     b.vy = movers[slot, k, 6]
     b.rate = movers[slot, k, 7]
@@ -152,11 +154,11 @@ def _note(
 @wp.func
 def _touch(
     m: VehicleModel,
-    scene: Scene,
+    scene: VehicleScene,
     states: wp.array2d(dtype=VehicleState),
     slot: int,
     v: int,
-    box: Box,
+    box: RigidBox,
     new: wp.bool,
     now: wp.float64,
 ):
@@ -180,7 +182,7 @@ def _touch(
 
 
 @wp.func
-def _blocked(scene: Scene, b: Box) -> wp.bool:
+def _blocked(scene: VehicleScene, b: RigidBox) -> wp.bool:
     """Whether a prop stands in a wall."""
     for k in range(scene.colliders.shape[0]):
         wall = _wall_box(scene.colliders, k)
@@ -190,7 +192,7 @@ def _blocked(scene: Scene, b: Box) -> wp.bool:
 
 
 @wp.func
-def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
+def _meet_prop(scene: VehicleScene, a: RigidBox, b: RigidBox) -> Meeting:
     """Contact of a vehicle and a prop; a prop that would be pushed into a wall is as hard as it."""
     t = meet(a, b)
     if t.touched and _blocked(scene, t.b):
@@ -207,7 +209,7 @@ def _meet_prop(scene: Scene, a: Box, b: Box) -> Meeting:
 @wp.func
 def vehicle_contacts(
     models: wp.array(dtype=VehicleModel),
-    scene: Scene,
+    scene: VehicleScene,
     states: wp.array2d(dtype=VehicleState),
     props: wp.array3d(dtype=wp.float64),
     events: wp.array3d(dtype=wp.float64),
@@ -254,7 +256,7 @@ def vehicle_contacts(
 @wp.func
 def mover_contacts(
     m: VehicleModel,
-    scene: Scene,
+    scene: VehicleScene,
     states: wp.array2d(dtype=VehicleState),
     movers: wp.array3d(dtype=wp.float64),
     events: wp.array3d(dtype=wp.float64),
@@ -280,7 +282,7 @@ def mover_contacts(
 
 
 @wp.func
-def _prop_contacts(scene: Scene, props: wp.array3d(dtype=wp.float64), slot: int, p: int):
+def _prop_contacts(scene: VehicleScene, props: wp.array3d(dtype=wp.float64), slot: int, p: int):
     """Contacts of prop ``p`` with props after it and with walls; they are no events."""
     for q in range(p + 1, props.shape[1]):
         a = prop_box(scene.props[p], props, slot, p)
@@ -300,7 +302,7 @@ def _prop_contacts(scene: Scene, props: wp.array3d(dtype=wp.float64), slot: int,
 
 
 @wp.func
-def measure(m: VehicleModel, scene: Scene, state: VehicleState) -> VehicleState:
+def measure(m: VehicleModel, scene: VehicleScene, state: VehicleState) -> VehicleState:
     """Distance to the obstacle (collider 0) and closing speed."""
     s = state
     k = scene.colliders
@@ -320,7 +322,7 @@ def measure(m: VehicleModel, scene: Scene, state: VehicleState) -> VehicleState:
 def measure_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
-    scene: Scene,
+    scene: VehicleScene,
     # state in and out
     states: wp.array2d(dtype=VehicleState),
 ):
@@ -335,7 +337,7 @@ def measure_kernel(
 def drive_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
-    scene: Scene,
+    scene: VehicleScene,
     # args
     steps: wp.int32,
     friction: wp.array(dtype=wp.float64),
@@ -367,7 +369,7 @@ def drive_kernel(
             s = states[slot, v]
             frozen = scene.stop_at_impact != 0 and s.collisions > _ZERO
             if s.fault == _ZERO and not frozen:
-                c = Command()
+                c = VehicleCommand()
                 c.throttle = commands[slot, v, row, 0]
                 c.brake = commands[slot, v, row, 1]
                 c.steering = commands[slot, v, row, 2]

@@ -28,7 +28,7 @@ _CLOSING_MIN_MPS = wp.constant(wp.float64(0.05))
 
 
 @wp.struct
-class Nearest:
+class NearestSoFar:
     """The least of what has been looked at."""
 
     distance: wp.float64
@@ -77,8 +77,8 @@ def contact_time(a: Hull, b: Hull, vx: wp.float64, vy: wp.float64) -> wp.float64
 
 @wp.func
 def _closer(
-    best: Nearest, a: Hull, b: Hull, vx: wp.float64, vy: wp.float64, index: wp.int32
-) -> Nearest:
+    best: NearestSoFar, a: Hull, b: Hull, vx: wp.float64, vy: wp.float64, index: wp.int32
+) -> NearestSoFar:
     """``best``, or hull ``b`` where it is nearer; ``a`` moves with (vx, vy) against it."""
     n = best
     dx = b.x - a.x
@@ -119,7 +119,7 @@ def nearest_kernel(
     near ones the first counts.
     """
     slot = wp.tid()
-    n = Nearest()
+    n = NearestSoFar()
     n.distance = _NEVER
     n.distance_index = -1
     n.ttc = _NEVER

@@ -29,7 +29,7 @@ COMMANDS = ("throttle", "brake", "steering_rad", "handbrake", "selector")
 
 
 @wp.struct
-class Drive:
+class WheelDrive:
     """What the powertrain gives in a step."""
 
     torque: wp.float64
@@ -94,9 +94,9 @@ def drive(
     throttle: wp.float64,
     selector: wp.float64,
     friction: wp.float64,
-) -> Drive:
+) -> WheelDrive:
     """One step of engine and gearbox at actuator position ``throttle``."""
-    d = Drive()
+    d = WheelDrive()
     d.gear = s.gear
     d.shift_left = wp.max(s.shift_left - m.step, _ZERO)
     if d.shift_left == _ZERO:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from twin.vehicle.contact import Box
+from twin.vehicle.contact import RigidBox
 from twin.vehicle.model import AIR_DENSITY_KGPM3, GRAVITY_MPS2
 
 _ZERO = wp.constant(wp.float64(0.0))
@@ -70,9 +70,9 @@ def prop_model(kind: PropKind, step_s: float) -> PropModel:
 
 
 @wp.func
-def prop_box(m: PropModel, state: wp.array3d(dtype=wp.float64), slot: int, prop: int) -> Box:
+def prop_box(m: PropModel, state: wp.array3d(dtype=wp.float64), slot: int, prop: int) -> RigidBox:
     """A prop as a rigid body in the plane."""
-    b = Box()
+    b = RigidBox()
     b.x = state[slot, prop, 0]
     b.y = state[slot, prop, 1]
     b.yaw = state[slot, prop, 2]
@@ -89,7 +89,7 @@ def prop_box(m: PropModel, state: wp.array3d(dtype=wp.float64), slot: int, prop:
 
 
 @wp.func
-def write_prop(state: wp.array3d(dtype=wp.float64), slot: int, prop: int, b: Box):
+def write_prop(state: wp.array3d(dtype=wp.float64), slot: int, prop: int, b: RigidBox):
     """Keep a prop after a contact."""
     state[slot, prop, 0] = b.x
     state[slot, prop, 1] = b.y

@@ -30,7 +30,7 @@ class _Spec(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of the parts: frozen, unknown keys are errors."""
 
 
-class Body(_Spec):
+class SprungBody(_Spec):
     """Sprung masses on four corners; total mass, centre of mass and inertia follow from them."""
 
     corner_mass_kg: Annotated[list[Positive], Meta(min_length=4, max_length=4)]
@@ -76,7 +76,7 @@ class Suspension(_Spec):
     [rad/rad]; positive: the axle turns in, oversteer in front and understeer behind."""
 
 
-class Curve(_Spec, kw_only=True):
+class TyreCurve(_Spec, kw_only=True):
     """Friction over slip on a road of friction 1: a cubic from the origin to the extremum, a cubic
     from there to the asymptote. On other roads forces and slips scale with friction."""
 
@@ -106,11 +106,11 @@ class Curve(_Spec, kw_only=True):
 class Tyres(_Spec):
     """The tyres of one axle."""
 
-    longitudinal: Curve
-    lateral: Curve
+    longitudinal: TyreCurve
+    lateral: TyreCurve
 
 
-class Engine(_Spec, kw_only=True):
+class EngineMap(_Spec, kw_only=True):
     """Torque over engine speed, and how the pedal asks for it."""
 
     torque_nm: Annotated[
@@ -186,7 +186,7 @@ class Brakes(_Spec, kw_only=True):
     """Parking brake on each rear wheel [N m]."""
 
 
-class Steering(_Spec, kw_only=True):
+class SteeringMotor(_Spec, kw_only=True):
     """The steering motor; angles are those of the road wheel in the middle (Ackermann)."""
 
     max_rad: Annotated[float, Meta(gt=0, le=1.5)]
@@ -267,17 +267,17 @@ class Vehicle(_Spec, kw_only=True):
     height_m: Positive
     rear_overhang_m: NotNegative
     """Rear axle to rear bumper [m]."""
-    body: Body
+    body: SprungBody
     wheels: Wheels
     front: Suspension
     rear: Suspension
     front_tyres: Tyres
     rear_tyres: Tyres
-    engine: Engine
+    engine: EngineMap
     gearbox: Gearbox
     driveline: Driveline
     brakes: Brakes
-    steering: Steering
+    steering: SteeringMotor
     lags: Lags = field(default_factory=Lags)
     aero: Aero
     contact: Contact = field(default_factory=Contact)

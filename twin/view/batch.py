@@ -18,7 +18,7 @@ MOVER_BYTES = 64
 """What an object that moves adds to it [bytes]."""
 
 
-class Batch:
+class SampleBatch:
     """Samples that wait to be sent together."""
 
     def __init__(self) -> None:

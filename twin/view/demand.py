@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from schemas.wire import topics
 from schemas.wire.view import ViewMode
 from twin.fabric.bus import Bus
-from twin.view.items import Run
+from twin.view.items import SlotRun
 
 PERIODS_S = {"thumbnail": 0.5, "start": 1.0, "state": 0.1, "camera": 0.1, "lidar": 0.2}
 """Shortest wall time between two samples of a kind of stream of one case [s]."""
@@ -40,7 +40,7 @@ class Demand:
         """Somebody looks at some single case, not necessarily of this rig."""
         return self._shows and self._bus.wanted(topics.live_keys("*", "*"))
 
-    def focused(self, run: Run) -> bool:
+    def focused(self, run: SlotRun) -> bool:
         """Somebody looks at this case alone; ask only while :meth:`singles`."""
         token = run.lease.token
         if not self._bus.wanted(_keys(run)):
@@ -52,7 +52,7 @@ class Demand:
         return True
 
     def due(
-        self, run: Run, sensed: Iterable[str], now_s: float, *, wall: bool, singles: bool
+        self, run: SlotRun, sensed: Iterable[str], now_s: float, *, wall: bool, singles: bool
     ) -> frozenset[str]:
         """Streams of ``run`` that are due at ``now_s``, which count as sent.
 
@@ -82,7 +82,7 @@ class Demand:
             run.shown_s[name] = now_s
         return frozenset(due)
 
-    def ended(self, run: Run) -> bool:
+    def ended(self, run: SlotRun) -> bool:
         """The case of ``run`` has ended; whether somebody looked at it alone."""
         live = self.singles() and self.focused(run)
         self._focused.discard(run.lease.token)
@@ -90,12 +90,12 @@ class Demand:
         return live
 
 
-def _keys(run: Run) -> str:
+def _keys(run: SlotRun) -> str:
     case = run.lease.case
     return topics.live_keys(case.campaign, case.id)
 
 
-def _elapsed(run: Run, name: str, now_s: float) -> float:
+def _elapsed(run: SlotRun, name: str, now_s: float) -> float:
     """Wall time since the stream was last due, in its periods; infinite at first."""
     if name not in run.shown_s:
         return float("inf")

@@ -26,7 +26,7 @@ from schemas.wire.view import (
 )
 from twin.rig.engine import Finished
 from twin.vehicle.state import COLUMN
-from twin.view.items import Began, Ended, Run, Scenery, Seen, Ticked
+from twin.view.items import Began, Scenery, ShownEnd, SlotRun, SlotSeen, Ticked
 from twin.view.quality import Quality
 from twin.view.samples import (
     THUMBNAIL_WIDTH_PX,
@@ -42,7 +42,7 @@ from twin.view.scene import pack_scene
 from twin.world.street.build import World
 
 
-class Message(NamedTuple):
+class ViewMessage(NamedTuple):
     """What viewers are sent of a case."""
 
     topic: Topic
@@ -66,18 +66,18 @@ class Encoder:
         return encode(self._packed(world))
 
     def messages(
-        self, item: Began | Scenery | Ticked | Ended
-    ) -> tuple[list[RecorderSample], list[Message]]:
+        self, item: Began | Scenery | Ticked | ShownEnd
+    ) -> tuple[list[RecorderSample], list[ViewMessage]]:
         """What the recorder gets of one item, in the order of its running numbers, and viewers."""
         match item:
             case Began():
                 stage = self._stage(item.run.lease, item.colliders, item.cars)
                 return [RecorderSample(start=start_of(item.run.lease, stage, item.seq))], []
             case Scenery():
-                return [], [Message(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
+                return [], [ViewMessage(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
             case Ticked():
                 return self._tick(item)
-            case Ended():
+            case ShownEnd():
                 return self._end(item)
 
     def _packed(self, world: World) -> SceneMesh:
@@ -102,7 +102,7 @@ class Encoder:
             scene_sha256=self._packed(world).sha256,
         )
 
-    def _tick(self, item: Ticked) -> tuple[list[RecorderSample], list[Message]]:
+    def _tick(self, item: Ticked) -> tuple[list[RecorderSample], list[ViewMessage]]:
         seen, token, seq, due = item.seen, item.run.lease.token, item.seq, item.due
         recorded: list[RecorderSample] = []
         # Once for all who look: compressing is what costs.
@@ -125,10 +125,10 @@ class Encoder:
             messages.append(_thumbnail(item.run.lease, shown, None))
         return recorded, messages
 
-    def _end(self, item: Ended) -> tuple[list[RecorderSample], list[Message]]:
+    def _end(self, item: ShownEnd) -> tuple[list[RecorderSample], list[ViewMessage]]:
         finished, token = item.finished, item.run.lease.token
         recorded: list[RecorderSample] = []
-        messages: list[Message] = []
+        messages: list[ViewMessage] = []
         if item.seq >= 0:
             last, end = _ending(item, item.seq)
             recorded += [RecorderSample(state=last)] if last is not None else []
@@ -136,8 +136,8 @@ class Encoder:
         if item.live:
             last, end = _ending(item, UNNUMBERED)
             if last is not None:
-                messages.append(Message(topics.VIEW_LIVE_STATE, encode(last)))
-            messages.append(Message(topics.VIEW_LIVE_END, encode(end)))
+                messages.append(ViewMessage(topics.VIEW_LIVE_STATE, encode(last)))
+            messages.append(ViewMessage(topics.VIEW_LIVE_END, encode(end)))
         shown = self._shown.pop(token, None)
         if item.thumbnail and shown is not None:
             messages.append(_thumbnail(item.run.lease, shown, finished))
@@ -149,12 +149,12 @@ class _Shown(NamedTuple):
 
     picture: bytes
     """The latest thumbnail, JPEG."""
-    seen: Seen
+    seen: SlotSeen
     count: int
     """Thumbnails so far, this one included."""
 
 
-def _ending(item: Ended, seq: int) -> tuple[StateSample | None, CaseEnd]:
+def _ending(item: ShownEnd, seq: int) -> tuple[StateSample | None, CaseEnd]:
     """The last row, if it has not been sent, and the end; ``seq`` of the first."""
     finished, token = item.finished, item.run.lease.token
     numbered = seq != UNNUMBERED
@@ -176,7 +176,7 @@ def _ending(item: Ended, seq: int) -> tuple[StateSample | None, CaseEnd]:
     return last, end
 
 
-def _compressed(run: Run, name: str, image: np.ndarray) -> bytes:
+def _compressed(run: SlotRun, name: str, image: np.ndarray) -> bytes:
     """A camera's picture, as well as its budget allows."""
     quality = run.qualities.setdefault(name, Quality())
     data = jpeg(image, quality=quality.value)
@@ -184,15 +184,15 @@ def _compressed(run: Run, name: str, image: np.ndarray) -> bytes:
     return data
 
 
-def _live(seen: Seen, run: Run, due: frozenset[str], picture: bytes) -> list[Message]:
+def _live(seen: SlotSeen, run: SlotRun, due: frozenset[str], picture: bytes) -> list[ViewMessage]:
     """What viewers of this case alone are due; ``picture`` is the main camera's."""
     token = run.lease.token
-    messages: list[Message] = []
+    messages: list[ViewMessage] = []
     attachment = encode(_camera_sample(seen, token, UNNUMBERED))
     pictures = {"camera": picture} if picture and "camera" in due else {}
     pictures.update((n, _compressed(run, n, image)) for n, image in seen.pictures.items())
     for name, data in sorted(pictures.items()):
-        messages.append(Message(topics.VIEW_LIVE_CAMERA, data, attachment, name))
+        messages.append(ViewMessage(topics.VIEW_LIVE_CAMERA, data, attachment, name))
     for name, cloud in sorted(seen.clouds.items()):
         sample = PointsSample(
             v=SCHEMA_VERSION,
@@ -202,21 +202,21 @@ def _live(seen: Seen, run: Run, due: frozenset[str], picture: bytes) -> list[Mes
             stride=cloud.stride,
         )
         messages.append(
-            Message(topics.VIEW_LIVE_LIDAR, points_of(cloud).tobytes(), encode(sample), name)
+            ViewMessage(topics.VIEW_LIVE_LIDAR, points_of(cloud).tobytes(), encode(sample), name)
         )
     if "state" in due:
         state = state_of(seen, token, UNNUMBERED)
-        messages.append(Message(topics.VIEW_LIVE_STATE, encode(state)))
+        messages.append(ViewMessage(topics.VIEW_LIVE_STATE, encode(state)))
     return messages
 
 
-def _camera_sample(seen: Seen, token: int, seq: int) -> CameraSample:
+def _camera_sample(seen: SlotSeen, token: int, seq: int) -> CameraSample:
     return CameraSample(
         v=SCHEMA_VERSION, seq=seq, token=token, tick=seen.tick, sim_time_ns=seen.sim_time_ns
     )
 
 
-def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Message:
+def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMessage:
     case, seen = lease.case, shown.seen
     speed_mps = float(seen.state[COLUMN["speed_mps"]])
     dtc_m = float(seen.state[COLUMN["dtc_m"]]) if seen.target else None
@@ -245,4 +245,4 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> Messag
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
     )
-    return Message(topics.VIEW_THUMBNAIL, shown.picture, encode(thumbnail))
+    return ViewMessage(topics.VIEW_THUMBNAIL, shown.picture, encode(thumbnail))

@@ -21,24 +21,24 @@ from schemas.messages import Command, Lease
 from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.view import POINTS_MAX, FeedEnd, ViewMode
-from twin.base.channel import Channel
+from twin.base.channel import BoundedChannel
 from twin.base.errors import TwinError
 from twin.fabric.bus import Bus, Cancel, Respond
 from twin.fabric.endpoint import LOOPBACK, to_listen
-from twin.fabric.keys.key_file import Key
+from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.zenoh_bus import open_bus
-from twin.view.batch import Batch
+from twin.view.batch import SampleBatch
 from twin.view.demand import Demand
 from twin.view.items import (
-    Asked,
     Began,
     Cloud,
-    Ended,
     Item,
-    Run,
     Scenery,
-    Seen,
+    ShownEnd,
+    SlotRun,
+    SlotSeen,
     Ticked,
+    WorldRequest,
 )
 from twin.view.port import Feed, Harmless, NoFeed
 
@@ -71,7 +71,7 @@ class ViewOptions:
     namespace: str = "twin"
     connect: str = ""
     """The conductor's router, for viewers; need not be reachable."""
-    key: Key | None = None
+    key: MemberKey | None = None
     """The worker's key; with it the recorder's session is TLS too."""
 
 
@@ -104,8 +104,8 @@ class ViewFeed:
         self._demand = Demand(bus, mode)
         self._bus = bus
         self._rig = rig
-        self._runs: list[Run | None] = [None] * slots
-        self._channel: Channel[Item | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
+        self._runs: list[SlotRun | None] = [None] * slots
+        self._channel: BoundedChannel[Item | Literal["end"]] = BoundedChannel(QUEUE_BYTES_MAX)
         self._recorder = threading.Event()
         self._recorder_gone = not mode.records
         self._closed = threading.Event()
@@ -127,7 +127,7 @@ class ViewFeed:
     def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
         """See :class:`Feed`."""
         self._engine = engine
-        run = self._runs[slot] = Run(lease, recorded=not self._recorder_gone)
+        run = self._runs[slot] = SlotRun(lease, recorded=not self._recorder_gone)
         if run.recorded:
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
         ask = self._ask
@@ -170,7 +170,7 @@ class ViewFeed:
         wall, live = self._demand.wall(), self._demand.ended(run)
         if run.recorded or wall or live:
             # Size 0 always fits: however full the queue is, the verdict gets through.
-            self._channel.offer(Ended(run, seq, finished, last_row, time_ns, wall, live), 0)
+            self._channel.offer(ShownEnd(run, seq, finished, last_row, time_ns, wall, live), 0)
 
     def abandon(self, slot: int) -> None:
         """See :class:`Feed`."""
@@ -181,7 +181,7 @@ class ViewFeed:
         live = self._demand.ended(run)
         if run.recorded or live:
             seq = run.number() if run.recorded else -1
-            self._channel.offer(Ended(run, seq, None, False, 0, live=live), 0)
+            self._channel.offer(ShownEnd(run, seq, None, False, 0, live=live), 0)
 
     def close(self, timeout_s: float) -> None:
         """See :class:`Feed`."""
@@ -213,7 +213,7 @@ class ViewFeed:
             seen = self._look(engine, sensed, slot, None, due, recorded=False)
             self._channel.offer(Ticked(run, -1, seen, due), _TICK_BYTES + seen.nbytes)
 
-    def _show(self, run: Run, engine: Engine) -> None:
+    def _show(self, run: SlotRun, engine: Engine) -> None:
         sites = engine.camera_sites, engine.lidar_sites
         self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
 
@@ -238,7 +238,7 @@ class ViewFeed:
         due: frozenset[str],
         *,
         recorded: bool,
-    ) -> Seen:
+    ) -> SlotSeen:
         """Copy a slot's values: the simulator overwrites its arrays at the next tick."""
         image = boxes = None
         if "camera" in sensed and (recorded or not due.isdisjoint(("camera", "thumbnail"))):
@@ -248,7 +248,7 @@ class ViewFeed:
             np.copyto(image, source)
         if "boxes" in sensed and sensed["boxes"].count is not None:
             boxes = sensed["boxes"].values[slot, : sensed["boxes"].count[slot]].copy()
-        return Seen(
+        return SlotSeen(
             tick=int(engine.tick[slot]),
             sim_time_ns=int(engine.sim_time_ns[slot]),
             state=engine.state[slot].copy(),
@@ -272,7 +272,7 @@ class ViewFeed:
     def _on_asked(self, _request: bytes, respond: Respond) -> None:
         """A viewer wants the standing world; before the first case there is none to tell."""
         if self._engine is not None:
-            self._channel.offer(Asked(self._engine.world, respond), 0)
+            self._channel.offer(WorldRequest(self._engine.world, respond), 0)
 
     def _run(self) -> None:
         if not self._recorder_gone and not self._recorder.wait(RECORDER_WAIT_S):
@@ -281,9 +281,9 @@ class ViewFeed:
         # Late: the engine that this item comes from has loaded Warp already.
         from twin.view.encoder import Encoder
 
-        encoder, batch = Encoder(), Batch()
+        encoder, batch = Encoder(), SampleBatch()
         while item is not END:
-            if isinstance(item, Asked):
+            if isinstance(item, WorldRequest):
                 item.respond(encoder.scene(item.world))
             elif item is not None:
                 self._publish(item, encoder, batch)
@@ -299,7 +299,7 @@ class ViewFeed:
         self._closed.set()
 
     def _publish(
-        self, item: Began | Scenery | Ticked | Ended, encoder: Encoder, batch: Batch
+        self, item: Began | Scenery | Ticked | ShownEnd, encoder: Encoder, batch: SampleBatch
     ) -> None:
         """Show ``item`` to viewers at once; the recorder's samples wait for others."""
         case = item.run.lease.case
@@ -315,7 +315,7 @@ class ViewFeed:
         if isinstance(item, Ticked) and item.seen.image is not None:
             self._spare.append(item.seen.image)
 
-    def _send(self, batch: Batch) -> None:
+    def _send(self, batch: SampleBatch) -> None:
         topic = topics.FEED_RECORDED
         self._bus.publish(topic.key.format(rig=self._rig), batch.take(), block=topic.block)
 

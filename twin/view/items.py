@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SlotSeen:
     """A slot at one tick, copied out of the simulator."""
 
     tick: int
@@ -37,7 +37,7 @@ class Seen:
     clouds: dict[str, Cloud] = field(default_factory=dict)
     """Of lidars, by message."""
     hand: str = ""
-    """See :attr:`Run.hand`."""
+    """See :attr:`SlotRun.hand`."""
     target: bool = True
     """Something stands in the lane, to which the state's distance is measured."""
     movers: np.ndarray | None = None
@@ -61,7 +61,7 @@ class Cloud:
 
 
 @dataclass(slots=True)
-class Run:
+class SlotRun:
     """An attempt in a slot; the simulator's loop hands out its running numbers."""
 
     lease: Lease
@@ -88,7 +88,7 @@ class Run:
 class Began:
     """A case begins."""
 
-    run: Run
+    run: SlotRun
     seq: int
     colliders: np.ndarray
     """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first, if
@@ -101,7 +101,7 @@ class Began:
 class Scenery:
     """What stands still around a case that a viewer has just begun to look at."""
 
-    run: Run
+    run: SlotRun
     rig: str
     world: World
     cameras: list[CameraSite]
@@ -112,19 +112,19 @@ class Scenery:
 class Ticked:
     """A case is at a tick, commanded and not yet stepped."""
 
-    run: Run
+    run: SlotRun
     seq: int
     """First running number (picture, then state); -1: for viewers only."""
-    seen: Seen
+    seen: SlotSeen
     due: frozenset[str] = frozenset()
     """Streams that viewers are to get, see :mod:`twin.view.demand`."""
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class ShownEnd:
     """A case has ended."""
 
-    run: Run
+    run: SlotRun
     seq: int
     """First running number (last row, then end); -1: for viewers only."""
     finished: Finished | None
@@ -138,11 +138,11 @@ class Ended:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class WorldRequest:
     """A viewer asks for the standing world."""
 
     world: World
     respond: Callable[[bytes], None]
 
 
-Item = Began | Scenery | Ticked | Ended | Asked
+Item = Began | Scenery | Ticked | ShownEnd | WorldRequest

@@ -10,9 +10,9 @@ from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, Lease, comman
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire.view import (
     POINT_CM,
-    Box,
     CaseStart,
     Controls,
+    ImageBox,
     Stage,
     StateSample,
 )
@@ -21,7 +21,7 @@ from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.view.items import Cloud, Seen
+from twin.view.items import Cloud, SlotSeen
 from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
@@ -100,7 +100,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
     )
 
 
-def state_of(seen: Seen, token: int, seq: int) -> StateSample:
+def state_of(seen: SlotSeen, token: int, seq: int) -> StateSample:
     """The state message of a tick; the same values as its KPI row."""
     state = seen.state
 
@@ -187,8 +187,8 @@ def _controls(command: Command | None) -> Controls | None:
     )
 
 
-def _box(row: np.ndarray) -> Box:
-    return Box(
+def _box(row: np.ndarray) -> ImageBox:
+    return ImageBox(
         label=OBJECT_CLASSES[int(row[_BOX["class_id"]])],
         x_px=float(row[_BOX["x_px"]]),
         y_px=float(row[_BOX["y_px"]]),

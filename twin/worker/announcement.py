@@ -22,7 +22,7 @@ from twin.fabric.keys.rig_keys import RigKeys
 OWNER = ".owner"
 
 
-class Owner(msgspec.Struct, frozen=True):
+class RigOwner(msgspec.Struct, frozen=True):
     """Content of ``.RIG.owner``: the worker whose rig it is, as nobody after it will be."""
 
     host: str
@@ -31,9 +31,9 @@ class Owner(msgspec.Struct, frozen=True):
     """When it started, since the host did [clock ticks]: numbers of processes come again."""
 
 
-def me() -> Owner:
+def me() -> RigOwner:
     """The worker that this process is."""
-    return Owner(_host(), os.getpid(), born_ticks(os.getpid()))
+    return RigOwner(_host(), os.getpid(), born_ticks(os.getpid()))
 
 
 class Announcement:
@@ -68,7 +68,7 @@ def sweep(folder: Path) -> list[str]:
     gone = []
     for path in sorted(folder.glob(f".*{OWNER}")):
         try:
-            owner = decode_json(path.read_bytes(), Owner)
+            owner = decode_json(path.read_bytes(), RigOwner)
         except (OSError, JsonError):
             continue  # its worker removes it just now, or it is none of ours
         rig = path.name.removesuffix(OWNER).removeprefix(".")

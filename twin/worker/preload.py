@@ -10,7 +10,7 @@ from typing import IO
 
 from schemas.files.json_text import JsonError, decode_json
 from twin.base.errors import UsageError
-from twin.base.worker_start import Told
+from twin.base.worker_start import WorkerStart
 from twin.fabric.endpoint import allow_plain, is_tls
 from twin.fabric.rig_folder import RigFolder
 from twin.rig.sim_process import start_simulator
@@ -44,7 +44,7 @@ def begin_loading(device: str) -> Loading:
     return Loading(start_simulator(device, log), stack, folder, log)
 
 
-def await_told(loading: Loading | None) -> Told:
+def await_told(loading: Loading | None) -> WorkerStart:
     """Wait to be told whom to serve; from then on standard output and error go to the log.
 
     Raises:
@@ -57,7 +57,7 @@ def await_told(loading: Loading | None) -> Told:
             loading.discard()
         sys.exit(0)
     try:
-        told: Told = decode_json(line, Told)
+        told: WorkerStart = decode_json(line, WorkerStart)
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
     if not is_tls(told.connect):  # as somebody typed it there

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from schemas.campaign import Case
 from schemas.sections.autonomy import SANDBOX, UNPROTECTED, open_by_nature
-from schemas.sections.foreign import Image
+from schemas.sections.foreign import ContainerImage
 from twin.base.gpu.first_use import PIPES_VARIABLE
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads, script_folder, stack_reads
-from twin.sandbox.view import View
+from twin.sandbox.view import SandboxView
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Protection:
 
     said: str
     """``default``, ``strict``, what is shared behind it, or ``unprotected`` and why."""
-    view: View | None
+    view: SandboxView | None
     """What it sees; None: it runs without a sandbox."""
     later: bool = False
     """Its files have to be fetched first, outside."""
@@ -67,7 +67,7 @@ def protection(
         shared.append("network")
     else:
         reads.append(folder)
-    view = View(
+    view = SandboxView(
         readable=reads,
         writable=writable,
         hidden=hidden,
@@ -81,7 +81,7 @@ def protection(
     return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view, later)
 
 
-def is_podmans(image: Image) -> bool:
+def is_podmans(image: ContainerImage) -> bool:
     """Whether podman runs the containers of ``image``."""
     others = any(shutil.which(command) for command in ("apptainer", "ch-run"))
     return image.runtime == "podman" or (image.runtime == "auto" and not others)

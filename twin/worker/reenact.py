@@ -18,7 +18,7 @@ from schemas.wire.interventions import JournalEnd, JournalHead
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.base.software import device_class, software_digest
 from twin.rig.interventions.journal import read_journal
-from twin.rig.pipe import Broken, Built, Done, Listening, Progress
+from twin.rig.pipe import Broken, Built, CaseDone, Listening, Progress
 from twin.worker.rig_process import RigDied, RigProcess
 from twin.worker.shell import WorkerOptions
 
@@ -90,7 +90,7 @@ def _run(rig: RigProcess, inbox: queue.SimpleQueue[Any], lease: Lease, entries: 
                 rig.start_stack(endpoint)
             case Built():
                 rig.assign(lease, entries)
-            case Done(result):
+            case CaseDone(result):
                 return result
             case Broken(reason, detail) | RigDied(reason, detail):
                 raise InfrastructureError(f"the rig died ({reason}): {detail}")

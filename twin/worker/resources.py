@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import psutil
 
-from schemas.files.resources import ProcessUse, Sample
+from schemas.files.resources import ProcessUse, ResourceSample
 from twin.worker.resources_gpu import Gpu
 
 _ROLES = {
@@ -20,7 +20,7 @@ _ROLES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ProcessReading:
     """Counters of one process."""
 
     role: str
@@ -33,7 +33,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class CampaignWork:
     """Cases in hand that belong to one campaign."""
 
     out: str
@@ -54,10 +54,12 @@ class Meter:
         self._host = host
         self._root = psutil.Process(pid or os.getpid())
         self._gpu = Gpu(device)
-        self._before: list[Reading] | None = None
+        self._before: list[ProcessReading] | None = None
         self._before_ns = 0
 
-    def sample(self, work: Sequence[Work], time_ns: int, now_ns: int) -> list[Sample]:
+    def sample(
+        self, work: Sequence[CampaignWork], time_ns: int, now_ns: int
+    ) -> list[ResourceSample]:
         """One sample per campaign in hand; without work only the counters are read.
 
         Args:
@@ -78,7 +80,7 @@ class Meter:
         known = [process.cpu_cores for process in processes if process.cpu_cores is not None]
         gpu = self._gpu.read()
         return [
-            Sample(
+            ResourceSample(
                 time_ns=time_ns,
                 host=self._host,
                 worker=self._worker,
@@ -103,7 +105,7 @@ class Meter:
 
 
 def used(
-    before: Sequence[Reading] | None, now: Sequence[Reading], elapsed_s: float
+    before: Sequence[ProcessReading] | None, now: Sequence[ProcessReading], elapsed_s: float
 ) -> list[ProcessUse]:
     """CPU use between two readings, ``elapsed_s`` apart.
 
@@ -125,7 +127,7 @@ def used(
     return found
 
 
-def read_tree(root: psutil.Process) -> list[Reading]:
+def read_tree(root: psutil.Process) -> list[ProcessReading]:
     """Counters of ``root`` and its descendants; what ends meanwhile is left out."""
     readings = []
     for process in (root, *root.children(recursive=True)):
@@ -133,7 +135,7 @@ def read_tree(root: psutil.Process) -> list[Reading]:
             with process.oneshot():
                 times = process.cpu_times()
                 readings.append(
-                    Reading(
+                    ProcessReading(
                         role=_role(process),
                         pid=process.pid,
                         born_s=process.create_time(),

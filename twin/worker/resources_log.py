@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, PERIOD_S, Sample
+from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, PERIOD_S, ResourceSample
 from schemas.messages import Lease
 from twin.base.errors import storage_error
-from twin.worker.resources import Meter, Work
+from twin.worker.resources import CampaignWork, Meter
 
 PERIOD_NS = PERIOD_S * 1_000_000_000
 
@@ -32,7 +32,7 @@ class ResourceLog:
     """
 
     def __init__(self, worker: str, host: str, device: str, say: Callable[[str], None]) -> None:
-        self.work: tuple[Work, ...] = ()
+        self.work: tuple[CampaignWork, ...] = ()
         """Cases in hand by campaign; set by the worker's loop."""
         self._worker = worker
         self._host = host
@@ -61,7 +61,7 @@ class ResourceLog:
             ):
                 self._append(Path(each.out), sample)
 
-    def _append(self, out: Path, sample: Sample) -> None:
+    def _append(self, out: Path, sample: ResourceSample) -> None:
         path = out / PARTS_FOLDER / f"{self._worker}{PART_SUFFIX}"
         try:
             append_sample(path, sample)
@@ -71,12 +71,12 @@ class ResourceLog:
             self._said = True
 
 
-def work_of(leases: Iterable[Lease]) -> tuple[Work, ...]:
+def work_of(leases: Iterable[Lease]) -> tuple[CampaignWork, ...]:
     """Leases in hand, by campaign folder."""
     batches: dict[str, list[int]] = {}
     for lease in leases:
         batches.setdefault(lease.out, []).append(lease.case.batch)
-    return tuple(Work(out, len(found), _only(found)) for out, found in batches.items())
+    return tuple(CampaignWork(out, len(found), _only(found)) for out, found in batches.items())
 
 
 def until_next(time_ns: int) -> float:
@@ -84,7 +84,7 @@ def until_next(time_ns: int) -> float:
     return (PERIOD_NS - time_ns % PERIOD_NS) * 1e-9
 
 
-def append_sample(path: Path, sample: Sample) -> None:
+def append_sample(path: Path, sample: ResourceSample) -> None:
     """Add one line to a part; opened anew each time, so that other hosts see it at once.
 
     Raises:

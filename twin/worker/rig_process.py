@@ -27,7 +27,7 @@ from schemas.messages import Lease, Release
 from schemas.sections.foreign import BRIDGE_PORTS
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.expected import expected_of
-from schemas.wire.interventions import Intervention
+from schemas.wire.interventions import RecordedAction
 from twin.base.errors import EXIT_UNFINISHED
 from twin.base.gpu.first_use import apart
 from twin.base.process import (
@@ -46,7 +46,7 @@ from twin.fabric.rig_folder import SEEN_IN_CONTAINERS, RigFolder
 from twin.rig.pipe import (
     Abandon,
     Assign,
-    Build,
+    BuildRig,
     Close,
     Drain,
     Drained,
@@ -198,7 +198,7 @@ class RigProcess:
         self._simulator, self._log = simulator.process, simulator.log
         log = None if remote else self._log if inline else self._stack_log
         self._output = StackOutput(None if log is None else log.fileno())
-        build = Build(
+        build = BuildRig(
             lease=lease,
             rig=self._id,
             listen=listen,
@@ -224,7 +224,7 @@ class RigProcess:
         """Children are told where the key lies, never the key."""
         return ("--key", str(self._options.key.path)) if self._options.key else ()
 
-    def assign(self, lease: Lease, replay: Sequence[Intervention] = ()) -> None:
+    def assign(self, lease: Lease, replay: Sequence[RecordedAction] = ()) -> None:
         """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
         self._output.begin(lease.token, lease.case.id)
         self._write(pack(Assign(lease, list(replay))))

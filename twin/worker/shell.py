@@ -30,7 +30,7 @@ from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
-from twin.fabric.keys.key_file import Key
+from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.port_turn import await_turn, turn_at
 from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import open_bus
@@ -38,12 +38,12 @@ from twin.rig.attempt_log import failure, write_failure, write_log
 from twin.rig.pipe import (
     Broken,
     Built,
-    Done,
+    CaseDone,
     Faulted,
     Listening,
     Progress,
-    Refused,
-    Steered,
+    RefusedPeer,
+    SteeredDone,
     Touched,
 )
 from twin.worker import core as decisions
@@ -79,7 +79,7 @@ class WorkerOptions:
     connect: str
     """Endpoint of the conductor."""
     namespace: str = "twin"
-    key: Key | None = None
+    key: MemberKey | None = None
     """The worker's key; with it the rig's own sessions are TLS too."""
     slots: int = 1
     fit: bool = False
@@ -320,7 +320,7 @@ class Worker:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
                 return self._start_others(endpoint, view, now)
-            case (_, Refused(line)):
+            case (_, RefusedPeer(line)):
                 _log(line)
                 return []
             case (_, RecorderEnded(detail, endpoint)):
@@ -337,10 +337,10 @@ class Worker:
                 return core.on_stack_failed(why, now)
             case (_, StackLeft(why)):
                 return core.on_stack_failed(why, now, left=True)
-            case (rig, Steered(result, changes)):
+            case (rig, SteeredDone(result, changes)):
                 rig.over(result.token)
                 return core.on_steered(result, changes, now)
-            case (rig, Done(result)):
+            case (rig, CaseDone(result)):
                 rig.over(result.token)
                 result = structs.replace(result, protection=rig.protection)
                 if result.outcome == "failed" and (words := self._stack_words()):

@@ -20,7 +20,7 @@ from schemas.campaign import Case
 from twin.base.process import spawn
 from twin.base.worker_start import LATER
 from twin.sandbox.start import Entering, spawn_inside
-from twin.sandbox.view import View, encode
+from twin.sandbox.view import SandboxView, encode
 from twin.worker.protection import protection
 from twin.worker.rig_child import RigChild
 
@@ -41,7 +41,7 @@ def start_stack(
     arguments: Sequence[str],
     log: IO[bytes],
     environment: Mapping[str, str] | None = None,
-    view: View | None = None,
+    view: SandboxView | None = None,
     *,
     later: bool = False,
 ) -> subprocess.Popen[bytes]:

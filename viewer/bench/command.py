@@ -23,8 +23,8 @@ import psutil
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.base.process import end, last_lines, spawn
 from viewer.bench import compare as bench_compare
-from viewer.bench.compare import MODES, Run, compare, window
-from viewer.bench.course import Course
+from viewer.bench.compare import MODES, CampaignRun, compare, window
+from viewer.bench.course import CampaignCourse
 from viewer.recording import naming
 
 WARM_UP_S = 10.0
@@ -111,7 +111,7 @@ def measure_viewer(options: BenchOptions) -> dict[str, Any]:
 
 def measure_simulation(options: BenchOptions) -> dict[str, Any]:
     """One campaign with nobody, a viewer, a frozen viewer and recorders; interleaved."""
-    runs: dict[str, list[Run]] = {mode: [] for mode in MODES}
+    runs: dict[str, list[CampaignRun]] = {mode: [] for mode in MODES}
     with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
         for index in range(options.rounds):
             # Another order every round: machines warm up, and neighbours come and go.
@@ -136,7 +136,7 @@ def misses(found: dict[str, Any]) -> list[str]:
     return missed
 
 
-def _simulate(options: BenchOptions, mode: str, out: Path) -> Run:
+def _simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
     view = mode if mode in ("none", "record") else "live"
     arguments = [
         *("run", options.campaign, "--out", str(out), "--view", view, "--output", "json"),
@@ -151,17 +151,17 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> Run:
             found, course = _run(arguments, out, child if mode == "frozen" else None)
     sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
     measured = window(course.samples, course.workers * options.slots)
-    return Run(found["cases"], measured, found["fingerprint"], tuple(sorted(sizes)))
+    return CampaignRun(found["cases"], measured, found["fingerprint"], tuple(sorted(sizes)))
 
 
 def _run(
     arguments: list[str], out: Path, freeze: subprocess.Popen[bytes] | None = None
-) -> tuple[dict[str, Any], Course]:
+) -> tuple[dict[str, Any], CampaignCourse]:
     """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended."""
     with tempfile.TemporaryFile() as log:
         child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
         try:
-            course = Course(child.pid, out)
+            course = CampaignCourse(child.pid, out)
             frozen = freeze is None
             while child.poll() is None:
                 course.look()

@@ -32,7 +32,7 @@ NAMES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class CourseSample:
     """A campaign at one moment."""
 
     cases: int
@@ -44,7 +44,7 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class CampaignWindow:
     """A part of a campaign."""
 
     cases: int
@@ -53,17 +53,17 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class CampaignRun:
     """One run of a campaign."""
 
     cases: int
-    measured: Window
+    measured: CampaignWindow
     fingerprint: str
     recordings_mb: tuple[float, ...] = ()
     """Size of each recording [MB]."""
 
 
-def window(samples: list[Sample], at_once: int) -> Window:
+def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:
     """The middle of a campaign that runs so many cases at once.
 
     Left out are the first cases, while rigs and recorders start, and the last, while workers have
@@ -77,10 +77,12 @@ def window(samples: list[Sample], at_once: int) -> Window:
     last = next(s for s in samples if s.cases >= total - edge)
     if last.cases == first.cases:
         first, last = samples[0], samples[-1]
-    return Window(last.cases - first.cases, last.at_s - first.at_s, last.cpu_s - first.cpu_s)
+    return CampaignWindow(
+        last.cases - first.cases, last.at_s - first.at_s, last.cpu_s - first.cpu_s
+    )
 
 
-def compare(runs: dict[str, list[Run]]) -> dict[str, Any]:
+def compare(runs: dict[str, list[CampaignRun]]) -> dict[str, Any]:
     """What the runs of every mode of :data:`MODES` come to."""
     windows = {mode: [run.measured for run in found] for mode, found in runs.items()}
     rates = {mode: [60 * w.cases / w.wall_s for w in found] for mode, found in windows.items()}

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import psutil
 
-from viewer.bench.compare import Sample
+from viewer.bench.compare import CourseSample
 
 
-class Course:
+class CampaignCourse:
     """Looks at a ``conductor run`` and the timeline that it writes."""
 
     def __init__(self, pid: int, out: Path) -> None:
         """``pid``: of the conductor; ``out``: its campaign folder."""
-        self.samples: list[Sample] = []
+        self.samples: list[CourseSample] = []
         self.workers = 0
         """That have had a lease."""
         self._process = psutil.Process(pid)
@@ -37,7 +37,7 @@ class Course:
         self.workers = len(self._names)
         if (self._cases, bool(self._names)) == before:
             return False
-        self.samples.append(Sample(self._cases, time.monotonic(), self._used_s()))
+        self.samples.append(CourseSample(self._cases, time.monotonic(), self._used_s()))
         return True
 
     def _lines(self) -> list[bytes]:

@@ -23,7 +23,7 @@ CONNECT_S = 2.0
 """How long the conductor may take to open a session [s]."""
 
 
-class Asked(Struct, frozen=True, forbid_unknown_fields=True):
+class PanelRequest(Struct, frozen=True, forbid_unknown_fields=True):
     """What a page asks: settings, or one action, on one attempt."""
 
     campaign: str
@@ -67,7 +67,7 @@ class Desk:
             TwinError: it cannot be done; one line, which names what was done before it.
         """
         try:
-            asked: Asked = decode_json(body, Asked)
+            asked: PanelRequest = decode_json(body, PanelRequest)
             settings: dict[str, Value] = dict(asked.settings)
             actions = actions_of(settings) if settings else []
         except ValueError as error:

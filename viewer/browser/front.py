@@ -78,7 +78,7 @@ _PAGES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class ShownSite:
     """What is shown."""
 
     assets: dict[str, Asset]
@@ -109,12 +109,12 @@ class Site:
         return json.dumps(found).encode()
 
 
-class Front(ThreadingHTTPServer):
+class BrowserFront(ThreadingHTTPServer):
     """Serves a site on 127.0.0.1."""
 
     daemon_threads = True
 
-    def __init__(self, port: int, site: Site) -> None:
+    def __init__(self, port: int, site: ShownSite) -> None:
         """Listen; ``port`` 0: a free one.
 
         Raises:
@@ -152,7 +152,7 @@ class Front(ThreadingHTTPServer):
 class Handler(BaseHTTPRequestHandler):
     """One request."""
 
-    server: Front
+    server: BrowserFront
     protocol_version = "HTTP/1.1"
     timeout = 60.0
 
@@ -364,7 +364,7 @@ def _page(name: str, media_type: str) -> Asset:
     return Asset(data, media_type, hashlib.sha256(data).hexdigest()[:16])
 
 
-def _recording(site: Site, case: str) -> IO[bytes]:
+def _recording(site: ShownSite, case: str) -> IO[bytes]:
     if site.folder is None:
         raise UsageError("live cases have no recording here")
     path = find_recording(site.folder, case).path

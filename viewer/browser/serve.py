@@ -17,10 +17,10 @@ from twin.base.errors import TwinError
 from twin.base.process import end, spawn
 from viewer.browser.assets import web_viewer
 from viewer.browser.desk import Desk
-from viewer.browser.front import Front, Site
+from viewer.browser.front import BrowserFront, ShownSite
 from viewer.live.command import LiveOptions
 from viewer.playback import native
-from viewer.playback.folder import Moment
+from viewer.playback.folder import RecordedMoment
 
 LAPTOP_PORT = 9300
 """Port of the laptop's end of a tunnel in the lines we print."""
@@ -40,7 +40,7 @@ class WebOptions:
     at: str = "aeb"
     case: str = ""
     """Case that the printed address opens; empty: the table."""
-    moment: Moment | None = None
+    moment: RecordedMoment | None = None
     live: tuple[str, ...] = ()
     """Or: options of `viewer live`."""
     where: LiveOptions | None = None
@@ -62,7 +62,7 @@ def run_web(options: WebOptions) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     if not options.live:
-        _serve(Site(web_viewer(), options.folder, options.at), options, stop, None)
+        _serve(ShownSite(web_viewer(), options.folder, options.at), options, stop, None)
         return 0
     assets = web_viewer()
     with _live(options.live) as child:
@@ -70,7 +70,7 @@ def run_web(options: WebOptions) -> int:
         if address is not None:
             desk = Desk(options.where) if options.where is not None else None
             try:
-                _serve(Site(assets, hub=address, desk=desk), options, stop, child)
+                _serve(ShownSite(assets, hub=address, desk=desk), options, stop, child)
             finally:
                 if desk is not None:
                     desk.close()
@@ -78,9 +78,12 @@ def run_web(options: WebOptions) -> int:
 
 
 def _serve(
-    site: Site, options: WebOptions, stop: threading.Event, child: subprocess.Popen[bytes] | None
+    site: ShownSite,
+    options: WebOptions,
+    stop: threading.Event,
+    child: subprocess.Popen[bytes] | None,
 ) -> None:
-    with Front(options.port, site) as front:
+    with BrowserFront(options.port, site) as front:
         threading.Thread(target=front.serve_forever, name="front", daemon=True).start()
         _tell(front, options)
         while not stop.wait(POLL_S):
@@ -125,7 +128,7 @@ def _hub_address(child: subprocess.Popen[bytes], stop: threading.Event) -> tuple
     return address.hostname or "127.0.0.1", address.port or 0
 
 
-def _tell(front: Front, options: WebOptions) -> None:
+def _tell(front: BrowserFront, options: WebOptions) -> None:
     path = ""
     if options.case and options.moment is not None:
         seconds = options.moment.sim_time_ns / 1e9

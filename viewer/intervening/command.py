@@ -17,15 +17,15 @@ from schemas.wire.interventions import (
     Action,
     GiveBack,
     HandState,
-    Look,
     Pause,
+    Query,
     Resume,
     Step,
     steers,
 )
 from schemas.wire.view import clock
 from twin.base.errors import UsageError
-from twin.fabric.steering import Steered, carry_out, find
+from twin.fabric.steering import RunningAttempt, carry_out, find
 from twin.fabric.zenoh_bus import join
 from viewer.intervening.pedals import HELP, Pedals, keys
 from viewer.live.command import LiveOptions
@@ -56,19 +56,19 @@ def steer(options: SteerOptions, actions: list[Action]) -> int:
     """
     with attempt(options) as steered:
         for action, reply in carry_out(steered, actions):
-            if options.json or isinstance(action, Look):
+            if options.json or isinstance(action, Query):
                 continue
             print(f"{options.case}: {_told(action)} at tick {reply.tick}{_effect(action)}")
         state = steered.state
         if options.json:
             print(json.dumps(msgspec.to_builtins(state)))
-        elif any(isinstance(action, Look) for action in actions):
+        elif any(isinstance(action, Query) for action in actions):
             print("\n".join(described(state)))
     return 0
 
 
 @contextmanager
-def attempt(options: SteerOptions) -> Iterator[Steered]:
+def attempt(options: SteerOptions) -> Iterator[RunningAttempt]:
     """The running attempt, while a session to its simulator is open."""
     with ExitStack() as stack:
         tunnel = options.where.tunnel()
@@ -105,7 +105,7 @@ def take_over(options: SteerOptions) -> int:
     return 0
 
 
-def _drive(steered: Steered) -> None:
+def _drive(steered: RunningAttempt) -> None:
     """Until the case ends or the driver wants no more."""
     pedals, told_s = Pedals(), 0.0
     while True:

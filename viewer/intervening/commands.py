@@ -12,8 +12,8 @@ from schemas.wire.interventions import (
     STEPS_MAX,
     Action,
     GiveBack,
-    Look,
     Pause,
+    Query,
     Resume,
     Step,
 )
@@ -126,7 +126,7 @@ _PLAIN: dict[str, tuple[Action, str]] = {
     ),
     "resume": (Resume(), "Let a case that stands still go on."),
     "release": (GiveBack(), "Give a car that is driven by hand back to its stack."),
-    "look": (Look(), "Say how a running case stands, with its movable objects."),
+    "look": (Query(), "Say how a running case stands, with its movable objects."),
 }
 
 

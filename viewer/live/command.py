@@ -22,17 +22,17 @@ from twin.fabric.discovery import Target, choose_target, find_target, refuse_end
 from twin.fabric.endpoint import check_protected
 from twin.fabric.keys.key_file import UnfitKeyError
 from twin.fabric.keys.roles import Role
-from viewer.live.focus import Focus, Scenes, open_stream
-from viewer.live.hub import Hub, open_hub
-from viewer.live.link import Ended, Event, Link, Said, Scene, Status
+from viewer.live.focus import FocusedCase, Scenes, open_stream
+from viewer.live.hub import ViewerHub, open_hub
+from viewer.live.link import ConductorEvent, Link, LinkEnded, Said, SentWorld, Status
 from viewer.live.overview import Overview
 from viewer.live.prompt import HINT, Typed, choose, has_terminal
 from viewer.live.pulse import Pulse
 from viewer.live.renewal import Renewal
-from viewer.live.slots import Slots
+from viewer.live.slots import LatestSlots
 from viewer.live.tunnel import Far, Tunnel
 from viewer.playback import native
-from viewer.playback.window import Window, window
+from viewer.playback.window import ViewerWindow, window
 
 TURN_S = 0.05
 """How often the slots are emptied: twice as often as a single case's streams come [s]."""
@@ -170,10 +170,10 @@ def run_live(options: LiveOptions) -> int:
 class Live:
     """What one viewer process shows; one thread calls :meth:`turn` again and again."""
 
-    def __init__(self, options: LiveOptions, hub: Hub, tunnel: Tunnel | None = None) -> None:
+    def __init__(self, options: LiveOptions, hub: ViewerHub, tunnel: Tunnel | None = None) -> None:
         self.hub = hub
         self.overview = Overview()
-        self.slots = Slots()
+        self.slots = LatestSlots()
         self.connected = False
         """The conductor has answered, once at least."""
         self.leased = 0
@@ -185,7 +185,7 @@ class Live:
         resolve = options.target if tunnel is None else tunnel.target
         self._link = Link(resolve, options.wait_s, self.slots)
         self._scenes = Scenes(self._link.send_for)
-        self._focuses: dict[str, dict[str, Focus]] = {}
+        self._focuses: dict[str, dict[str, FocusedCase]] = {}
         """By case and, as several campaigns may have one of that name, by campaign."""
         self._waiting: dict[str, Sample] = {}
         """The newest of single cases, by key, until viewers keep up."""
@@ -272,18 +272,18 @@ class Live:
                     self.leased = sum(row["leased"] for row in found["campaigns"].values())
                     self._pulse.status(found, now_s)
                     self._renewed(self._renewal.status(found))
-                case Event(fact):
+                case ConductorEvent(fact):
                     self._pulse.event(fact)
                     self._pending |= self.overview.event(fact)
                 case Said(line):
                     say(line)
                     self._pulse.say(line)
-                case Scene(sha256, mesh):
+                case SentWorld(sha256, mesh):
                     if wrong := self._scenes.came(sha256, mesh):
                         say(f"{wrong}; the street is drawn by its outlines")
                     for focus in self._shown_in_full():
                         focus.stand()
-                case Ended(error):
+                case LinkEnded(error):
                     raise error
 
     def _renewed(self, campaigns: list[str]) -> None:
@@ -293,7 +293,7 @@ class Live:
                 if campaign in focuses:
                     focuses[campaign].forget()
 
-    def _shown_in_full(self) -> list[Focus]:
+    def _shown_in_full(self) -> list[FocusedCase]:
         return [focus for focuses in self._focuses.values() for focus in focuses.values()]
 
     def _thumbnail(self, sample: Sample) -> None:
@@ -310,7 +310,9 @@ class Live:
         if focuses is None:
             return
         if campaign not in focuses:
-            focuses[campaign] = Focus(lambda start: open_stream(self.hub.url, start), self._scenes)
+            focuses[campaign] = FocusedCase(
+                lambda start: open_stream(self.hub.url, start), self._scenes
+            )
         try:
             focuses[campaign].take(sample)
         except (WireError, ValueError) as error:
@@ -327,11 +329,11 @@ def say(line: str) -> None:
     print(f"viewer: {line}", file=sys.stderr, flush=True)
 
 
-def _closed(shown: Window) -> bool:
+def _closed(shown: ViewerWindow) -> bool:
     return shown.process.poll() is not None
 
 
-def _tell(hub: Hub, options: LiveOptions) -> None:
+def _tell(hub: ViewerHub, options: LiveOptions) -> None:
     laptop = native.tunnel_commands(hub.port)
     if options.json:
         print(json.dumps({"hub": hub.url, "laptop": laptop}), flush=True)

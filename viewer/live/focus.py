@@ -61,7 +61,7 @@ class Scenes:
         return self._meshes.get(sha256)
 
 
-class Focus:
+class FocusedCase:
     """A case of a campaign that is shown in full; a new attempt is a new recording."""
 
     def __init__(

@@ -36,7 +36,7 @@ LINES_MAX = 64
 
 
 @dataclass(slots=True, eq=False)
-class Line:
+class ViewerLine:
     """A viewer's."""
 
     viewer: socket.socket
@@ -46,7 +46,7 @@ class Line:
     """When the latest of them were."""
 
 
-def laggards(lines: Collection[Line]) -> list[Line]:
+def laggards(lines: Collection[ViewerLine]) -> list[ViewerLine]:
     """Of viewers for which one stream stands still: those that have not come as far as others."""
     reading = [line for line in lines if line.passed_bytes >= LEAST_BYTES]
     newest_s = max((line.passed_s for line in reading), default=0.0)
@@ -67,7 +67,7 @@ class Gate:
         """
         self._say = say
         self._lock = threading.Lock()
-        self._lines: set[Line] = set()
+        self._lines: set[ViewerLine] = set()
         self._listener = socket.create_server(("127.0.0.1", port))
         self.port: int = self._listener.getsockname()[1]
 
@@ -109,7 +109,7 @@ class Gate:
             threading.Thread(target=self._serve, args=given, name="line", daemon=True).start()
 
     def _serve(self, viewer: socket.socket, inner: InnerPort) -> None:
-        line = Line(viewer)
+        line = ViewerLine(viewer)
         try:
             with self._lock:
                 if len(self._lines) >= LINES_MAX:

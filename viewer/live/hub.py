@@ -60,7 +60,7 @@ def leave(stream: rr.RecordingStream) -> None:
         STUCK.append(stream)
 
 
-class Hub:
+class ViewerHub:
     """The overview's recording, and the address that single cases are sent to."""
 
     def __init__(
@@ -129,7 +129,9 @@ class Hub:
             self._stream.log(path, archetype)
 
 
-def open_hub(port: int, *, bare: bool = False, say: Callable[[str], None] = lambda _: None) -> Hub:
+def open_hub(
+    port: int, *, bare: bool = False, say: Callable[[str], None] = lambda _: None
+) -> ViewerHub:
     """Listen on loopback ``port``; 0: a free one.
 
     Args:
@@ -157,7 +159,7 @@ def open_hub(port: int, *, bare: bool = False, say: Callable[[str], None] = lamb
     stream.send_recording_name("All cases")
     closed = _closed(inner)
     gate.serve(closed)
-    return Hub(stream, sink.uri.replace(f":{inner}/", f":{gate.port}/"), gate, closed)
+    return ViewerHub(stream, sink.uri.replace(f":{inner}/", f":{gate.port}/"), gate, closed)
 
 
 def _closed(port: int) -> InnerPort:

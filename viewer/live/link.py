@@ -24,7 +24,7 @@ from twin.fabric.bus import Bus, Cancel, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.keys.key_file import UnfitKeyError
 from twin.fabric.zenoh_bus import join
-from viewer.live.slots import Slots
+from viewer.live.slots import LatestSlots
 
 CONNECT_S = 2.0
 """How long one try to connect may take [s]."""
@@ -48,7 +48,7 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class ConductorEvent:
     """A fact of the conductor."""
 
     fact: dict[str, Any]
@@ -62,7 +62,7 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class SentWorld:
     """A world that was sent for; None: nobody handed it out."""
 
     sha256: str
@@ -70,13 +70,13 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class LinkEnded:
     """Waiting does not help."""
 
     error: TwinError
 
 
-Heard = Status | Event | Said | Scene | Ended
+Heard = Status | ConductorEvent | Said | SentWorld | LinkEnded
 
 
 class _SilenceError(Exception):
@@ -86,7 +86,9 @@ class _SilenceError(Exception):
 class Link:
     """See the module. Everything but :meth:`_run` and what it calls may be used by any thread."""
 
-    def __init__(self, resolve: Callable[[], Target], wait_s: float | None, slots: Slots) -> None:
+    def __init__(
+        self, resolve: Callable[[], Target], wait_s: float | None, slots: LatestSlots
+    ) -> None:
         """
         Args:
             resolve: where the conductor is now; raises UnreachableError while nobody knows.
@@ -136,7 +138,7 @@ class Link:
         self._wake.set()
 
     def send_for(self, rig: str, sha256: str) -> None:
-        """Ask a rig for its world, which comes as a :class:`Scene`."""
+        """Ask a rig for its world, which comes as a :class:`SentWorld`."""
         with self._lock:
             self._asked.append((rig, sha256))
         self._wake.set()
@@ -148,28 +150,28 @@ class Link:
             try:
                 self._session(self._resolve())
             except UnfitKeyError as error:
-                self._say(Ended(error))
+                self._say(LinkEnded(error))
                 return
             except UnreachableError as error:
                 if self._until_s is not None and time.monotonic() >= self._until_s:
-                    self._say(Ended(error))
+                    self._say(LinkEnded(error))
                     return
                 self._tell(f"{error}; waiting for it (Ctrl-C ends)")
             except TwinError as error:
-                self._say(Ended(error))
+                self._say(LinkEnded(error))
                 return
             except WireError as error:
-                self._say(Ended(UsageError(f"the conductor: {error}")))
+                self._say(LinkEnded(UsageError(f"the conductor: {error}")))
                 return
             except _SilenceError as silence:
                 if self._until_s is not None and time.monotonic() >= self._until_s:
-                    self._say(Ended(UnreachableError(str(silence))))
+                    self._say(LinkEnded(UnreachableError(str(silence))))
                     return
                 self._tell(f"{silence}; waiting for it (Ctrl-C ends)")
             except Exception as error:
                 # Without this thread the viewer would sit there for ever and say nothing.
                 line = " ".join(str(error).split())
-                self._say(Ended(InfrastructureError(f"{type(error).__name__}: {line}")))
+                self._say(LinkEnded(InfrastructureError(f"{type(error).__name__}: {line}")))
                 return
             self._stop.wait(PERIOD_S)
 
@@ -256,7 +258,7 @@ class Link:
                     mesh = decode(data, SceneMesh)
                 except WireError as error:
                     self._tell(f"the world of rig {rig}: {error}")
-            self._say(Scene(sha256, mesh))
+            self._say(SentWorld(sha256, mesh))
 
     def _ask(self, bus: Bus, request: Request) -> Reply | None:
         """The reply; None: there was none, ask again.
@@ -277,7 +279,7 @@ class Link:
         except WireError:
             return  # events are a courtesy
         try:
-            self.heard.put_nowait(Event(fact))
+            self.heard.put_nowait(ConductorEvent(fact))
         except queue.Full:
             pass  # as above
 

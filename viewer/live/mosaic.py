@@ -38,7 +38,7 @@ Color = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
+class MosaicTile:
     """One place on the wall."""
 
     picture: np.ndarray | None
@@ -83,7 +83,7 @@ class Grid:
         return [(*self.corner_px(i), *self.tile_px) for i in range(self.count)]
 
 
-def compose(tiles: list[Tile]) -> np.ndarray:
+def compose(tiles: list[MosaicTile]) -> np.ndarray:
     """Tiles -> BGR mosaic, uint8 [:data:`HEIGHT_PX`, :data:`WIDTH_PX`, 3]."""
     grid = Grid(len(tiles))
     mosaic = np.full((HEIGHT_PX, WIDTH_PX, 3), BACKGROUND, np.uint8)
@@ -99,7 +99,7 @@ def compose(tiles: list[Tile]) -> np.ndarray:
     return mosaic
 
 
-def _name(strip: np.ndarray, tile: Tile) -> None:
+def _name(strip: np.ndarray, tile: MosaicTile) -> None:
     """The name, on the strip below its tile; what does not fit is cut."""
     if tile.ended:
         strip[:] = tile.color[::-1]

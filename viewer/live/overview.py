@@ -23,7 +23,7 @@ ROWS_MAX = 24
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
+class CaseTile:
     """The latest of one case."""
 
     thumbnail: Thumbnail
@@ -57,7 +57,7 @@ class Overview:
     shown, and what the conductor says of the end counts.
     """
 
-    tiles: dict[Key, Tile] = field(default_factory=dict)
+    tiles: dict[Key, CaseTile] = field(default_factory=dict)
     verdicts: dict[Key, str] = field(default_factory=dict)
     _latest: dict[Key, tuple[int, bool]] = field(default_factory=dict)
     """Largest token seen, and whether that attempt has ended."""
@@ -81,7 +81,7 @@ class Overview:
             thumbnail = _ended(thumbnail, end)
         elif not now_ended:
             self.verdicts.pop(key, None)  # it runs again
-        self.tiles[key] = Tile(thumbnail, mosaic.decoded(jpeg))
+        self.tiles[key] = CaseTile(thumbnail, mosaic.decoded(jpeg))
         if now_ended or (thumbnail.outcome and end is not None and end.final):
             self.verdicts[key] = thumbnail.verdict or thumbnail.outcome
         self._make_room()
@@ -139,7 +139,7 @@ class Overview:
         """The wall and the table as they stand."""
         tiles = list(self.tiles.values())
         wall = [
-            mosaic.Tile(
+            mosaic.MosaicTile(
                 tile.picture,
                 _label(tile.thumbnail),
                 _color(tile.thumbnail),

@@ -12,7 +12,7 @@ KEYS_MAX = 4096
 
 
 @dataclass(slots=True)
-class Counters:
+class SampleCounters:
     """What became of the samples."""
 
     received: int = 0
@@ -21,11 +21,11 @@ class Counters:
     """Left out, because too many keys were waiting."""
 
 
-class Slots:
+class LatestSlots:
     """One slot per key; written by the session's threads, emptied by one."""
 
     def __init__(self, keys_max: int = KEYS_MAX) -> None:
-        self.counters = Counters()
+        self.counters = SampleCounters()
         self._keys_max = keys_max
         self._latest: dict[str, Sample] = {}
         self._lock = threading.Lock()

@@ -12,10 +12,10 @@ from schemas.verdict import is_pass
 from schemas.words import counted
 from twin.base.errors import UsageError
 from viewer.playback.folder import (
-    Found,
-    Moment,
+    FoundRecording,
     NotKeptError,
     PastEndError,
+    RecordedMoment,
     case_names,
     committed_attempts,
     find_moment,
@@ -30,12 +30,12 @@ NAMES_MAX = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RecordingRow:
     """A recorded case."""
 
-    found: Found
+    found: FoundRecording
     recording_id: str
-    moment: Moment
+    moment: RecordedMoment
     """Where it opens."""
     verdict: str
     """Or the outcome, if there is no verdict; empty: the attempt did not end."""
@@ -66,7 +66,7 @@ class Catalogue:
     """What can be replayed of a campaign, and what cannot."""
 
     folder: Path
-    rows: list[Row]
+    rows: list[RecordingRow]
     missing: list[str]
     """Cases without a readable recording."""
     passed: list[str] = field(default_factory=list)
@@ -106,7 +106,7 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
     Raises:
         UsageError: no campaign folder, ``at`` is none of its words, or nothing was recorded.
     """
-    rows: list[Row] = []
+    rows: list[RecordingRow] = []
     missing: list[str] = []
     passed: list[str] = []
     names, committed = case_names(folder), committed_attempts(folder)
@@ -130,7 +130,7 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
     return Catalogue(folder, rows, missing, passed)
 
 
-def read_row(folder: Path, case: str, at: str) -> Row:
+def read_row(folder: Path, case: str, at: str) -> RecordingRow:
     """The row of one case.
 
     Raises:
@@ -163,22 +163,22 @@ def table(catalogue: Catalogue) -> Table:
     return shown
 
 
-def _moment(found: Found, at: str) -> Moment:
+def _moment(found: FoundRecording, at: str) -> RecordedMoment:
     """An attempt that was killed before its first row has no moment; it opens at its start. One
     that had ended by then opens at its end."""
     try:
         return find_moment(found, at)
     except PastEndError as error:
-        return Moment(error.end_ns, f"end at {error.end_ns / 1e9:.2f} s")
+        return RecordedMoment(error.end_ns, f"end at {error.end_ns / 1e9:.2f} s")
     except UsageError:
         if at not in ("aeb", "closest"):
             raise
-        return Moment(0, "0 s")
+        return RecordedMoment(0, "0 s")
 
 
-def _row(found: Found, moment: Moment, cover: RecordedCase) -> Row:
+def _row(found: FoundRecording, moment: RecordedMoment, cover: RecordedCase) -> RecordingRow:
     case, end = cover.properties.get("case", {}), cover.properties.get("verdict", {})
-    return Row(
+    return RecordingRow(
         found=found,
         recording_id=cover.recording_id,
         moment=moment,

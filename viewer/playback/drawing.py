@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.base.errors import UsageError
 from viewer.live.mosaic import decoded
-from viewer.playback.frames import Frame, Mark
+from viewer.playback.frames import Mark, PlayedTick
 from viewer.recording.scenery import CYAN, GREY, ORANGE, RED, YELLOW, Color
 
 WIDTH_MIN_PX = 640
@@ -26,7 +26,7 @@ _WHITE: Color = (236, 238, 242)
 _BACKGROUND: Color = (18, 20, 25)
 
 
-def drawn(frame: Frame, pixels_of: Frame) -> np.ndarray:
+def drawn(frame: PlayedTick, pixels_of: PlayedTick) -> np.ndarray:
     """``frame``'s boxes and figures on the picture of ``pixels_of``: BGR uint8 [H, W, 3].
 
     They differ where a tick has no picture of its own: the last one still stands then, and only
@@ -58,7 +58,7 @@ def drawn(frame: Frame, pixels_of: Frame) -> np.ndarray:
     return _with_line(canvas, frame)
 
 
-def figures(frame: Frame) -> str:
+def figures(frame: PlayedTick) -> str:
     """The line below a picture; what was not recorded is a dash."""
     brake = "-" if frame.brake is None else f"{100 * frame.brake:.0f} %"
     return (
@@ -99,7 +99,7 @@ def _overlap(a: Area, b: Area) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
-def _with_line(picture: np.ndarray, frame: Frame) -> np.ndarray:
+def _with_line(picture: np.ndarray, frame: PlayedTick) -> np.ndarray:
     height, width = picture.shape[:2]
     shape = (height + LINE_PX + (height + LINE_PX) % 2, width + width % 2, 3)
     canvas = np.full(shape, _BACKGROUND[::-1], np.uint8)

@@ -18,7 +18,7 @@ from viewer.recording import naming
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundRecording:
     """The recording of a case."""
 
     case: str
@@ -48,7 +48,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class RecordedMoment:
     """A time of a case, and what is there to be seen."""
 
     sim_time_ns: int
@@ -59,7 +59,7 @@ class NotKeptError(UsageError):
     """There was a recording, and nobody wanted it."""
 
 
-def find_recording(folder: Path, case: str) -> Found:
+def find_recording(folder: Path, case: str) -> FoundRecording:
     """The recording of the committed attempt, or of the latest one.
 
     Raises:
@@ -69,7 +69,7 @@ def find_recording(folder: Path, case: str) -> Found:
     return recording_of(folder, case, names, committed_attempts(folder).get(case, ""))
 
 
-def recording_of(folder: Path, case: str, names: list[str], committed: str) -> Found:
+def recording_of(folder: Path, case: str, names: list[str], committed: str) -> FoundRecording:
     """As :func:`find_recording`, of a folder that was looked at already.
 
     Args:
@@ -90,7 +90,7 @@ def recording_of(folder: Path, case: str, names: list[str], committed: str) -> F
         path = attempt / naming.RECORDING_FILE
         if _is_recorded(folder, path):
             complete = _note(attempt).get("complete") is True
-            return Found(case, path, attempt / naming.KPI_FILE, complete, committed)
+            return FoundRecording(case, path, attempt / naming.KPI_FILE, complete, committed)
     if any(_note(attempt).get("kept") is False for attempt in attempts):
         raise NotKeptError(
             f"{folder}: case '{case}' passed, and its recording was not kept; the campaign says "
@@ -130,7 +130,7 @@ class PastEndError(UsageError):
         self.end_ns = end_ns
 
 
-def find_moment(found: Found, at: str) -> Moment:
+def find_moment(found: FoundRecording, at: str) -> RecordedMoment:
     """The moment ``at``: ``aeb`` (without a trigger: closest approach), ``closest`` or seconds.
 
     Where the attempt's KPI rows are missing (it was killed) or cannot be read, the recording says
@@ -156,25 +156,25 @@ def find_moment(found: Found, at: str) -> Moment:
                 f"0 to {end_ns / 1e9:g}, aeb or closest",
                 end_ns,
             )
-        return Moment(time_ns, f"{seconds:g} s")
+        return RecordedMoment(time_ns, f"{seconds:g} s")
     rows = _rows(found)
     if at == "aeb":
         for time_ns, braking, _ in rows:
             if braking:
-                return Moment(time_ns, f"AEB trigger at {time_ns / 1e9:.2f} s")
+                return RecordedMoment(time_ns, f"AEB trigger at {time_ns / 1e9:.2f} s")
     near = [(dtc_m, time_ns) for time_ns, _, dtc_m in rows if dtc_m is not None]
     if not near:
         raise UsageError(f"{found.path}: nothing says how close it came; give --at SECONDS")
     time_ns = min(near)[1]
     label = f"closest approach at {time_ns / 1e9:.2f} s"
-    return Moment(time_ns, f"no AEB trigger; {label}" if at == "aeb" else label)
+    return RecordedMoment(time_ns, f"no AEB trigger; {label}" if at == "aeb" else label)
 
 
 Row = tuple[int, bool, float | None]
 """Sim time [ns], AEB, distance to collision [m]."""
 
 
-def _rows(found: Found) -> list[Row]:
+def _rows(found: FoundRecording) -> list[Row]:
     names = ("sim_time_ns", "aeb", "dtc_m")
     try:
         columns: dict[str, list[Any]] = read_kpi_columns(found.kpi, names).to_pydict()

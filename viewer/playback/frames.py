@@ -41,7 +41,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class LogEvent:
     """A line of the case's log."""
 
     sim_time_ns: int
@@ -51,7 +51,7 @@ class Event:
 
 
 @dataclass(slots=True)
-class Frame:
+class PlayedTick:
     """One control tick as it was recorded."""
 
     sim_time_ns: int
@@ -79,18 +79,18 @@ class RecordedCase:
 
     path: Path
     recording_id: str
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[PlayedTick] = field(default_factory=list)
     """In order of sim time, one per time."""
-    events: list[Event] = field(default_factory=list)
+    events: list[LogEvent] = field(default_factory=list)
     properties: dict[str, dict[str, Any]] = field(default_factory=dict)
     """``case`` (campaign, model, weather, ...) and, unless the recorder was killed, ``verdict``."""
 
     @property
-    def pictures(self) -> list[Frame]:
+    def pictures(self) -> list[PlayedTick]:
         """The frames with a picture."""
         return [frame for frame in self.frames if frame.jpeg is not None]
 
-    def picture_at(self, sim_time_ns: int) -> Frame:
+    def picture_at(self, sim_time_ns: int) -> PlayedTick:
         """The picture that stood at a time: the latest until then, or else the first.
 
         Raises:
@@ -151,7 +151,7 @@ def _read_whole(path: Path, content: str | None) -> RecordedCase:
         if store is None or store.application_id != naming.CASE_APP:
             raise UsageError(f"{path}: not the recording of a case")
         case = RecordedCase(path, store.recording_id)
-        frames: dict[int, Frame] = {}
+        frames: dict[int, PlayedTick] = {}
         for chunk in reader.stream(store=store).filter(content=content):
             _take(case, frames, chunk)
     case.frames = [frames[time_ns] for time_ns in sorted(frames)]
@@ -179,7 +179,7 @@ def _read_repaired(path: Path, content: str | None) -> RecordedCase:
     return case
 
 
-def _take(case: RecordedCase, frames: dict[int, Frame], chunk: Chunk) -> None:
+def _take(case: RecordedCase, frames: dict[int, PlayedTick], chunk: Chunk) -> None:
     """Put what one chunk holds into its frames."""
     path = str(chunk.entity_path).strip("/")
     batch = chunk.to_record_batch()
@@ -192,13 +192,13 @@ def _take(case: RecordedCase, frames: dict[int, Frame], chunk: Chunk) -> None:
     if path == naming.EVENTS:
         texts, levels = _firsts(batch, "TextLog:text"), _firsts(batch, "TextLog:level")
         case.events += [
-            Event(time_ns, text, level or "INFO")
+            LogEvent(time_ns, text, level or "INFO")
             for time_ns, text, level in zip(times, texts, levels, strict=True)
             if text is not None
         ]
         return
     for time_ns, values in zip(times, _values(path, batch), strict=False):
-        frame = frames.setdefault(time_ns, Frame(time_ns))
+        frame = frames.setdefault(time_ns, PlayedTick(time_ns))
         for name, value in values.items():
             if name == "detections":  # near and far ones are entities of their own
                 frame.detections = [*(frame.detections or []), *value]

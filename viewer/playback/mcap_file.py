@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from viewer.playback.frames import Event, Frame, Mark, RecordedCase
+from viewer.playback.frames import LogEvent, Mark, PlayedTick, RecordedCase
 from viewer.playback.outputs import needed, write_whole
 from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW, Color
 
@@ -29,14 +29,14 @@ PLOTTED = (
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenMcap:
     """What was written."""
 
     messages: int
     end_ns: int
 
 
-def write_mcap(case: RecordedCase, out: Path) -> Written:
+def write_mcap(case: RecordedCase, out: Path) -> WrittenMcap:
     """Write ``case``.
 
     Raises:
@@ -61,7 +61,7 @@ def write_mcap(case: RecordedCase, out: Path) -> Written:
         writer.add_metadata(name, {key: _text(values[key]) for key in sorted(values)})
     writer.finish()
     write_whole(out, data.getvalue())
-    return Written(count, case.frames[-1].sim_time_ns if case.frames else 0)
+    return WrittenMcap(count, case.frames[-1].sim_time_ns if case.frames else 0)
 
 
 def _text(value: Any) -> str:
@@ -91,7 +91,7 @@ class _Converter:
         found.sort(key=lambda message: message[0])
         return found
 
-    def _of(self, frame: Frame) -> list[tuple[str, Any]]:
+    def _of(self, frame: PlayedTick) -> list[tuple[str, Any]]:
         found: list[tuple[str, Any]] = [("/state", self._plots(frame))]
         if frame.x_m is not None and frame.yaw_rad is not None:
             found.append(("/tf", self._pose(frame)))
@@ -110,7 +110,7 @@ class _Converter:
             found.append(("/camera/truth", boxes))
         return found
 
-    def _plots(self, frame: Frame) -> Any:
+    def _plots(self, frame: PlayedTick) -> Any:
         state = self._state()
         for name in PLOTTED:
             if (value := getattr(frame, name)) is not None:
@@ -119,14 +119,16 @@ class _Converter:
             state.aeb = frame.aeb
         return _stamped(state, frame.sim_time_ns)
 
-    def _pose(self, frame: Frame) -> Any:
+    def _pose(self, frame: PlayedTick) -> Any:
         pose = self._transform(parent_frame_id="world", child_frame_id="ego")
         pose.translation.x, pose.translation.y, pose.translation.z = frame.x_m, frame.y_m, 0.0
         half_rad = (frame.yaw_rad or 0.0) / 2
         pose.rotation.z, pose.rotation.w = math.sin(half_rad), math.cos(half_rad)
         return _stamped(pose, frame.sim_time_ns)
 
-    def _boxes(self, frame: Frame, marks: list[Mark], color: Color, thickness_px: float) -> Any:
+    def _boxes(
+        self, frame: PlayedTick, marks: list[Mark], color: Color, thickness_px: float
+    ) -> Any:
         found = self._annotations()
         for mark in marks:
             self._outline(found, mark, color, thickness_px)
@@ -151,7 +153,7 @@ class _Converter:
                 text.position.x, text.position.y = mark.x_px, mark.y_px
                 _paint(text.text_color, color)
 
-    def _event(self, event: Event) -> Any:
+    def _event(self, event: LogEvent) -> Any:
         levels = {"INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
         level = self._log.Level.Value(levels.get(event.level, "INFO"))
         log = self._log(level=level, message=event.text, name="case")

@@ -12,11 +12,11 @@ from rich.console import Console
 from twin.base.cli import Output
 from viewer.playback import native
 from viewer.playback.catalogue import Catalogue, table
-from viewer.playback.folder import Found, Moment
-from viewer.playback.window import Window, asked, window
+from viewer.playback.folder import FoundRecording, RecordedMoment
+from viewer.playback.window import ViewerWindow, asked, window
 
 
-def replay(found: Found, moment: Moment) -> None:
+def replay(found: FoundRecording, moment: RecordedMoment) -> None:
     """Show the recording, paused at ``moment``, until its window is closed."""
     if not native.has_display():
         print(f"no display here to show {found.path}; on a laptop with the same rerun-sdk:")
@@ -51,7 +51,7 @@ def replay_all(catalogue: Catalogue) -> None:
         shown.process.wait()
 
 
-def open_catalogue(shown: Window, catalogue: Catalogue) -> None:
+def open_catalogue(shown: ViewerWindow, catalogue: Catalogue) -> None:
     """Pause every recording at its moment, then show the table of them.
 
     The viewer reads files through a catalogue of its own, chunk by chunk as they are looked at, so

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from twin.base.errors import InfrastructureError, UsageError
-from viewer.playback.folder import Moment
+from viewer.playback.folder import RecordedMoment
 from viewer.playback.outputs import write_whole
 from viewer.playback.window import asked, window
 
@@ -30,7 +30,7 @@ def parse_size(text: str) -> tuple[int, int]:
     return size
 
 
-def shoot(recording: Path, moment: Moment, out: Path, size: tuple[int, int]) -> None:
+def shoot(recording: Path, moment: RecordedMoment, out: Path, size: tuple[int, int]) -> None:
     """Render ``recording`` at ``moment`` into the PNG file ``out``.
 
     Raises:

@@ -8,12 +8,12 @@ import cv2
 
 from twin.base.errors import UsageError
 from viewer.playback.drawing import drawn
-from viewer.playback.folder import Moment
+from viewer.playback.folder import RecordedMoment
 from viewer.playback.frames import RecordedCase
 from viewer.playback.outputs import write_whole
 
 
-def write_still(case: RecordedCase, moment: Moment, out: Path) -> float:
+def write_still(case: RecordedCase, moment: RecordedMoment, out: Path) -> float:
     """Write the picture that stood at ``moment``; returns its time [s].
 
     Raises:

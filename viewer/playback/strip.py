@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twin.base.errors import UsageError
 from viewer.playback.drawing import drawn
-from viewer.playback.folder import Moment, find_moment, find_recording
+from viewer.playback.folder import RecordedMoment, find_moment, find_recording
 from viewer.playback.frames import RecordedCase, read_case
 from viewer.playback.outputs import write_whole
 
@@ -28,7 +28,7 @@ Picture = NDArray[np.uint8]
 
 
 def write_strip(
-    case: RecordedCase, moment: Moment, around_s: float, frames: int, out: Path
+    case: RecordedCase, moment: RecordedMoment, around_s: float, frames: int, out: Path
 ) -> list[float]:
     """Write ``frames`` pictures from ``around_s`` before ``moment`` to as long after it.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.base.errors import UsageError
 from viewer.playback.drawing import drawn
-from viewer.playback.frames import Frame, RecordedCase
+from viewer.playback.frames import PlayedTick, RecordedCase
 from viewer.playback.outputs import needed, write_whole
 
 QUALITY = "22"
@@ -19,7 +19,7 @@ QUALITY = "22"
 
 
 @dataclass(frozen=True, slots=True)
-class Film:
+class WrittenFilm:
     """What was written."""
 
     frames: int
@@ -28,7 +28,7 @@ class Film:
     """Frames that repeat their predecessor's pixels, because the recording lacks theirs."""
 
 
-def write_film(case: RecordedCase, out: Path) -> Film:
+def write_film(case: RecordedCase, out: Path) -> WrittenFilm:
     """Write ``case`` as H.264 in MP4; frame ``i`` shows sim time ``first + i / rate``.
 
     The same recording gives the same pictures on every machine: one encoder thread, no clock.
@@ -50,7 +50,7 @@ def write_film(case: RecordedCase, out: Path) -> Film:
         for index, time_ns in enumerate(times_ns):
             shown = case.picture_at(time_ns)
             held += shown.sim_time_ns != time_ns
-            picture = drawn(frames.get(time_ns, Frame(time_ns)), shown)
+            picture = drawn(frames.get(time_ns, PlayedTick(time_ns)), shown)
             if index == 0:
                 stream.height, stream.width = picture.shape[:2]
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="bgr24")
@@ -58,7 +58,7 @@ def write_film(case: RecordedCase, out: Path) -> Film:
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     write_whole(out, data.getvalue())
-    return Film(len(times_ns), rate, held)
+    return WrittenFilm(len(times_ns), rate, held)
 
 
 def schedule(case: RecordedCase) -> tuple[list[int], int]:

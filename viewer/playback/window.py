@@ -16,7 +16,7 @@ from rerun.experimental import ViewerClient, ViewerState
 from twin.base.errors import InfrastructureError
 from twin.base.process import end, last_lines, spawn
 from viewer.playback import native
-from viewer.playback.folder import Moment
+from viewer.playback.folder import RecordedMoment
 from viewer.recording import naming
 
 T = TypeVar("T")
@@ -37,13 +37,13 @@ NO_VULKAN = (
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class ViewerWindow:
     """A running viewer."""
 
     process: subprocess.Popen[bytes]
     client: ViewerClient
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: RecordedMoment) -> None:
         """Wait for the recording it was started with, and stop there.
 
         Raises:
@@ -70,7 +70,7 @@ class Window:
                 )
             time.sleep(POLL_S)
 
-    def pause(self, moment: Moment, recording: str | None = None) -> None:
+    def pause(self, moment: RecordedMoment, recording: str | None = None) -> None:
         """Stop a recording there; None: the one that is shown."""
         when = timedelta(microseconds=moment.sim_time_ns / 1000)
         asked(
@@ -81,7 +81,7 @@ class Window:
 
 
 @contextmanager
-def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[Window]:
+def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[ViewerWindow]:
     """A viewer on a loopback port; it ends with the block.
 
     Raises:
@@ -106,7 +106,7 @@ def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[Wind
             log=log,
         )
         try:
-            yield Window(child, _ready(child, f"rerun+http://127.0.0.1:{port}/proxy", log))
+            yield ViewerWindow(child, _ready(child, f"rerun+http://127.0.0.1:{port}/proxy", log))
         finally:
             end(child, 0.5)
 

@@ -17,13 +17,13 @@ from typing import Literal
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode
 from schemas.wire.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample
-from twin.base.channel import Channel
+from twin.base.channel import BoundedChannel
 from twin.base.pauses import settle
 from twin.base.process import PARENT_VARIABLE, bind_to_parent, leave_signals_to_the_parent
 from twin.fabric.bus import Bus, Sample
-from twin.fabric.keys.key_file import Key
+from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.zenoh_bus import open_bus
-from viewer.recording.recording import Recording, release_closed
+from viewer.recording.recording import RecordingFile, release_closed
 
 QUEUE_BYTES_MAX = 256 << 20
 """Most bytes that wait to be written [bytes]."""
@@ -41,11 +41,11 @@ END: Literal["end"] = "end"
 """Nothing comes any more."""
 
 
-class Recorder:
+class OpenRecordings:
     """Open recordings by token; fed from one thread."""
 
     def __init__(self) -> None:
-        self._open: dict[int, Recording] = {}
+        self._open: dict[int, RecordingFile] = {}
         self._closed = 0
         """Of them Rerun still has threads and memory."""
         self.complete = 0
@@ -91,7 +91,7 @@ class Recorder:
     def _begin(self, start: CaseStart) -> None:
         self._close(start.token, None)
         try:
-            self._open[start.token] = Recording(start)
+            self._open[start.token] = RecordingFile(start)
         except OSError as error:
             self.incomplete += 1
             _say(f"{start.folder}: not recorded: {error.strerror or error}")
@@ -119,11 +119,11 @@ class Recorder:
         release_closed()
 
 
-def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
+def run_record(connect: str, rig: str, namespace: str, key: MemberKey | None) -> int:
     """Record what the feed of ``rig`` at ``connect`` shows, until it ends or nobody wants it."""
     supervised = bool(os.environ.get(PARENT_VARIABLE))
     bind_to_parent()
-    channel: Channel[bytes | Literal["end"]] = Channel(QUEUE_BYTES_MAX)
+    channel: BoundedChannel[bytes | Literal["end"]] = BoundedChannel(QUEUE_BYTES_MAX)
 
     def finish(*_: object) -> None:
         channel.offer(END, 0)
@@ -143,7 +143,7 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
     )
     try:
         _subscribe(bus, rig, channel, finish)
-        recorder = Recorder()
+        recorder = OpenRecordings()
         settle()
         looked_s = 0.0
         while (message := channel.take(TURN_S)) is not END:
@@ -163,7 +163,7 @@ def run_record(connect: str, rig: str, namespace: str, key: Key | None) -> int:
 
 
 def _subscribe(
-    bus: Bus, rig: str, channel: Channel[bytes | Literal["end"]], finish: Callable[[], None]
+    bus: Bus, rig: str, channel: BoundedChannel[bytes | Literal["end"]], finish: Callable[[], None]
 ) -> None:
     def receive(sample: Sample) -> None:
         channel.offer(sample.payload, len(sample.payload))

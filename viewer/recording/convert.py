@@ -16,7 +16,7 @@ from msgspec import structs
 
 from schemas.messages import Detection
 from schemas.wire.codec import decode, encode
-from schemas.wire.view import Box, CameraSample, CaseEnd, CaseStart, Controls, StateSample
+from schemas.wire.view import CameraSample, CaseEnd, CaseStart, Controls, ImageBox, StateSample
 from viewer.recording import naming
 from viewer.recording.classes import class_id, contexts
 from viewer.recording.rows import Rows, rows_at
@@ -307,7 +307,7 @@ def _commanded(asked: list[tuple[StateSample, Controls]]) -> list[Rows]:
 
 
 def _marks(
-    found: Sequence[Sequence[Detection | Box]], labels: list[str]
+    found: Sequence[Sequence[Detection | ImageBox]], labels: list[str]
 ) -> list[rr.ComponentColumn]:
     """Boxes of several rows; one label per box."""
     flat = [mark for row in found for mark in row]

@@ -32,7 +32,7 @@ MOVER_BYTES = 64
 """What an object that moves adds to it [bytes]."""
 
 
-class Recording:
+class RecordingFile:
     """Writes ``recording.rrd`` in batches; readable at any time, also after a kill.
 
     ``recording.json`` is written last: whether anything is missing, and the file's digest, or that

@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 
 from conductor.report.analysis.statistics import wilson
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 
 _COLUMNS = 3
 _ROW_PX = 270
@@ -55,7 +55,7 @@ def main_effects(dossier: Dossier) -> list[Effect]:
     """Of every axis that is varied, in the order of the page."""
     found = []
     for axis in varied_axes(dossier):
-        groups: dict[Any, list[Row]] = {value: [] for value in axis_values(dossier, axis)}
+        groups: dict[Any, list[CaseRow]] = {value: [] for value in axis_values(dossier, axis)}
         for row in dossier.rows:
             groups[axis_value(row.case, axis)].append(row)
         levels = [_level(str(value), rows) for value, rows in groups.items()]
@@ -63,7 +63,7 @@ def main_effects(dossier: Dossier) -> list[Effect]:
     return found
 
 
-def _level(value: str, rows: list[Row]) -> Level:
+def _level(value: str, rows: list[CaseRow]) -> Level:
     decided = [row for row in rows if row.passed is not None]
     passed = [row for row in decided if row.passed]
     low, high = wilson(len(passed), len(decided)) if decided else (None, None)

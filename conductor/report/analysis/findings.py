@@ -23,7 +23,7 @@ from conductor.report.analysis.statistics import (
     wilson,
 )
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.systems import system_names
 from schemas.words import agree, counted
 
@@ -126,7 +126,7 @@ def _systems(dossier: Dossier) -> list[Finding]:
     if not 2 <= len(models) <= SYSTEMS_MAX:
         return []
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
-    decided: dict[str, dict[tuple[Any, ...], Row]] = {model: {} for model in models}
+    decided: dict[str, dict[tuple[Any, ...], CaseRow]] = {model: {} for model in models}
     for row in dossier.rows:
         if row.passed is not None:
             point = tuple(axis_value(row.case, axis) for axis in axes)
@@ -151,13 +151,13 @@ def _systems(dossier: Dossier) -> list[Finding]:
     return found
 
 
-def _only(pairs: Sequence[tuple[Row, Row]]) -> tuple[int, int]:
+def _only(pairs: Sequence[tuple[CaseRow, CaseRow]]) -> tuple[int, int]:
     first = sum(a.passed is True and b.passed is not True for a, b in pairs)
     second = sum(b.passed is True and a.passed is not True for a, b in pairs)
     return first, second
 
 
-def _pair(one: str, two: str, pairs: list[tuple[Row, Row]], p_value: float) -> Finding:
+def _pair(one: str, two: str, pairs: list[tuple[CaseRow, CaseRow]], p_value: float) -> Finding:
     first, second = _only(pairs)
     if second > first:
         one, two, first, second = two, one, second, first
@@ -176,7 +176,7 @@ def _pair(one: str, two: str, pairs: list[tuple[Row, Row]], p_value: float) -> F
 
 def _axes(dossier: Dossier) -> list[Finding]:
     """The effect of every axis on every system under test that passes some cases and loses some."""
-    tests: list[tuple[str, str, dict[Any, list[Row]], Homogeneity]] = []
+    tests: list[tuple[str, str, dict[Any, list[CaseRow]], Homogeneity]] = []
     axes = [axis for axis in varied_axes(dossier) if axis != "model"]
     values = {axis: axis_values(dossier, axis) for axis in axes}
     names = system_names(dossier)
@@ -187,7 +187,7 @@ def _axes(dossier: Dossier) -> list[Finding]:
         for axis in axes:
             if len(values[axis]) > AXIS_VALUES_MAX:
                 continue
-            groups: dict[Any, list[Row]] = {value: [] for value in values[axis]}
+            groups: dict[Any, list[CaseRow]] = {value: [] for value in values[axis]}
             for row in rows:
                 groups[axis_value(row.case, axis)].append(row)
             groups = {value: group for value, group in groups.items() if group}
@@ -199,7 +199,7 @@ def _axes(dossier: Dossier) -> list[Finding]:
 
 
 def _axis(
-    model: str, axis: str, groups: dict[Any, list[Row]], test: Homogeneity, p_value: float
+    model: str, axis: str, groups: dict[Any, list[CaseRow]], test: Homogeneity, p_value: float
 ) -> Finding:
     name = axis_label(axis).partition(" [")[0].lower()
     how = f"{'exact' if test.exact else 'chi-square'} test, corrected {p_text(p_value)}"
@@ -262,19 +262,19 @@ def _braked_early(dossier: Dossier) -> list[Finding]:
     return [Finding("early", text, cases=_ids(early))]
 
 
-def _by_model(dossier: Dossier, rows: list[Row]) -> str:
+def _by_model(dossier: Dossier, rows: list[CaseRow]) -> str:
     names = system_names(dossier)
     counts = [(name, sum(row.case.model == m for row in rows)) for m, name in names.items()]
     parts = [f"{name} {count}" for name, count in counts if count]
     return f" ({', '.join(parts)})" if parts and len(counts) > 1 else ""
 
 
-def _beyond(row: Row, scalar: str, limit_m: float) -> bool:
+def _beyond(row: CaseRow, scalar: str, limit_m: float) -> bool:
     value = row.scalar(scalar)
     return value is not None and math.isfinite(value) and value > limit_m
 
 
-def _collisions(rows: list[Row]) -> list[Finding]:
+def _collisions(rows: list[CaseRow]) -> list[Finding]:
     hit = [row for row in rows if row.status == "collision"]
     if not hit:
         return []
@@ -289,5 +289,5 @@ def _collisions(rows: list[Row]) -> list[Finding]:
     return [Finding("collision", text, cases=_ids(hit))]
 
 
-def _ids(rows: Iterable[Row]) -> tuple[str, ...]:
+def _ids(rows: Iterable[CaseRow]) -> tuple[str, ...]:
     return tuple(row.case.id for row in rows)

@@ -8,7 +8,7 @@ from typing import Any
 
 from conductor.report.analysis.losses import counts_by, extremes, page_axes
 from conductor.report.reading.axes import axis_label, axis_values
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 
 FALSE_BRAKING_MAX = 50
 """Most lines of the table of false braking, those that stopped furthest away."""
@@ -20,18 +20,18 @@ class Highlights:
     """Tables of single cases."""
 
     models: list[str]
-    false_braking: list[tuple[Row, float | None]]
+    false_braking: list[tuple[CaseRow, float | None]]
     """Each with the distance to the obstacle at which it came to rest, as its verdict says [m];
     furthest first."""
     false_braking_more: int
     """Cases that are left out of it."""
     false_braking_by: list[tuple[str, list[tuple[Any, dict[str, str]]]]]
     """By axis: per value and model how many of how many."""
-    closest: list[Row]
+    closest: list[CaseRow]
     """Cases without a collision with the smallest distance to the obstacle; of lane keeping those
     furthest from the lane's centre."""
-    hardest: list[Row]
-    slowest: list[Row]
+    hardest: list[CaseRow]
+    slowest: list[CaseRow]
     """Cases that took the most wall time."""
 
 
@@ -59,7 +59,7 @@ def highlights(dossier: Dossier, rests_m: dict[str, list[float]]) -> Highlights:
     )
 
 
-def judged_rest_m(row: Row, rests_m: list[float]) -> float | None:
+def judged_rest_m(row: CaseRow, rests_m: list[float]) -> float | None:
     """The rest that the verdict false braking is about: the first one too far from the obstacle
     [m]; None: it is not known, or the verdict is another one."""
     if row.status != "false_braking":

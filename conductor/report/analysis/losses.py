@@ -9,7 +9,7 @@ from typing import Any
 
 from conductor.report.analysis.findings import AXIS_VALUES_MAX
 from conductor.report.reading.axes import axis_value, axis_values, heat_axes
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 
 EXAMPLES_MAX = 6
 """Cases of a model that are shown with a picture."""
@@ -19,12 +19,12 @@ EXTREMES_MAX = 5
 """Lines of a table of extremes."""
 
 
-def lost(row: Row) -> bool:
+def lost(row: CaseRow) -> bool:
     """Whether a case ended otherwise than with the verdict ``pass``."""
     return row.status != "pass" and bool(row.end.outcome)
 
 
-def kind_of(row: Row) -> str:
+def kind_of(row: CaseRow) -> str:
     """What kind of loss it is, for people."""
     words = row.status.replace("_", " ")
     if row.status != "collision":
@@ -34,7 +34,7 @@ def kind_of(row: Row) -> str:
     return f"{words} in spite of AEB" if _triggered(row) else f"{words} without AEB"
 
 
-def moment_of(row: Row) -> str:
+def moment_of(row: CaseRow) -> str:
     """When to look, for ``viewer frame --at``: the AEB trigger, else a second before the end."""
     end_s = row.scalar("sim_time_s")
     if _triggered(row) or end_s is None:
@@ -42,7 +42,7 @@ def moment_of(row: Row) -> str:
     return f"{max(0.0, end_s - BEFORE_END_S):.3f}"
 
 
-def _triggered(row: Row) -> bool:
+def _triggered(row: CaseRow) -> bool:
     return row.scalar("aeb_time_s") is not None
 
 
@@ -56,7 +56,7 @@ class LostLine:
     """By status: values of the x axis; with several cases in a cell how many of them."""
 
 
-def lost_lines(dossier: Dossier, rows: list[Row]) -> list[LostLine]:
+def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
     """What ``rows`` lose by the axes of the heat map, in its order; lines without a loss are left
     out."""
     x_axis, y_axis = page_axes(dossier)
@@ -75,22 +75,22 @@ def lost_lines(dossier: Dossier, rows: list[Row]) -> list[LostLine]:
     return found
 
 
-def examples(dossier: Dossier, rows: list[Row]) -> list[Row]:
+def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
     """At most :data:`EXAMPLES_MAX` lost cases: kinds in turn, and of each kind other weathers (the
     map's y axis) first."""
     _, y_axis = page_axes(dossier)
-    kinds: dict[str, list[Row]] = {}
+    kinds: dict[str, list[CaseRow]] = {}
     for row in rows:
         if lost(row):
             kinds.setdefault(kind_of(row), []).append(row)
     queues = [_varied(found, y_axis) for _, found in sorted(kinds.items())]
-    chosen: list[Row] = []
+    chosen: list[CaseRow] = []
     for turn in range(max(map(len, queues), default=0)):
         chosen += [queue[turn] for queue in queues if turn < len(queue)]
     return chosen[:EXAMPLES_MAX]
 
 
-def _varied(rows: list[Row], axis: str) -> list[Row]:
+def _varied(rows: list[CaseRow], axis: str) -> list[CaseRow]:
     """One of every value of the axis, then the second ones, and so on."""
     seen: dict[Any, int] = {}
     turns = []
@@ -113,7 +113,7 @@ def page_axes(dossier: Dossier) -> tuple[str, str]:
     return x, y
 
 
-def extremes(rows: list[Row], scalar: str, *, largest: bool) -> list[Row]:
+def extremes(rows: list[CaseRow], scalar: str, *, largest: bool) -> list[CaseRow]:
     """The cases with the largest or smallest values of a scalar KPI; ties in campaign order."""
     known = [(row.scalar(scalar), row) for row in rows]
     found = [(value, row) for value, row in known if value is not None and math.isfinite(value)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
 from schemas.messages import PerceptionCost
 
@@ -30,7 +30,7 @@ class CostRow:
 
 def perception_costs(dossier: Dossier) -> list[CostRow]:
     """Lines in the order of the campaign; empty: no stack measured it."""
-    groups: dict[tuple[str, str], list[tuple[Row, PerceptionCost]]] = {}
+    groups: dict[tuple[str, str], list[tuple[CaseRow, PerceptionCost]]] = {}
     for row in dossier.rows:
         cost = row.end.perception
         if cost is not None:
@@ -40,7 +40,7 @@ def perception_costs(dossier: Dossier) -> list[CostRow]:
 
 
 def _row(
-    model: str, runtime: str, found: list[tuple[Row, PerceptionCost]], rigs_s: float
+    model: str, runtime: str, found: list[tuple[CaseRow, PerceptionCost]], rigs_s: float
 ) -> CostRow:
     frames = sum(cost.frames for _, cost in found)
     wall_s = sum(cost.wall_s for _, cost in found)

@@ -25,14 +25,14 @@ from conductor.report.autodrive.layout import (
     LOG_S_MIN,
     PICTURE_PX,
     STEERING_MAX_RAD,
-    Config,
     EndedOutcome,
     ExportedEnd,
     Instance,
+    StudyConfig,
 )
 from conductor.report.pages.summary import inert
 from conductor.report.reading.axes import varied_axes
-from conductor.report.reading.dossier import Dossier, Row, open_dossier
+from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.trust.sign_run import require_fit
 from schemas.campaign import Case
 from schemas.files.autodrive_log import (
@@ -105,7 +105,7 @@ def export_autodrive(folder: Path, out: Path) -> Exported:
             else:
                 notes.append(f"case {row.case.id}: {row.status}, no log")
                 instances.append(_instance(row, ""))
-        config = Config(
+        config = StudyConfig(
             simulation_instances=instances,
             batch_size=size,
             campaign=dossier.campaign.campaign,
@@ -119,7 +119,7 @@ def export_autodrive(folder: Path, out: Path) -> Exported:
     return Exported([*files, path], notes)
 
 
-def _instance(row: Row, log_sha256: str) -> Instance:
+def _instance(row: CaseRow, log_sha256: str) -> Instance:
     """A case of the configuration, with its end: of that a log holds only a part."""
     end, exported = row.end, None
     if end.outcome in get_args(EndedOutcome):
@@ -170,7 +170,7 @@ def _notes(dossier: Dossier, size: int) -> list[str]:
     return notes
 
 
-def _log(dossier: Dossier, row: Row) -> str:
+def _log(dossier: Dossier, row: CaseRow) -> str:
     table, _ = committed_rows(dossier.folder, row.case.id, row.end)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

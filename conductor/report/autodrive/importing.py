@@ -14,9 +14,9 @@ import msgspec
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from conductor.report.autodrive.kpi import judge, kpi_columns, scalars
-from conductor.report.autodrive.layout import IMPORT_FILE, ExportedEnd, Imported, read_imported
+from conductor.report.autodrive.layout import IMPORT_FILE, ExportedEnd, ImportNote, read_imported
 from conductor.report.autodrive.logs import Log
-from conductor.report.autodrive.source import Place, Source, read_source, short_logs, title
+from conductor.report.autodrive.source import LogFolder, StudyCase, read_source, short_logs, title
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.files.autodrive_log import CONFIG_FILE
@@ -39,7 +39,7 @@ class _Imported:
     """A case that was imported."""
 
     case: Case
-    place: Place
+    place: StudyCase
     log: Log
     end: CaseOutcome
     no_collision: bool
@@ -57,7 +57,7 @@ class _Imported:
         return bool(self.log.foreign) and (said is None or bool(said.log_sha256))
 
 
-def import_autodrive(folder: Path, out: Path) -> Imported:
+def import_autodrive(folder: Path, out: Path) -> ImportNote:
     """Make the campaign folder ``out`` from the logs in ``folder``.
 
     Cases of a batch of which there is anything are part of the campaign, ``unresolved`` if their
@@ -80,7 +80,7 @@ def import_autodrive(folder: Path, out: Path) -> Imported:
         if one.unexplained:
             notes.append(f"{one.log.name}: {one.log.foreign}")
     read = [one for one in found if one.read]
-    imported = Imported(
+    imported = ImportNote(
         source=plain(folder.resolve().name),
         sha256=source.sha256,
         files=sum(bool(one.log.sha256) for one in found),
@@ -98,7 +98,7 @@ def import_autodrive(folder: Path, out: Path) -> Imported:
     return imported
 
 
-def _campaign(folder: Path, source: Source, notes: list[str]) -> Campaign:
+def _campaign(folder: Path, source: LogFolder, notes: list[str]) -> Campaign:
     kept = source.kept
     names = _names({place.described.model for place in kept}, notes)
     ends_s = [log.rows[-1].time_us / 1e6 for log in source.logs.values() if log.rows]
@@ -174,7 +174,7 @@ def _prepare(out: Path) -> None:
         raise storage_error(error, str(out)) from None
 
 
-def _import_case(out: Path, case: Case, place: Place, source: Source) -> _Imported:
+def _import_case(out: Path, case: Case, place: StudyCase, source: LogFolder) -> _Imported:
     log = source.log_of(place)
     exported = place.described.exported
     if log.foreign:
@@ -216,7 +216,7 @@ def _as_exported(exported: ExportedEnd) -> CaseOutcome:
 
 
 def _write_campaign(
-    out: Path, campaign: Campaign, ends: dict[str, CaseOutcome], imported: Imported
+    out: Path, campaign: Campaign, ends: dict[str, CaseOutcome], imported: ImportNote
 ) -> None:
     """The files that make the folder a campaign; the outcomes last, so that it is one only when it
     is complete."""

@@ -65,7 +65,7 @@ class Instance(msgspec.Struct, frozen=True, omit_defaults=True):
         return WEATHERS[self.weather_id - 1]
 
 
-class Config(msgspec.Struct, frozen=True, omit_defaults=True):
+class StudyConfig(msgspec.Struct, frozen=True, omit_defaults=True):
     """Content of ``config.json``; the study's script ignores further keys."""
 
     simulation_instances: Annotated[list[Instance], Meta(min_length=1, max_length=100_000)]
@@ -79,7 +79,7 @@ class Config(msgspec.Struct, frozen=True, omit_defaults=True):
     """Coming to rest further than this from the obstacle is false braking [m]."""
 
 
-class Imported(msgspec.Struct, frozen=True):
+class ImportNote(msgspec.Struct, frozen=True):
     """Content of :data:`IMPORT_FILE`."""
 
     source: str
@@ -109,7 +109,7 @@ class Imported(msgspec.Struct, frozen=True):
     though nobody knows how they would have ended."""
 
 
-def read_config(folder: Path) -> tuple[Config, bytes]:
+def read_config(folder: Path) -> tuple[StudyConfig, bytes]:
     """The configuration in ``folder``, and its bytes.
 
     Raises:
@@ -129,12 +129,12 @@ def read_config(folder: Path) -> tuple[Config, bytes]:
     if len(data) > LOG_BYTES_MAX:
         raise UsageError(f"{path}: larger than {LOG_BYTES_MAX} bytes, no configuration")
     try:
-        return decode_json(data, Config), data
+        return decode_json(data, StudyConfig), data
     except JsonError as error:
         raise UsageError(f"{path}: no configuration of the AutoDRIVE study: {error}") from None
 
 
-def read_imported(folder: Path) -> Imported | None:
+def read_imported(folder: Path) -> ImportNote | None:
     """Where the campaign in ``folder`` was imported from; None: it was run.
 
     Raises:
@@ -142,7 +142,7 @@ def read_imported(folder: Path) -> Imported | None:
     """
     path = folder / IMPORT_FILE
     try:
-        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), Imported)
+        return decode_json(read_regular(path, RUN_FILE_BYTES_MAX), ImportNote)
     except FileNotFoundError:
         return None
     except OSError as error:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from conductor.report.autodrive.layout import Config, Instance, read_config
+from conductor.report.autodrive.layout import Instance, StudyConfig, read_config
 from conductor.report.autodrive.logs import Log, read_log
 from schemas.files.autodrive_log import log_name
 from schemas.identity import digest
@@ -25,7 +25,7 @@ _UNTELLING = frozenset(("csv", "data", "log", "logs", "out", "output", "raw", "r
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class StudyCase:
     """A case of the configuration."""
 
     batch: int
@@ -39,11 +39,11 @@ class Place:
 
 
 @dataclass(slots=True)
-class Source:
+class LogFolder:
     """What a folder of logs holds."""
 
-    config: Config
-    places: list[Place]
+    config: StudyConfig
+    places: list[StudyCase]
     """Every case of the configuration, in its order."""
     logs: dict[tuple[int, int], Log] = field(default_factory=dict)
     """By batch and instance; also those that could not be read, with the reason."""
@@ -55,12 +55,12 @@ class Source:
     """Over names and bytes of the configuration and every log that was read."""
 
     @property
-    def kept(self) -> list[Place]:
+    def kept(self) -> list[StudyCase]:
         """Cases of the batches of which something is there."""
         present = {batch for batch, _ in self.logs} | set(self.damaged)
         return [place for place in self.places if place.batch in present]
 
-    def log_of(self, place: Place) -> Log:
+    def log_of(self, place: StudyCase) -> Log:
         """The log of a case; one that is not there says why."""
         log = self.logs.get((place.batch, place.instance))
         if log is not None:
@@ -69,7 +69,7 @@ class Source:
         return Log(place.file, foreign=f"no such file; {archive}" if archive else "no such file")
 
 
-def read_source(folder: Path) -> Source:
+def read_source(folder: Path) -> LogFolder:
     """Read the configuration and the logs in ``folder``.
 
     Raises:
@@ -79,10 +79,10 @@ def read_source(folder: Path) -> Source:
     config, config_bytes = read_config(folder)
     size = config.batch_size
     places = [
-        Place(number // size + 1, number % size + 1, instance)
+        StudyCase(number // size + 1, number % size + 1, instance)
         for number, instance in enumerate(config.simulation_instances)
     ]
-    source = Source(config, places)
+    source = LogFolder(config, places)
     by_place = {(place.batch, place.instance): place for place in places}
     for file in read_log_files(folder):
         known = by_place.get(file.place) if file.place else None

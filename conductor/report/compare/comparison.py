@@ -21,7 +21,7 @@ from conductor.report.analysis.statistics import (
     newcombe_paired,
 )
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 from schemas.campaign import Case
 from schemas.identity import by_content
 from schemas.sections.stack_identity import difference
@@ -193,13 +193,13 @@ def compare(
     )
 
 
-def rank(row: Row) -> int:
+def rank(row: CaseRow) -> int:
     """2: verdict ``pass``; 1: another one without a collision, such as false braking; 0: a
     collision, or no verdict."""
     return (row.passed is True) + (row.no_collision is True)
 
 
-def _pairs(before: Dossier, after: Dossier) -> list[tuple[Row, Row]]:
+def _pairs(before: Dossier, after: Dossier) -> list[tuple[CaseRow, CaseRow]]:
     for dossier in (before, after):
         if not dossier.rows:
             raise UsageError(f"{dossier.folder}: has no cases")
@@ -245,18 +245,18 @@ def _counts(passed: Sequence[tuple[bool, bool]]) -> tuple[int, int, int, int]:
     )
 
 
-def _flip(a: Row, b: Row) -> Flip:
+def _flip(a: CaseRow, b: CaseRow) -> Flip:
     step = rank(b) - rank(a)
     change: Change = "worse" if step < 0 else "better" if step > 0 else "other"
     return Flip(a.case.id, a.status, b.status, change, b.end.reasons)
 
 
-def _same_bytes(a: Row, b: Row) -> bool:
+def _same_bytes(a: CaseRow, b: CaseRow) -> bool:
     same_end = (a.end.outcome, a.end.verdict) == (b.end.outcome, b.end.verdict)
     return same_end and a.end.kpi_sha256 == b.end.kpi_sha256
 
 
-def _axes(dossier: Dossier, pairs: list[tuple[Row, Row]]) -> list[AxisLine]:
+def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLine]:
     """One line per value of every axis of the first run."""
     found: list[tuple[str, Any, tuple[int, int, int, int]]] = []
     for axis in varied_axes(dossier):
@@ -283,7 +283,7 @@ def _axes(dossier: Dossier, pairs: list[tuple[Row, Row]]) -> list[AxisLine]:
     ]
 
 
-def _shift(name: str, label: str, pairs: list[tuple[Row, Row]]) -> Shift | None:
+def _shift(name: str, label: str, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
     """None: neither run has it anywhere."""
     lost = gained = 0
     known: list[tuple[float, str]] = []
@@ -312,13 +312,13 @@ def _shift(name: str, label: str, pairs: list[tuple[Row, Row]]) -> Shift | None:
     )
 
 
-def _finite(row: Row, name: str) -> float | None:
+def _finite(row: CaseRow, name: str) -> float | None:
     value = row.scalar(name)
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _notes(
-    before: Dossier, after: Dossier, pairs: list[tuple[Row, Row]], *, identical: bool
+    before: Dossier, after: Dossier, pairs: list[tuple[CaseRow, CaseRow]], *, identical: bool
 ) -> list[str]:
     logs = [dossier.folder.absolute().name for dossier in (before, after) if dossier.imported]
     if logs:

@@ -39,7 +39,7 @@ class TextTable:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ComparisonWords:
     """A comparison in words."""
 
     title: str
@@ -50,7 +50,7 @@ class Told:
     tables: list[TextTable]
 
 
-def told(found: Comparison) -> Told:
+def told(found: Comparison) -> ComparisonWords:
     """The comparison in words."""
     kind = "no regression"
     if found.identical:
@@ -67,7 +67,7 @@ def told(found: Comparison) -> Told:
         if found.shifts:
             tables.append(_shifts(found.shifts))
     title = f"{found.before.folder} and {found.after.folder}"
-    return Told(title, _result(found, kind), kind, _lines(found), tables)
+    return ComparisonWords(title, _result(found, kind), kind, _lines(found), tables)
 
 
 def _result(found: Comparison, kind: str) -> str:

@@ -13,7 +13,7 @@ from conductor.report.pages.tables import case_columns, statuses
 from conductor.report.plots.cells import case_number, severity
 from conductor.report.plots.palette import status_color, status_symbol
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.systems import system_names
 
 _REASONS, _REASON_CHARS = 2, 90
@@ -78,7 +78,7 @@ def _is_number(value: float | int | None) -> TypeGuard[float | int]:
     return value is not None and math.isfinite(value)
 
 
-def _hover(row: Row) -> str:
+def _hover(row: CaseRow) -> str:
     """Lines without the name; markup of Plotly's kind, so everything given is escaped."""
     lines = [html.escape(row.status.replace("_", " "), quote=False)]
     distance, speed = row.scalar("dtc_min_m"), row.scalar("impact_speed_mps")

@@ -9,10 +9,10 @@ from pathlib import Path
 from conductor.report.analysis.effects import Effect, main_effects
 from conductor.report.analysis.findings import Finding, findings
 from conductor.report.pages.tables import statuses
-from conductor.report.reading.curves import Curve, points_for
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.curves import KpiCurve, points_for
+from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.evidence import Evidence, gather
-from conductor.report.reading.kpi_files import NOTHING_KNOWN, Known, Reading, read_cases
+from conductor.report.reading.kpi_files import NOTHING_KNOWN, Known, KpiReading, read_cases
 from conductor.report.reading.leases import Leases, read_leases
 from conductor.report.reading.resources import read_resources
 from conductor.report.reading.resources_use import Resources, no_resources, resources_of
@@ -30,9 +30,9 @@ class Content:
     """A dossier with everything that was read and checked for it."""
 
     dossier: Dossier
-    shown: list[Row]
+    shown: list[CaseRow]
     """Cases with a table row and curves, in campaign order."""
-    curves: dict[str, Curve]
+    curves: dict[str, KpiCurve]
     rests_m: dict[str, list[float]]
     """By case, where the ego came to rest: distances to the obstacle in order [m]."""
     damaged: int
@@ -121,7 +121,7 @@ def first_screen(dossier: Dossier) -> list[str]:
 
 def read_shown(
     dossier: Dossier, *, anew: bool = False, known: Known = NOTHING_KNOWN
-) -> tuple[set[str], Reading]:
+) -> tuple[set[str], KpiReading]:
     """Cases with a table row and curves, and what was read; those that did not pass come first."""
     order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
     shown = {dossier.rows[i].case.id for i in order[:CASES_MAX]}

@@ -27,7 +27,7 @@ PAGE_FILE = "report.html"
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class WrittenReport:
     """What :func:`make_report` has made."""
 
     page: Path
@@ -39,7 +39,7 @@ class Report:
 
 def make_report(
     folder: Path, *, anew: bool = False, serial: Path | None = None, plots: bool = True
-) -> Report:
+) -> WrittenReport:
     """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
     plots, into the campaign ``folder``.
 
@@ -66,7 +66,7 @@ def make_report(
         drawn, missing = write_plots(content) if plots else ([], "")
     except OSError as error:
         raise storage_error(error, str(error.filename or path)) from None
-    return Report(path, drawn, missing, content)
+    return WrittenReport(path, drawn, missing, content)
 
 
 def report_json(folder: Path) -> dict[str, Any]:

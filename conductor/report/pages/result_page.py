@@ -38,7 +38,7 @@ from conductor.report.pages.templates import environment, number, words
 from conductor.report.plots.heat_picture import heat_picture
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.reading.curves import time_label
-from conductor.report.reading.dossier import Dossier, Row, open_dossier
+from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests, text_digest
 from conductor.report.reading.recorded import ask_viewer
@@ -67,7 +67,7 @@ class Shown:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ModelSection:
     """What the page says about one model."""
 
     model: str
@@ -117,7 +117,9 @@ def write_result_page(folder: Path, page: Path) -> Path:
     return page
 
 
-def _render(content: Content, sections: list[Section], texts: dict[str, str], folder: str) -> str:
+def _render(
+    content: Content, sections: list[ModelSection], texts: dict[str, str], folder: str
+) -> str:
     dossier = content.dossier
     jinja = environment(autoescape=False)
     jinja.filters["md"] = escaped
@@ -191,8 +193,8 @@ def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, d
     return [table for table in tables if table[1]]
 
 
-def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section]:
-    chosen: dict[str, list[Row]] = {}
+def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSection]:
+    chosen: dict[str, list[CaseRow]] = {}
     for model in models:
         own = [row for row in dossier.rows if row.case.model == model]
         chosen[model] = examples(dossier, own)
@@ -206,7 +208,7 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
         lines = lost_lines(dossier, own)
         found = {status for line in lines for status in line.cells}
         sections.append(
-            Section(
+            ModelSection(
                 model=model,
                 name=system_name(own[0].case),
                 perception=system_text(own[0].case),
@@ -223,7 +225,7 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[Section
     return sections
 
 
-def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
+def _shown(dossier: Dossier, row: CaseRow, missing: str) -> Shown:
     axes = [axis for axis in reversed(varied_axes(dossier)) if axis != "model"]
     values = [words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
     story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
@@ -241,11 +243,11 @@ def _shown(dossier: Dossier, row: Row, missing: str) -> Shown:
     )
 
 
-def _picture(row: Row) -> str:
+def _picture(row: CaseRow) -> str:
     return f"case-{row.case.id}.jpg"
 
 
-def _take_picture(dossier: Dossier, row: Row, beside: Path) -> str:
+def _take_picture(dossier: Dossier, row: CaseRow, beside: Path) -> str:
     """Write the picture of a case; empty, or why there is none."""
     with tempfile.TemporaryDirectory() as scratch:
         frame = Path(scratch) / "frame.png"

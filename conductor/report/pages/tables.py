@@ -11,7 +11,7 @@ import msgspec
 from conductor.report.analysis.statistics import wilson
 from conductor.report.reading.axes import axis_value, further_axes
 from conductor.report.reading.curves import time_label
-from conductor.report.reading.dossier import NOT_ENDED, Dossier, Row
+from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
 from schemas.files.kpi import NAMES, SCALARS
 
@@ -76,14 +76,14 @@ def statuses(dossier: Dossier) -> list[str]:
 
 def verdict_table(dossier: Dossier) -> list[SystemRow]:
     """Like the paper's Table 1: one line per system under test, the sum of all last."""
-    groups: dict[str, list[Row]] = {}
+    groups: dict[str, list[CaseRow]] = {}
     for row in dossier.rows:
         groups.setdefault(row.case.model, []).append(row)
     lines = [_system(dossier, model, rows) for model, rows in groups.items()]
     return [*lines, _system(dossier, "All", dossier.rows)]
 
 
-def _system(dossier: Dossier, model: str, rows: list[Row]) -> SystemRow:
+def _system(dossier: Dossier, model: str, rows: list[CaseRow]) -> SystemRow:
     everyone = rows is dossier.rows
     return SystemRow(
         model=model,
@@ -133,7 +133,7 @@ def case_columns(dossier: Dossier) -> list[tuple[str, str]]:
     ]
 
 
-def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
+def case_record(dossier: Dossier, row: CaseRow) -> dict[str, Any]:
     """One case as plain data: axes, outcome, scalars, origin; None where missing."""
     axes = ("model", "time_of_day", "weather", "repeat", "batch")
     end = row.end
@@ -160,6 +160,6 @@ def case_record(dossier: Dossier, row: Row) -> dict[str, Any]:
     }
 
 
-def without_verdict(dossier: Dossier) -> list[Row]:
+def without_verdict(dossier: Dossier) -> list[CaseRow]:
     """Cases that ended without a verdict."""
     return [row for row in dossier.rows if row.end.outcome not in ("", "verdict")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from conductor.report.reading.axes import axis_value, axis_values
-from conductor.report.reading.dossier import NOT_ENDED, Dossier, Row
+from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 
 _OTHER = ""
 # From bad to good: a cell of several cases shows the worst of them.
@@ -22,38 +22,38 @@ class Cells:
 
     xs: list[Any]
     ys: list[Any]
-    rows: list[list[list[Row]]]
+    rows: list[list[list[CaseRow]]]
 
 
-def cells_of(dossier: Dossier, rows: list[Row], x_axis: str, y_axis: str) -> Cells:
+def cells_of(dossier: Dossier, rows: list[CaseRow], x_axis: str, y_axis: str) -> Cells:
     """``rows`` by two axes, with all values that the campaign has."""
     xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
-    found: dict[tuple[Any, Any], list[Row]] = {}
+    found: dict[tuple[Any, Any], list[CaseRow]] = {}
     for row in rows:
         key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
         found.setdefault(key, []).append(row)
     return Cells(xs, ys, [[found.get((x, y), []) for x in xs] for y in ys])
 
 
-def severity(row: Row) -> int:
+def severity(row: CaseRow) -> int:
     """Smaller is worse."""
     status = row.status if row.status in _WORST_FIRST else _OTHER
     return _WORST_FIRST.index(status)
 
 
-def worst(cell: list[Row]) -> Row:
+def worst(cell: list[CaseRow]) -> CaseRow:
     """The case that a cell shows."""
     return min(cell, key=severity)
 
 
-def cell_number(cell: list[Row]) -> str:
+def cell_number(cell: list[CaseRow]) -> str:
     """What stands beside the symbol: see :func:`case_number`; of several cases how many passed."""
     if len(cell) > 1:
         return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
     return case_number(cell[0])
 
 
-def case_number(row: Row) -> str:
+def case_number(row: CaseRow) -> str:
     """Smallest distance of a case with a verdict [m], of a collision the impact speed [m/s], of
     lane keeping the lateral error [m]. Empty: it is not known."""
     if row.status == "collision":

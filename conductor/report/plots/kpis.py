@@ -18,8 +18,8 @@ from conductor.report.plots.parts import (
 )
 from conductor.report.plots.spread import SHARES, Spread, spread_of
 from conductor.report.reading.axes import axis_value, axis_values, varied_axes
-from conductor.report.reading.curves import Curve, drawn, time_label
-from conductor.report.reading.dossier import Row
+from conductor.report.reading.curves import KpiCurve, drawn, time_label
+from conductor.report.reading.dossier import CaseRow
 from conductor.report.reading.systems import system_names
 
 LINES_MAX = 400
@@ -70,11 +70,11 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
     return True
 
 
-def _spread(content: Content, rows: list[Row]) -> Spread | None:
+def _spread(content: Content, rows: list[CaseRow]) -> Spread | None:
     return spread_of([content.curves[row.case.id] for row in rows])
 
 
-def _draw_lines(panel: Figure, name: str, curves: list[Curve], colors: list[str]) -> None:
+def _draw_lines(panel: Figure, name: str, curves: list[KpiCurve], colors: list[str]) -> None:
     panel.add_collection(
         library("collections").LineCollection(
             [np.column_stack([curve.time_s, curve.values[name]]) for curve in curves],

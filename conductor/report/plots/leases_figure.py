@@ -14,7 +14,7 @@ from conductor.records.timeline import COMMITTED
 from conductor.report.pages.tables import statuses
 from conductor.report.plots.palette import status_color
 from conductor.report.reading.dossier import Dossier
-from conductor.report.reading.leases import STILL_OPEN, Leases, Span
+from conductor.report.reading.leases import STILL_OPEN, Leases, LeaseSpan
 
 SPANS_MAX = 6000
 """Most leases that are drawn, the first ones."""
@@ -29,7 +29,7 @@ _GIVEN_BACK = "#111111"
 _MINUTES_FROM_S = 300
 
 
-def lanes_of(spans: list[Span]) -> tuple[list[tuple[str, int]], list[int]]:
+def lanes_of(spans: list[LeaseSpan]) -> tuple[list[tuple[str, int]], list[int]]:
     """(worker, slot) of every lane, by worker; and the lane of each span.
 
     A worker has as many lanes as leases at once; a lease takes the first that is free.
@@ -105,7 +105,7 @@ def leases_figure(dossier: Dossier, leases: Leases) -> dict[str, Any] | None:
 
 def _lease_traces(
     dossier: Dossier,
-    spans: list[Span],
+    spans: list[LeaseSpan],
     places: list[int],
     per_unit_s: float,
     unit: str,
@@ -113,7 +113,7 @@ def _lease_traces(
 ) -> list[Any]:
     """One trace per kind of end; a gap lies between two leases of it."""
     status = {row.case.id: row.status for row in dossier.rows}
-    kinds: dict[str, list[tuple[Span, int]]] = {}
+    kinds: dict[str, list[tuple[LeaseSpan, int]]] = {}
     for span, place in zip(spans, places, strict=True):
         kind = status.get(span.case, COMMITTED) if span.how == COMMITTED else span.how
         kinds.setdefault(kind, []).append((span, place))

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.report.plots.palette import line_styles
-from conductor.report.reading.resources_use import QUANTITIES, Floats, Resources, Series
+from conductor.report.reading.resources_use import QUANTITIES, Floats, Resources, UseSeries
 from schemas.files.resources import PERIOD_S
 
 POINTS_MAX = 500
@@ -92,7 +92,7 @@ def resource_figure(resources: Resources) -> dict[str, Any] | None:
     return plain
 
 
-def thinned(series: Series, name: str) -> tuple[list[int | None], list[float | None]]:
+def thinned(series: UseSeries, name: str) -> tuple[list[int | None], list[float | None]]:
     """Moments and values; None where the line is interrupted."""
     moment = series.moment
     values: Floats = series.values[name]

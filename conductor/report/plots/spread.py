@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from conductor.report.reading.curves import BINS, SHARED, Curve, Floats, binned
+from conductor.report.reading.curves import BINS, SHARED, Floats, KpiCurve, binned
 
 LINES_MAX = 24
 """Most cases of a panel whose switches are drawn as lines."""
@@ -35,7 +35,7 @@ class Spread:
     All 0 to 1; NaN: too few cases run."""
 
 
-def spread_of(curves: Sequence[Curve]) -> Spread | None:
+def spread_of(curves: Sequence[KpiCurve]) -> Spread | None:
     """Distributions over ``curves``; None: they are few enough to be drawn one by one."""
     timed = [curve for curve in curves if len(curve.time_s) > 1]
     if len(timed) <= LINES_MAX:
@@ -50,7 +50,9 @@ def spread_of(curves: Sequence[Curve]) -> Spread | None:
     )
 
 
-def _over_cases(name: str, curves: list[Curve], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over_cases(
+    name: str, curves: list[KpiCurve], edges: NDArray[np.float64]
+) -> NDArray[np.float64]:
     if name == "collisions":
         return _collided(curves, edges)[None]
     rows = np.stack([_row(curve, name, edges) for curve in curves])
@@ -66,13 +68,13 @@ def _over_cases(name: str, curves: list[Curve], edges: NDArray[np.float64]) -> N
     return found
 
 
-def _row(curve: Curve, name: str, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+def _row(curve: KpiCurve, name: str, edges: NDArray[np.float64]) -> NDArray[np.float64]:
     """Means of a case over the stretches that all cases share."""
     own = np.linspace(float(curve.time_s[0]), float(curve.time_s[-1]), BINS + 1)
     return binned(own, curve.means[name].astype(np.float64), edges)
 
 
-def _collided(curves: list[Curve], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+def _collided(curves: list[KpiCurve], edges: NDArray[np.float64]) -> NDArray[np.float64]:
     known = [curve for curve in curves if np.isfinite(curve.values["collisions"]).any()]
     if not known:
         return np.full(BINS, np.nan)

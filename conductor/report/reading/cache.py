@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from conductor.records.fingerprint import Fingerprint
-from conductor.report.reading.curves import BINS, CURVES, SHARED, Curve
+from conductor.report.reading.curves import BINS, CURVES, SHARED, KpiCurve
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.files import write_atomic
 
@@ -93,16 +93,16 @@ def stamp(path: Path, kpi_sha256: str) -> Stamp | None:
     return Stamp(kpi_sha256, found.st_size, found.st_mtime_ns)
 
 
-def packed(curve: Curve) -> tuple[bytes, bytes]:
+def packed(curve: KpiCurve) -> tuple[bytes, bytes]:
     """``curve`` and ``means`` of an :class:`Entry`."""
     columns = [curve.time_s, *(curve.values[name] for name in CURVES)]
     means = [curve.means[name] for name in SHARED]
     return np.stack(columns).astype("<f4").tobytes(), np.stack(means).astype("<f4").tobytes()
 
 
-def unpacked(entry: Entry) -> Curve:
+def unpacked(entry: Entry) -> KpiCurve:
     """The curve of an :class:`Entry`."""
     rows = np.frombuffer(entry.curve, "<f4").reshape(len(CURVES) + 1, -1)
     means = np.frombuffer(entry.means, "<f4").reshape(len(SHARED), BINS)
     values = dict(zip(CURVES, rows[1:], strict=True))
-    return Curve(rows[0], values, entry.ticks, dict(zip(SHARED, means, strict=True)))
+    return KpiCurve(rows[0], values, entry.ticks, dict(zip(SHARED, means, strict=True)))

@@ -33,7 +33,7 @@ _Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class KpiCurve:
     """Thinned KPI rows of one case; a missing value is NaN, which draws as a gap."""
 
     time_s: Floats
@@ -61,7 +61,7 @@ def points_for(cases: int) -> int:
     return max(POINTS_MIN, min(POINTS_MAX, POINTS_TOTAL // max(cases, 1)))
 
 
-def thin(table: pa.Table, points_max: int) -> Curve:
+def thin(table: pa.Table, points_max: int) -> KpiCurve:
     """At most about ``points_max`` rows of a KPI table.
 
     Kept whatever the number: the first and last row, the row of the smallest distance, both sides
@@ -72,7 +72,7 @@ def thin(table: pa.Table, points_max: int) -> Curve:
     time_s = _floats(table, "sim_time_ns") / 1e9
     rows = len(time_s)
     keep = _kept(values, points_max) if rows > points_max else np.arange(rows)
-    return Curve(
+    return KpiCurve(
         _drawn(time_s[keep]),
         {name: _drawn(column[keep]) for name, column in values.items()},
         rows,

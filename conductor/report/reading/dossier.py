@@ -9,7 +9,7 @@ import msgspec
 
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
-from conductor.report.autodrive.layout import Imported, read_imported
+from conductor.report.autodrive.layout import ImportNote, read_imported
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.files.yaml_file import YamlError, load_yaml
@@ -23,7 +23,7 @@ NOT_ENDED = "not ended"
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CaseRow:
     """One case and how it ended."""
 
     case: Case
@@ -63,14 +63,14 @@ class Dossier:
     folder: Path
     campaign: Campaign
     outcomes: Outcomes
-    rows: list[Row]
+    rows: list[CaseRow]
     running: bool
     """A conductor serves the folder at this moment."""
     digest_now: str
     """Digest of ``campaign.yaml`` as it is; should be the one that was run."""
     written_s: float
     """When the outcomes were written, at the earliest: since 1970 [s]."""
-    imported: Imported | None = None
+    imported: ImportNote | None = None
     """Where the logs came from that it was made of; None: it was run."""
 
     @property
@@ -141,7 +141,7 @@ def open_dossier(folder: Path) -> Dossier:
         campaign=campaign,
         outcomes=outcomes,
         rows=[
-            Row(c, outcomes.cases[c.id], c.id not in without_aeb, c.id in collision_free)
+            CaseRow(c, outcomes.cases[c.id], c.id not in without_aeb, c.id in collision_free)
             for c in labelled
         ],
         running=not outcomes.complete and (folder / CONDUCTOR_FILE).exists(),

@@ -18,17 +18,17 @@ from conductor.records.fingerprint import (
 from conductor.records.outcomes import CaseOutcome
 from conductor.report.reading import cache as caching
 from conductor.report.reading.cache import Cache, Entry
-from conductor.report.reading.curves import Curve, thin
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.curves import KpiCurve, thin
+from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.rest import Track
 from twin.base.errors import InfrastructureError
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class KpiReading:
     """What was found in the KPI files."""
 
-    curves: dict[str, Curve]
+    curves: dict[str, KpiCurve]
     """By case, of those that are drawn."""
     broken: list[str]
     """Mistakes, one line each."""
@@ -54,7 +54,7 @@ def read_cases(
     *,
     anew: bool = False,
     known: Known = NOTHING_KNOWN,
-) -> Reading:
+) -> KpiReading:
     """Read what an earlier report has not.
 
     The fingerprint of a campaign that has become complete takes every file: once.
@@ -71,7 +71,7 @@ def read_cases(
     wanted = _outcomes_digest(dossier) if dossier.outcomes.complete else ""
     told = old.fingerprint if wanted and old.fingerprint_of == wanted else None
     total = Fingerprinter() if wanted and told is None else None
-    curves: dict[str, Curve] = {}
+    curves: dict[str, KpiCurve] = {}
     rests_m: dict[str, list[float]] = {}
     broken: dict[str, str] = {}
     read = 0
@@ -105,13 +105,13 @@ def read_cases(
         caching.store(dossier.folder, new)
     lines = [broken[row.case.id] for row in dossier.rows if row.case.id in broken]
     damaged = sum(bool(r.end.kpi_sha256) for r in dossier.rows if r.case.id in broken)
-    return Reading(curves, lines, rests_m, damaged, new.fingerprint, read)
+    return KpiReading(curves, lines, rests_m, damaged, new.fingerprint, read)
 
 
 _NOTHING = Entry(caching.Stamp("", 0, 0), 0)
 
 
-def _kept(dossier: Dossier, row: Row, old: Cache, points: int) -> Entry | None:
+def _kept(dossier: Dossier, row: CaseRow, old: Cache, points: int) -> Entry | None:
     """What an earlier report found, if it still holds; a case without rows needs no reading."""
     if not row.end.kpi_sha256:
         if row.end.outcome == "verdict":
@@ -121,7 +121,7 @@ def _kept(dossier: Dossier, row: Row, old: Cache, points: int) -> Entry | None:
     return entry if entry is not None and _holds(dossier, row, entry, points) else None
 
 
-def _holds(dossier: Dossier, row: Row, entry: Entry, points: int) -> bool:
+def _holds(dossier: Dossier, row: CaseRow, entry: Entry, points: int) -> bool:
     """Whether the file is as it was when it was read, and its curve, if one is wanted, fits."""
     path = kpi_path(dossier.folder, row.case.id, row.end)
     same = entry.stamp == caching.stamp(path, row.end.kpi_sha256)

@@ -15,7 +15,7 @@ from conductor.records.timeline import (
     LATE,
     LEASED,
     STARTED,
-    Event,
+    TimelineEvent,
 )
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
@@ -30,7 +30,7 @@ _SUPERSEDED = "superseded"
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class LeaseSpan:
     """One lease."""
 
     case: str
@@ -48,7 +48,7 @@ class Span:
 class Leases:
     """All leases, by start."""
 
-    spans: list[Span]
+    spans: list[LeaseSpan]
     commits_s: list[float]
     """When results came, since the first lease [s]."""
 
@@ -87,34 +87,34 @@ def read_leases(folder: Path) -> Leases:
         lines = read_regular(folder / FILE_NAME, RUN_FILE_BYTES_MAX).splitlines()
     except OSError:
         return Leases([], [])
-    events: list[Event] = []
+    events: list[TimelineEvent] = []
     for line in lines:
         try:
-            events.append(decode_json(line, Event))
+            events.append(decode_json(line, TimelineEvent))
         except JsonError:
             continue  # its writer was killed, or the disk was full
     return leases_of(events)
 
 
-def leases_of(events: list[Event]) -> Leases:
+def leases_of(events: list[TimelineEvent]) -> Leases:
     """Fold events, in the order in which they were written.
 
     A lease that was held while the conductor started again, and that its worker did not end, ends
     at the last event before that: nobody knows whether it was worked on while no conductor ran.
     """
     first_s = next((event.at_s for event in events if event.event == LEASED), 0.0)
-    live: dict[str, dict[int, Event]] = {}
+    live: dict[str, dict[int, TimelineEvent]] = {}
     seen_s: dict[int, float] = {}
     """By token, of leases that were held over a start: the last event before it."""
-    spans: list[Span] = []
+    spans: list[LeaseSpan] = []
     commits: list[float] = []
 
-    def close(event: Event, at_s: float, how: str) -> None:
+    def close(event: TimelineEvent, at_s: float, how: str) -> None:
         start_s = event.at_s - first_s
         if how in (LOST, STILL_OPEN, _SUPERSEDED, CASE_ENDED):
             at_s = min(at_s, seen_s.get(event.token, at_s))
         spans.append(
-            Span(
+            LeaseSpan(
                 event.case, event.worker, event.attempt, start_s, max(at_s - first_s, start_s), how
             )
         )
@@ -147,5 +147,5 @@ def leases_of(events: list[Event]) -> Leases:
     return Leases(spans, sorted(commits))
 
 
-def _lost(event: Event) -> str:
+def _lost(event: TimelineEvent) -> str:
     return _SUPERSEDED if event.event == COMMITTED else CASE_ENDED

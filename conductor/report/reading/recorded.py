@@ -18,7 +18,7 @@ from conductor.records.attempts import attempt_file
 from conductor.report.analysis.losses import examples, moment_of
 from conductor.report.reading.axes import axis_values
 from conductor.report.reading.cache import FOLDER
-from conductor.report.reading.dossier import Dossier, Row
+from conductor.report.reading.dossier import CaseRow, Dossier
 from twin.base.errors import InfrastructureError
 from twin.base.files import write_atomic
 
@@ -45,7 +45,7 @@ _AROUND = ("--around-s", "1.0", "--frames", "5")
 class Failure:
     """A case that did not pass, as the page shows it."""
 
-    row: Row
+    row: CaseRow
     strip: str
     """Pictures around the moment that matters, as a ``data:`` address; empty: there are none."""
     missing: str
@@ -55,13 +55,13 @@ class Failure:
     """Last lines of the attempt's log, where there was no verdict."""
 
 
-def recording_of(dossier: Dossier, row: Row) -> Path | None:
+def recording_of(dossier: Dossier, row: CaseRow) -> Path | None:
     """The recording of the committed attempt."""
     path = _inside(dossier, row, _RECORDING)
     return path if path and path.is_file() else None
 
 
-def _inside(dossier: Dossier, row: Row, name: str) -> Path | None:
+def _inside(dossier: Dossier, row: CaseRow, name: str) -> Path | None:
     """A file of the committed attempt; None: none was committed, or it lies elsewhere."""
     if not row.end.attempt_dir:
         return None
@@ -71,7 +71,7 @@ def _inside(dossier: Dossier, row: Row, name: str) -> Path | None:
         return None  # reading its KPIs says so
 
 
-def ask_viewer(dossier: Dossier, row: Row, command: str, out: Path, *options: str) -> str:
+def ask_viewer(dossier: Dossier, row: CaseRow, command: str, out: Path, *options: str) -> str:
     """Let ``viewer COMMAND`` write ``out``, of the moment that matters; empty, or why it could
     not."""
     if recording_of(dossier, row) is None:
@@ -115,13 +115,13 @@ def failures(dossier: Dossier) -> list[Failure]:
     return [_failure(dossier, row, *strips[row.case.id]) for row in rows]
 
 
-def _failure(dossier: Dossier, row: Row, data: bytes, missing: str) -> Failure:
+def _failure(dossier: Dossier, row: CaseRow, data: bytes, missing: str) -> Failure:
     strip = f"data:image/jpeg;base64,{base64.b64encode(data).decode()}" if data else ""
     log = [] if row.end.outcome == "verdict" else _log_end(dossier, row)
     return Failure(row, strip, missing, recording_of(dossier, row) is not None, log)
 
 
-def _strips(dossier: Dossier, rows: list[Row]) -> dict[str, tuple[bytes, str]]:
+def _strips(dossier: Dossier, rows: list[CaseRow]) -> dict[str, tuple[bytes, str]]:
     """By case: JPEG of the strip, from an earlier report if the recording is the same; or why
     there is none."""
     found: dict[str, tuple[bytes, str]] = {}
@@ -143,7 +143,7 @@ def _strips(dossier: Dossier, rows: list[Row]) -> dict[str, tuple[bytes, str]]:
     return found
 
 
-def _kept(dossier: Dossier, row: Row) -> Path | None:
+def _kept(dossier: Dossier, row: CaseRow) -> Path | None:
     """Where the strip of a case is kept for the next report; None: the case was not recorded."""
     recording = recording_of(dossier, row)
     if recording is None:
@@ -154,7 +154,9 @@ def _kept(dossier: Dossier, row: Row) -> Path | None:
     return dossier.folder / FOLDER / f"strip-{key}.jpg"
 
 
-def make_strips(dossier: Dossier, asked: list[tuple[Row, Path]]) -> dict[str, tuple[bytes, str]]:
+def make_strips(
+    dossier: Dossier, asked: list[tuple[CaseRow, Path]]
+) -> dict[str, tuple[bytes, str]]:
     """Let one `viewer` make the strips of some cases, and keep each at its path."""
     made: dict[str, tuple[bytes, str]] = {}
     with tempfile.TemporaryDirectory() as scratch:
@@ -184,7 +186,7 @@ def make_strips(dossier: Dossier, asked: list[tuple[Row, Path]]) -> dict[str, tu
     return made
 
 
-def _log_end(dossier: Dossier, row: Row) -> list[str]:
+def _log_end(dossier: Dossier, row: CaseRow) -> list[str]:
     path = _inside(dossier, row, _LOG)
     if path is None:
         return []

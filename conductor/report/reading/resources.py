@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, Sample
+from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, ResourceSample
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
 
@@ -47,8 +47,8 @@ _TYPES = {
     "gpu_memory_total_bytes": pa.int64(),
     "gpu_power_w": pa.float64(),
 }
-RESOURCES_SCHEMA = pa.schema([(name, _TYPES[name]) for name in Sample.__struct_fields__])
-"""Arrow schema of ``resources.parquet``: the fields of :class:`schemas.files.resources.Sample`."""
+RESOURCES_SCHEMA = pa.schema([(name, _TYPES[name]) for name in ResourceSample.__struct_fields__])
+"""Columns of ``resources.parquet``: fields of :class:`schemas.files.resources.ResourceSample`."""
 
 
 def read_resources(folder: Path) -> pa.Table:
@@ -133,7 +133,7 @@ def _samples(text: bytes, known: set[tuple[int, str]]) -> pa.Table:
     rows = []
     for line in text.splitlines():
         try:
-            sample: Sample = decode_json(line, Sample)
+            sample: ResourceSample = decode_json(line, ResourceSample)
         except JsonError:
             continue  # its writer was killed, or the disk was full
         if (sample.time_ns, sample.worker) not in known:

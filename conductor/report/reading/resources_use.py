@@ -36,7 +36,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class UseSpan:
     """Least, mean and most over time."""
 
     least: float
@@ -45,7 +45,7 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class UseSeries:
     """Net use over time; a value that nobody could measure is NaN."""
 
     moment: NDArray[np.int64]
@@ -53,12 +53,12 @@ class Series:
     values: dict[str, Floats]
     """By name of :data:`QUANTITIES`."""
 
-    def span(self, name: str) -> Span | None:
+    def span(self, name: str) -> UseSpan | None:
         """Over the moments at which it was measured; None: never."""
         known = self.values[name][~np.isnan(self.values[name])]
         if not len(known):
             return None
-        return Span(float(known.min()), float(known.mean()), float(known.max()))
+        return UseSpan(float(known.min()), float(known.mean()), float(known.max()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Use:
     node_ram_gb: float
     gpu_memory_gb: float | None
     """Memory that the GPUs have [GB]."""
-    spans: dict[str, Span | None]
+    spans: dict[str, UseSpan | None]
     """By name of :data:`QUANTITIES`."""
     models: tuple[str, ...] = ()
     """Systems under test of a batch."""
@@ -94,7 +94,7 @@ class Resources:
     """The paper's Table 2: a line per batch that was ever sampled alone."""
     workers: list[Use]
     """A line per worker, by name."""
-    series: dict[str, Series]
+    series: dict[str, UseSeries]
     """Node -> its use over time."""
     missing: str = ""
     """Why there are no samples."""
@@ -154,7 +154,7 @@ def _by_worker(table: pa.Table) -> list[tuple[str, pa.Table]]:
     return [(name, table.filter(pc.field("worker") == name)) for name in names]
 
 
-def series_of(table: pa.Table) -> Series:
+def series_of(table: pa.Table) -> UseSeries:
     """Net use of the workers in ``table`` at each moment."""
     workers = _most(table, ["moment", "host", "worker"], ["cpu_cores", "ram_bytes"])
     nodes = _most(table, ["moment", "host"], ["node_cpu_cores", "node_ram_bytes"])
@@ -175,7 +175,7 @@ def series_of(table: pa.Table) -> Series:
         "gpu_memory_gb": _net(gpus, "gpu_memory_bytes", moment) / GB,
         "gpu_power_w": _net(gpus, "gpu_power_w", moment),
     }
-    return Series(moment, found)
+    return UseSeries(moment, found)
 
 
 def _most(table: pa.Table, keys: list[str], columns: list[str]) -> pa.Table:
@@ -193,7 +193,7 @@ def _net(table: pa.Table, name: str, moment: NDArray[np.int64], how: str = "sum"
     return values
 
 
-def _use(name: str, table: pa.Table, series: Series, models: tuple[str, ...] = ()) -> Use:
+def _use(name: str, table: pa.Table, series: UseSeries, models: tuple[str, ...] = ()) -> Use:
     node = _most(table, ["host"], ["node_cpus", "node_ram_total_bytes"])
     with_gpu = table.filter(pc.field("gpu").is_valid())
     gpu = _most(with_gpu, ["host", "gpu"], ["gpu_memory_total_bytes"])

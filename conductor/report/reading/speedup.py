@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from conductor.report.reading.dossier import Dossier, Row, open_dossier
+from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.report.reading.leases import Leases, read_leases
 from schemas.words import unended
 from twin.base.errors import UsageError
@@ -19,7 +19,7 @@ SERIAL_HINT = "conductor run campaign.yaml --workers 1 --slots 1 --out serial"
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class RunPace:
     """What a run took; None: it was not measured."""
 
     cases: int
@@ -43,8 +43,8 @@ class Pace:
 class SpeedUp:
     """A run beside the same cases one after the other."""
 
-    run: Pace
-    serial: Pace | None
+    run: RunPace
+    serial: RunPace | None
     serial_folder: str
     missing: str
     """Why there is no factor; empty: there is one."""
@@ -85,13 +85,13 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
     )
 
 
-def _missing(dossier: Dossier, run: Pace) -> str:
+def _missing(dossier: Dossier, run: RunPace) -> str:
     if not dossier.outcomes.complete:
         return f"this run: {unended(dossier.left, len(dossier.rows))}"
     return "" if run.wall_s else "this run has no timeline of its leases"
 
 
-def _serial_pace(dossier: Dossier, serial: Path) -> Pace:
+def _serial_pace(dossier: Dossier, serial: Path) -> RunPace:
     other = open_dossier(serial)
     if other.outcomes.digest != dossier.outcomes.digest:
         raise UsageError(
@@ -124,12 +124,12 @@ def _same_installation(dossier: Dossier, other: Dossier, serial: Path) -> None:
         )
 
 
-def _pace(dossier: Dossier, leases: Leases) -> Pace:
+def _pace(dossier: Dossier, leases: Leases) -> RunPace:
     rows = [row for row in dossier.rows if row.end.attempt and row.end.wall_s > 0]
     wall_s = leases.busy_s if leases.commits_s else None
     ticks = _sum(rows, "ticks")
     sim_s = _sum(rows, "sim_time_s")
-    return Pace(
+    return RunPace(
         cases=len(rows),
         workers=len(leases.workers or {row.end.worker for row in rows if row.end.worker}) or None,
         at_once=leases.most,
@@ -141,12 +141,12 @@ def _pace(dossier: Dossier, leases: Leases) -> Pace:
     )
 
 
-def _sum(rows: list[Row], scalar: str) -> float | None:
+def _sum(rows: list[CaseRow], scalar: str) -> float | None:
     known = [value for row in rows if (value := row.scalar(scalar)) is not None]
     return sum(known) if known else None
 
 
-def _median(rows: list[Row], value: Callable[[Row], float | int | None]) -> float | None:
+def _median(rows: list[CaseRow], value: Callable[[CaseRow], float | int | None]) -> float | None:
     """Of a value per second of a case's wall time."""
     known = [found / row.end.wall_s for row in rows if (found := value(row)) is not None]
     return statistics.median(known) if known else None

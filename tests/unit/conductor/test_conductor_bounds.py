@@ -20,7 +20,7 @@ from conductor.core.facts import Replied, WorkerLeft
 from conductor.core.fold import apply
 from conductor.core.state import Config, State
 from conductor.journal.store import Journal
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import CASES_MAX, parse_cases
@@ -122,20 +122,22 @@ def test_a_fact_that_cannot_be_stored_leaves_no_transaction_open(journal: Journa
 
 
 @pytest.fixture
-def engine(journal: Journal, tmp_path: Path) -> Engine:
+def engine(journal: Journal, tmp_path: Path) -> ConductorEngine:
     folders = Folders(tmp_path)
     config = Config(folder=str(tmp_path))
-    engine = Engine(journal, config, 0, lambda request: folders.check(engine.state, request))
+    engine = ConductorEngine(
+        journal, config, 0, lambda request: folders.check(engine.state, request)
+    )
     assert [reply.error for reply in _ask(engine, submit(), hello())] == ["", ""]
     return engine
 
 
-def _ask(engine: Engine, *requests: Request) -> list[Reply]:
-    turn = engine.turn([Message(encode(shown(request)), S) for request in requests])
+def _ask(engine: ConductorEngine, *requests: Request) -> list[Reply]:
+    turn = engine.turn([IncomingRequest(encode(shown(request)), S) for request in requests])
     return [decode(reply or b"", Reply) for reply in turn.replies]
 
 
-def test_no_request_makes_the_conductor_read_its_journal_again(engine: Engine) -> None:
+def test_no_request_makes_the_conductor_read_its_journal_again(engine: ConductorEngine) -> None:
     """Reading it takes seconds with many cases, and nobody is served meanwhile."""
     state = engine.state
     (reply,) = _ask(engine, Next(v=V, worker="w1", seq=1, k=1))
@@ -183,7 +185,7 @@ def test_a_path_that_no_disk_takes_is_refused_before_it_is_tried(out: str) -> No
 
 
 def test_a_mistake_of_ours_before_anything_changed_costs_no_reading(
-    engine: Engine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    engine: ConductorEngine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def mistaken(*_: object) -> None:
         raise ZeroDivisionError

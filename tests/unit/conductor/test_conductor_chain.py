@@ -14,7 +14,7 @@ import pytest
 from conductor.core.facts import CaseEnded, Fact, Image, Replied, Snapshot, WorkerLeft
 from conductor.journal.chain import Chain
 from conductor.journal.owner import FILE_NAME as OWNER_FILE
-from conductor.journal.owner import Owner
+from conductor.journal.owner import FolderOwner
 from conductor.journal.store import Journal, JournalError, TakenOverError, read_journal
 from schemas import SCHEMA_VERSION
 from schemas.messages import Reply
@@ -158,7 +158,7 @@ def test_a_takeover_leaves_the_chain_where_it_was(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.append([_some(1)])
     before = journal.chain
-    thief = Owner(id="thief", host="there", pid=2)
+    thief = FolderOwner(id="thief", host="there", pid=2)
     (tmp_path / OWNER_FILE).write_bytes(msgspec.json.encode(thief))
     with pytest.raises(TakenOverError):
         journal.append([_some(2)])

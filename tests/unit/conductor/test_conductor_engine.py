@@ -13,7 +13,7 @@ import conductor.serve.engine
 from conductor.core.facts import Committed, Fact, Leased, is_durable
 from conductor.core.fold import fold
 from conductor.journal.store import JournalError
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import Beat, Next, Reply, Request, Stop
 from schemas.wire.codec import decode, encode
@@ -42,11 +42,11 @@ class Store:
         return self.facts
 
 
-def messages(*requests: Request, now_ns: int = S) -> list[Message]:
-    return [Message(encode(shown(request)), now_ns) for request in requests]
+def messages(*requests: Request, now_ns: int = S) -> list[IncomingRequest]:
+    return [IncomingRequest(encode(shown(request)), now_ns) for request in requests]
 
 
-def ask(engine: Engine, *requests: Request, now_ns: int = S) -> list[Reply]:
+def ask(engine: ConductorEngine, *requests: Request, now_ns: int = S) -> list[Reply]:
     return [
         decode(r or b"", Reply) for r in engine.turn(messages(*requests, now_ns=now_ns)).replies
     ]
@@ -58,13 +58,13 @@ def store() -> Store:
 
 
 @pytest.fixture
-def engine(store: Store) -> Engine:
-    engine = Engine(store, CONFIG, 0)
+def engine(store: Store) -> ConductorEngine:
+    engine = ConductorEngine(store, CONFIG, 0)
     ask(engine, submit(), hello())
     return engine
 
 
-def test_a_group_is_one_commit(engine: Engine, store: Store) -> None:
+def test_a_group_is_one_commit(engine: ConductorEngine, store: Store) -> None:
     before = store.commits
     replies = ask(engine, *(Next(v=V, worker="w1", seq=s, k=1) for s in (1, 2)), hello("w2"))
     assert [reply.error for reply in replies] == ["", "", ""]
@@ -83,15 +83,17 @@ def test_a_group_is_one_commit(engine: Engine, store: Store) -> None:
         (msgpack.packb([1, 2]), "not a valid message"),
     ],
 )
-def test_rubbish_is_answered_and_counted(engine: Engine, payload: bytes, error: str) -> None:
-    turn = engine.turn([Message(payload, S), *messages(hello("w2"))])
+def test_rubbish_is_answered_and_counted(
+    engine: ConductorEngine, payload: bytes, error: str
+) -> None:
+    turn = engine.turn([IncomingRequest(payload, S), *messages(hello("w2"))])
     first, second = (decode(reply or b"", Reply) for reply in turn.replies)
     assert error in first.error
     assert not second.error
     assert engine.counters.refused == 1
 
 
-def test_no_space_refuses_the_group_and_forgets_it(engine: Engine, store: Store) -> None:
+def test_no_space_refuses_the_group_and_forgets_it(engine: ConductorEngine, store: Store) -> None:
     request = Next(v=V, worker="w1", seq=1, k=2)
     store.full = True
     for _ in range(2):
@@ -106,7 +108,7 @@ def test_no_space_refuses_the_group_and_forgets_it(engine: Engine, store: Store)
     assert engine.state == fold(store.facts)
 
 
-def test_no_lease_expires_while_the_storage_refuses(engine: Engine, store: Store) -> None:
+def test_no_lease_expires_while_the_storage_refuses(engine: ConductorEngine, store: Store) -> None:
     (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
     lease = reply.leases[0]
     store.full = True
@@ -119,12 +121,12 @@ def test_no_lease_expires_while_the_storage_refuses(engine: Engine, store: Store
     assert any(isinstance(fact, Committed) for fact in store.facts)
 
 
-def test_messages_count_from_their_arrival(engine: Engine) -> None:
+def test_messages_count_from_their_arrival(engine: ConductorEngine) -> None:
     """A stalled disk lets heartbeats pile up; they must not find their leases expired."""
     (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
     token = reply.leases[0].token
     beat = encode(shown(Beat(v=V, worker="w1", held={str(token): 1})))
-    turn = engine.turn([Message(beat, second * S) for second in (10, 20, 30)])
+    turn = engine.turn([IncomingRequest(beat, second * S) for second in (10, 20, 30)])
     assert [decode(r or b"", Reply).lost for r in turn.replies] == [[], [], []]
     engine.tick((30 + 15) * S - 1)
     assert token in engine.state.leases
@@ -132,7 +134,7 @@ def test_messages_count_from_their_arrival(engine: Engine) -> None:
     assert token not in engine.state.leases
 
 
-def test_time_never_runs_backwards(engine: Engine) -> None:
+def test_time_never_runs_backwards(engine: ConductorEngine) -> None:
     ask(engine, Next(v=V, worker="w1", seq=1, k=1), now_ns=50 * S)
     ask(engine, hello("w2"), now_ns=1 * S)
     assert engine.next_expiry_ns() == 65 * S
@@ -140,7 +142,10 @@ def test_time_never_runs_backwards(engine: Engine) -> None:
 
 
 def test_a_mistake_of_ours_costs_one_request_only(
-    engine: Engine, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    engine: ConductorEngine,
+    store: Store,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     decide = conductor.serve.engine.decide
 
@@ -169,7 +174,10 @@ def test_a_mistake_of_ours_costs_one_request_only(
 
 
 def test_a_group_that_is_decided_one_by_one_still_tells_all_its_facts(
-    engine: Engine, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    engine: ConductorEngine,
+    store: Store,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """The timeline and the metrics are made from a turn's facts, not from the journal."""
     decide = conductor.serve.engine.decide
@@ -188,12 +196,14 @@ def test_a_group_that_is_decided_one_by_one_still_tells_all_its_facts(
     assert any(isinstance(fact, Leased) for fact in turn.facts)
 
 
-def test_a_restart_raises_the_epoch_and_keeps_drain_out(engine: Engine, store: Store) -> None:
+def test_a_restart_raises_the_epoch_and_keeps_drain_out(
+    engine: ConductorEngine, store: Store
+) -> None:
     """Draining is of the process that was told to: the next one grants again."""
     ask(engine, Stop(v=V))
     (reply,) = ask(engine, Next(v=V, worker="w1", seq=1, k=1))
     assert (reply.drain, reply.leases) == (True, [])
-    restarted = Engine(store, CONFIG, 0)
+    restarted = ConductorEngine(store, CONFIG, 0)
     assert restarted.state.epoch == engine.state.epoch + 1
     (reply,) = ask(restarted, Next(v=V, worker="w1", seq=2, k=1))
     assert not reply.drain
@@ -201,7 +211,7 @@ def test_a_restart_raises_the_epoch_and_keeps_drain_out(engine: Engine, store: S
 
 
 def test_a_full_disk_does_not_make_the_conductor_forget_that_it_drains(
-    engine: Engine, store: Store
+    engine: ConductorEngine, store: Store
 ) -> None:
     ask(engine, Stop(v=V))
     store.full = True
@@ -212,13 +222,15 @@ def test_a_full_disk_does_not_make_the_conductor_forget_that_it_drains(
     assert (reply.error, reply.drain, reply.leases) == ("", True, [])
 
 
-def test_a_hint_gets_no_reply(engine: Engine) -> None:
+def test_a_hint_gets_no_reply(engine: ConductorEngine) -> None:
     ask(engine, Next(v=V, worker="w1", seq=1, k=1))
-    assert engine.turn([Message(b"", 2 * S, vanished="w1")]).replies == [None]
+    assert engine.turn([IncomingRequest(b"", 2 * S, vanished="w1")]).replies == [None]
     assert engine.next_expiry_ns() == 5 * S
 
 
-def test_a_request_that_comes_by_another_key_is_refused(engine: Engine, store: Store) -> None:
+def test_a_request_that_comes_by_another_key_is_refused(
+    engine: ConductorEngine, store: Store
+) -> None:
     """The access list knows keys: who may only ask for the status must not submit there."""
     before = len(store.facts)
     for request, key, accepted in (
@@ -228,7 +240,7 @@ def test_a_request_that_comes_by_another_key_is_refused(engine: Engine, store: S
         (hello("w3"), "conductor/rpc/admin", False),
         (hello("w3"), "conductor/rpc/worker", True),
     ):
-        (data,) = engine.turn([Message(encode(request), S, door=key)]).replies
+        (data,) = engine.turn([IncomingRequest(encode(request), S, door=key)]).replies
         error = decode(data or b"", Reply).error
         assert (error == "") is accepted
         assert accepted or error.startswith(f"{type(request).__name__} came on {key}; send it to ")

@@ -21,7 +21,7 @@ from conductor.core.facts import CaseEnded, Draining, EpochRaised, Fact, Seen
 from conductor.core.fold import fold
 from conductor.core.state import State
 from conductor.journal.owner import FILE_NAME as OWNER_FILE
-from conductor.journal.owner import Owner
+from conductor.journal.owner import FolderOwner
 from conductor.journal.store import FolderLockedError, Journal, JournalError, TakenOverError
 from twin.base.errors import UsageError
 
@@ -217,7 +217,7 @@ def test_the_owner_is_asked_for_when_all_is_written_and_nothing_committed(
     """A successor may take over while facts are written: none of them must come to count."""
     journal, connection = _watched(tmp_path, monkeypatch)
     journal.append([_some(1)])
-    thief = Owner(id="thief", host="there", pid=2)
+    thief = FolderOwner(id="thief", host="there", pid=2)
 
     def take_over(statement: str) -> None:
         if statement.startswith("INSERT INTO facts"):

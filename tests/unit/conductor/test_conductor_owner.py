@@ -17,13 +17,13 @@ import pytest
 from conductor_bench import CONFIG, S, hello, submit
 
 from conductor.core.facts import CaseEnded, Fact
-from conductor.journal.owner import FILE_NAME, Owner, obstacle, this_process
+from conductor.journal.owner import FILE_NAME, FolderOwner, obstacle, this_process
 from conductor.journal.store import FolderLockedError, Journal, TakenOverError
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas.wire.codec import encode
 
-HERE = Owner(id="a", host="here", pid=1)
-THERE = Owner(id="b", host="there", pid=2)
+HERE = FolderOwner(id="a", host="here", pid=1)
+THERE = FolderOwner(id="b", host="there", pid=2)
 
 
 @pytest.fixture(autouse=True)
@@ -61,12 +61,12 @@ def test_the_scheduler_is_asked() -> None:
     assert (this_process({}).job, this_process({}).restarts) == ("", 0)
 
 
-def _open(folder: Path, owner: Owner) -> Journal:
+def _open(folder: Path, owner: FolderOwner) -> Journal:
     return Journal(folder, owner=owner)
 
 
-def _owner(folder: Path) -> Owner:
-    return msgspec.json.decode((folder / FILE_NAME).read_bytes(), type=Owner)
+def _owner(folder: Path) -> FolderOwner:
+    return msgspec.json.decode((folder / FILE_NAME).read_bytes(), type=FolderOwner)
 
 
 def _age(folder: Path, seconds: float) -> None:
@@ -124,24 +124,26 @@ def test_the_lock_of_a_dead_host_is_taken_over_and_a_ghost_stops(tmp_path: Path)
     successor.close()
     with contextlib.closing(sqlite3.connect(tmp_path / "conductor.db")) as connection:
         (owner,) = connection.execute("SELECT value FROM meta WHERE name = 'owner'").fetchone()
-    assert msgspec.json.decode(owner, type=Owner) == HERE
+    assert msgspec.json.decode(owner, type=FolderOwner) == HERE
 
 
 def test_a_ghost_answers_nobody(tmp_path: Path) -> None:
-    ghost = Engine(_open(tmp_path, THERE), CONFIG, 0)
-    ghost.turn([Message(encode(submit()), S)])
+    ghost = ConductorEngine(_open(tmp_path, THERE), CONFIG, 0)
+    ghost.turn([IncomingRequest(encode(submit()), S)])
     _age(tmp_path, 46.0)
-    successor = Engine(_open(tmp_path, HERE), CONFIG, 0)
+    successor = ConductorEngine(_open(tmp_path, HERE), CONFIG, 0)
     assert successor.state.epoch == ghost.state.epoch + 1
     with pytest.raises(TakenOverError):
-        ghost.turn([Message(encode(hello()), S)])
+        ghost.turn([IncomingRequest(encode(hello()), S)])
     with pytest.raises(TakenOverError):
-        ghost.turn([Message(encode(hello("w2")), S), Message(encode(hello("w3")), S)])
+        ghost.turn(
+            [IncomingRequest(encode(hello("w2")), S), IncomingRequest(encode(hello("w3")), S)]
+        )
     assert not successor.state.workers
 
 
 def test_an_idle_ghost_notices_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ghost = Engine(_open(tmp_path, THERE), CONFIG, 0)
+    ghost = ConductorEngine(_open(tmp_path, THERE), CONFIG, 0)
     _age(tmp_path, 46.0)
     successor = _open(tmp_path, HERE)
     monkeypatch.setattr("conductor.journal.owner.BEAT_S", 0.0)  # as long as that ago

@@ -30,12 +30,12 @@ from schemas.wire.rpc_routes import door
 from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.discovery import find_conductor
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 
 
 @pytest.fixture
-def hub() -> Iterator[Hub]:
-    hub = Hub()
+def hub() -> Iterator[MemoryHub]:
+    hub = MemoryHub()
     thread = hub.run()
     yield hub
     hub.stop()
@@ -43,7 +43,7 @@ def hub() -> Iterator[Hub]:
 
 
 @contextlib.contextmanager
-def serving(folder: Path, hub: Hub, **options: object) -> Iterator[Conductor]:
+def serving(folder: Path, hub: MemoryHub, **options: object) -> Iterator[Conductor]:
     conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)  # type: ignore[arg-type]
     thread = threading.Thread(target=conductor.serve)
     thread.start()
@@ -63,7 +63,7 @@ def _run_all(conductor: Conductor, worker: str = "w1") -> None:
     assert not conductor.request(next_of(worker=worker, seq=2, k=0, results=done)).error
 
 
-def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> None:
+def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: MemoryHub) -> None:
     with serving(tmp_path / "state", hub) as conductor:
         assert conductor.snapshot()["left"] == 0
         assert find_conductor(tmp_path / "state").endpoint == "memory"
@@ -88,7 +88,7 @@ def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: Hub) -> Non
 
 
 def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
-    tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(conductor.serve.folders, "REFRESH_S", 0.0)
     monkeypatch.setattr(conductor.serve.folders, "REFRESH_SHARE", 1.0)
@@ -109,7 +109,7 @@ def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
         assert len(seen.commits_s) == 2
 
 
-def test_a_timeline_that_cannot_be_written_stops_nothing(tmp_path: Path, hub: Hub) -> None:
+def test_a_timeline_that_cannot_be_written_stops_nothing(tmp_path: Path, hub: MemoryHub) -> None:
     with serving(tmp_path, hub) as served:
         served.request(submit())
         (tmp_path / "alpha" / "timeline.jsonl").mkdir()
@@ -119,7 +119,7 @@ def test_a_timeline_that_cannot_be_written_stops_nothing(tmp_path: Path, hub: Hu
 
 
 def test_a_start_is_in_the_timeline_and_a_torn_line_takes_no_event_with_it(
-    tmp_path: Path, hub: Hub
+    tmp_path: Path, hub: MemoryHub
 ) -> None:
     path = tmp_path / "alpha" / "timeline.jsonl"
     with serving(tmp_path, hub) as served:
@@ -135,7 +135,7 @@ def test_a_start_is_in_the_timeline_and_a_torn_line_takes_no_event_with_it(
     assert [json.loads(line)["event"] for line in lines[:-2]] == ["leased"]
 
 
-def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
+def test_requests_and_events_over_the_bus(tmp_path: Path, hub: MemoryHub) -> None:
     heard: list[str] = []
     done = threading.Event()
 
@@ -162,7 +162,7 @@ def test_requests_and_events_over_the_bus(tmp_path: Path, hub: Hub) -> None:
         assert ask(StatusRequest(v=V)).status["left"] == 4
 
 
-def test_a_second_conductor_names_the_first(tmp_path: Path, hub: Hub) -> None:
+def test_a_second_conductor_names_the_first(tmp_path: Path, hub: MemoryHub) -> None:
     with (
         serving(tmp_path, hub),
         pytest.raises(UsageError, match=r"conductor \(pid \d+ on ") as caught,
@@ -171,7 +171,7 @@ def test_a_second_conductor_names_the_first(tmp_path: Path, hub: Hub) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_restart_resumes_and_keeps_leases(tmp_path: Path, hub: Hub) -> None:
+def test_a_restart_resumes_and_keeps_leases(tmp_path: Path, hub: MemoryHub) -> None:
     with serving(tmp_path, hub) as conductor:
         conductor.request(submit())
         conductor.request(hello())
@@ -184,7 +184,9 @@ def test_a_restart_resumes_and_keeps_leases(tmp_path: Path, hub: Hub) -> None:
         assert (reply.fenced, len(reply.leases), reply.epoch) == ([], 2, 2)
 
 
-def test_outcomes_that_a_crash_lost_are_written_at_the_next_start(tmp_path: Path, hub: Hub) -> None:
+def test_outcomes_that_a_crash_lost_are_written_at_the_next_start(
+    tmp_path: Path, hub: MemoryHub
+) -> None:
     with serving(tmp_path, hub) as conductor:
         conductor.request(submit())
         _run_all(conductor)
@@ -193,7 +195,9 @@ def test_outcomes_that_a_crash_lost_are_written_at_the_next_start(tmp_path: Path
         assert read_outcomes(tmp_path / "alpha").complete
 
 
-def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_request_drains(
+    tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(conductor.serve.shell, "LINGER_S", 0.0)
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     thread = threading.Thread(target=served.serve)
@@ -209,7 +213,7 @@ def test_stop_request_drains(tmp_path: Path, hub: Hub, monkeypatch: pytest.Monke
     assert not thread.is_alive()
 
 
-def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: Hub) -> None:
+def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: MemoryHub) -> None:
     config = Config(ttl_ns=3_600_000_000_000, vanished_ns=1_000_000)
     lost = threading.Event()
 
@@ -230,7 +234,7 @@ def test_a_vanished_worker_loses_its_leases_soon(tmp_path: Path, hub: Hub) -> No
 
 @pytest.mark.parametrize("port_is_free", [True, False])
 def test_the_port_of_a_crashed_predecessor_is_taken_if_free(
-    tmp_path: Path, hub: Hub, port_is_free: bool
+    tmp_path: Path, hub: MemoryHub, port_is_free: bool
 ) -> None:
     asked: list[str] = []
 
@@ -253,7 +257,7 @@ def test_the_port_of_a_crashed_predecessor_is_taken_if_free(
     assert second.endpoint == f"tcp/127.0.0.1:{4711 if port_is_free else 4712}"
 
 
-def test_an_address_for_all_interfaces_is_told_by_host_name(tmp_path: Path, hub: Hub) -> None:
+def test_an_address_for_all_interfaces_is_told_by_host_name(tmp_path: Path, hub: MemoryHub) -> None:
     def factory(listen: Sequence[str], *_: object) -> Bus:
         bus = hub.open()
         bus.endpoints = ["tcp/0.0.0.0:4711"]
@@ -270,7 +274,7 @@ def _fail(*_: object) -> Bus:
     raise UsageError("tcp/127.0.0.1:1: address already in use")
 
 
-def test_a_failing_start_releases_the_folder(tmp_path: Path, hub: Hub) -> None:
+def test_a_failing_start_releases_the_folder(tmp_path: Path, hub: MemoryHub) -> None:
     with pytest.raises(UsageError, match="already in use"):
         Conductor(tmp_path, bus_factory=_fail).serve()
     assert not (tmp_path / "conductor.json").exists()
@@ -278,13 +282,13 @@ def test_a_failing_start_releases_the_folder(tmp_path: Path, hub: Hub) -> None:
         pass
 
 
-def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, hub: Hub) -> None:
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, hub: MemoryHub) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises((UsageError, InfrastructureError), match="file"):
         Conductor(tmp_path / "file", bus_factory=lambda *_: hub.open()).serve()
 
 
-def test_folders_of_others_are_refused(tmp_path: Path, hub: Hub) -> None:
+def test_folders_of_others_are_refused(tmp_path: Path, hub: MemoryHub) -> None:
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken/campaign.yaml").write_text("campaign: other\n")
     (tmp_path / "file").write_text("")
@@ -302,7 +306,7 @@ def test_folders_of_others_are_refused(tmp_path: Path, hub: Hub) -> None:
         assert "own holds campaign 'alpha'" in error
 
 
-def test_a_request_to_a_dead_conductor_times_out(tmp_path: Path, hub: Hub) -> None:
+def test_a_request_to_a_dead_conductor_times_out(tmp_path: Path, hub: MemoryHub) -> None:
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     assert served.snapshot() == {}
     with pytest.raises(InfrastructureError, match="did not answer"):
@@ -310,7 +314,7 @@ def test_a_request_to_a_dead_conductor_times_out(tmp_path: Path, hub: Hub) -> No
 
 
 def test_too_many_requests_are_refused_at_once(
-    tmp_path: Path, hub: Hub, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     served = Conductor(tmp_path, bus_factory=lambda *_: hub.open())
     replies: list[bytes] = []

@@ -11,13 +11,13 @@ from typing import Any
 from waiting import PATIENCE_S
 
 from conductor.serve.shell import Conductor
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 
 
 @contextlib.contextmanager
-def running_hub() -> Iterator[Hub]:
+def running_hub() -> Iterator[MemoryHub]:
     """A hub that delivers by itself."""
-    hub = Hub()
+    hub = MemoryHub()
     thread = hub.run()
     try:
         yield hub
@@ -27,7 +27,7 @@ def running_hub() -> Iterator[Hub]:
 
 
 @contextlib.contextmanager
-def serving(folder: Path, hub: Hub, **options: Any) -> Iterator[Conductor]:
+def serving(folder: Path, hub: MemoryHub, **options: Any) -> Iterator[Conductor]:
     """A conductor that serves ``folder`` on ``hub``."""
     conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)
     thread = threading.Thread(target=conductor.serve, daemon=True)

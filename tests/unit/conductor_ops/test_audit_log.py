@@ -22,7 +22,7 @@ from schemas.messages import Control, Reply, Request, StatusRequest, Stop
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
-from twin.fabric.front.process import Event
+from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import read_certificate
 from twin.fabric.keys.revoked import read_revoked
@@ -42,14 +42,14 @@ class Clock:
 
 def test_a_line_says_when_who_and_why(tmp_path: Path) -> None:
     audit = Audit(tmp_path, Clock())
-    audit.heard(Event("opened", "10.0.0.7", "submitter", "a1"))
-    audit.heard(Event("opened", "10.0.0.8", "viewer", "b2"))
+    audit.heard(FrontEvent("opened", "10.0.0.7", "submitter", "a1"))
+    audit.heard(FrontEvent("opened", "10.0.0.8", "viewer", "b2"))
     audit.asked(topics.RPC_SUBMIT.key, submit(), "")
     audit.asked(topics.RPC_ADMIN.key, Stop(v=V), "")
     audit.asked(topics.RPC_STATUS.key, StatusRequest(v=V), "")
-    audit.heard(Event("closed", "10.0.0.7", "submitter", "a1"))
+    audit.heard(FrontEvent("closed", "10.0.0.7", "submitter", "a1"))
     audit.asked(topics.RPC_SUBMIT.key, submit(), "a folder is missing")
-    audit.heard(Event("refused", "10.0.0.9", reason="it showed no key"))
+    audit.heard(FrontEvent("refused", "10.0.0.9", reason="it showed no key"))
     opened, viewer, command, stopped, closed, refused_command, refused = lines(tmp_path)
     assert opened == {
         "time": "2001-09-09T01:46:40.000+00:00",
@@ -73,11 +73,11 @@ def test_a_flood_is_counted_and_leaves_room_for_others(tmp_path: Path) -> None:
     clock = Clock()
     audit = Audit(tmp_path, clock)
     for _ in range(LINES_MAX + 4312):
-        audit.heard(Event("refused", "10.0.0.9", reason="it does not speak TLS"))
-    audit.heard(Event("refused", "10.0.0.1", reason="it showed no key"))
+        audit.heard(FrontEvent("refused", "10.0.0.9", reason="it does not speak TLS"))
+    audit.heard(FrontEvent("refused", "10.0.0.1", reason="it showed no key"))
     assert len(lines(tmp_path)) == LINES_MAX + 1
     clock.now_s += PERIOD_S
-    audit.heard(Event("refused", "10.0.0.9", reason="it does not speak TLS"))
+    audit.heard(FrontEvent("refused", "10.0.0.9", reason="it does not speak TLS"))
     *_, more, last = lines(tmp_path)
     assert (more["what"], more["said"], more["count"], more["peer"]) == (
         *("more", "and 4,312 more: refused", 4312),
@@ -89,7 +89,7 @@ def test_a_flood_is_counted_and_leaves_room_for_others(tmp_path: Path) -> None:
 def test_many_addresses_are_bounded_too(tmp_path: Path) -> None:
     audit = Audit(tmp_path, Clock())
     for number in range(2 * ALL_LINES_MAX):
-        audit.heard(Event("refused", f"10.0.{number // 256}.{number % 256}", reason="no key"))
+        audit.heard(FrontEvent("refused", f"10.0.{number // 256}.{number % 256}", reason="no key"))
     assert len(lines(tmp_path)) == ALL_LINES_MAX
     audit.close()
     counts = [line["count"] for line in lines(tmp_path)[ALL_LINES_MAX:]]
@@ -100,7 +100,7 @@ def test_a_full_file_makes_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(conductor.serve.audit, "FILE_BYTES_MAX", 300)
     audit = Audit(tmp_path, Clock())
     for _ in range(10):
-        audit.heard(Event("opened", "10.0.0.7", "worker", "a1"))
+        audit.heard(FrontEvent("opened", "10.0.0.7", "worker", "a1"))
     assert 0 < len(lines(tmp_path, OLD_NAME)) < 10
     assert all(path.stat().st_size < 600 for path in tmp_path.iterdir())
     assert (tmp_path / OLD_NAME).stat().st_mode & 0o077 == 0, "for its owner"
@@ -108,9 +108,9 @@ def test_a_full_file_makes_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_what_cannot_be_written_stops_nobody(tmp_path: Path) -> None:
     audit = Audit(tmp_path / "missing", Clock())
-    audit.heard(Event("opened", "10.0.0.7", "worker", "a1"))
+    audit.heard(FrontEvent("opened", "10.0.0.7", "worker", "a1"))
     (tmp_path / "missing").mkdir()
-    audit.heard(Event("closed", "10.0.0.7", "worker", "a1"))
+    audit.heard(FrontEvent("closed", "10.0.0.7", "worker", "a1"))
     assert [line["what"] for line in lines(tmp_path / "missing")] == ["closed"]
 
 
@@ -185,7 +185,9 @@ def test_what_is_no_key_of_the_fabric_is_not_withdrawn(tmp_path: Path) -> None:
 
 def test_how_many_sessions_were_cut_is_read_from_the_log(tmp_path: Path) -> None:
     audit = Audit(tmp_path)
-    audit.heard(Event("cut", "", "worker", "a1", "withdrawn", 7))
+    audit.heard(FrontEvent("cut", "", "worker", "a1", "withdrawn", 7))
     wait = conductor.serve.audit.await_cut(tmp_path, 0xA1)
-    threading.Timer(0.2, audit.heard, [Event("cut", "", "worker", "a1", "withdrawn", 3)]).start()
+    threading.Timer(
+        0.2, audit.heard, [FrontEvent("cut", "", "worker", "a1", "withdrawn", 3)]
+    ).start()
     assert wait() == 3, "not that of another time"

@@ -8,18 +8,20 @@ import pytest
 
 import conductor.bench.peers
 from conductor.bench.command import bench
-from conductor.bench.compare import SCHEDULERS, TARGETS, Comparison
-from conductor.bench.own import Measured, check_disk, measure, noop_campaign
+from conductor.bench.compare import SCHEDULERS, TARGETS, SchedulerComparison
+from conductor.bench.own import SchedulerRun, check_disk, measure, noop_campaign
 from conductor.bench.peers import PACKAGES, missing
 from conductor.bench.scale import POINTS, Scale, large_campaign
-from conductor.trust.judge_feed import Judged
+from conductor.trust.judge_feed import JudgementFile
 from schemas.campaign import expand
 from twin.base.errors import InfrastructureError, UsageError
 
 
-def comparison(**rates: list[float]) -> Comparison:
-    runs = {name: [Measured(1000, 1000 / r) for r in rates.get(name, [])] for name in SCHEDULERS}
-    return Comparison(runs)
+def comparison(**rates: list[float]) -> SchedulerComparison:
+    runs = {
+        name: [SchedulerRun(1000, 1000 / r) for r in rates.get(name, [])] for name in SCHEDULERS
+    }
+    return SchedulerComparison(runs)
 
 
 def test_ratios_are_medians_of_rounds() -> None:
@@ -94,9 +96,11 @@ def test_a_small_run_with_files_of_attempts_is_judged(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("judged", [None, Judged(attempts=3, agree=2, differences={"a": ["no"]})])
+@pytest.mark.parametrize(
+    "judged", [None, JudgementFile(attempts=3, agree=2, differences={"a": ["no"]})]
+)
 def test_attempts_that_are_not_judged_give_no_figure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, judged: Judged | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, judged: JudgementFile | None
 ) -> None:
     monkeypatch.setattr("conductor.bench.own.read_judged", lambda _: judged)
     with pytest.raises(InfrastructureError, match="of 3 attempts"):
@@ -108,7 +112,7 @@ def test_the_row_with_files_has_its_ratio(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = comparison(k8=[1000, 1000], k1=[10, 10], dask=[1, 1], hyperqueue=[1, 1])
-    found.runs["files"] = [Measured(100, 1.0, 0.0, 2.0), Measured(100, 0.5, 0.0, 2.0)]
+    found.runs["files"] = [SchedulerRun(100, 1.0, 0.0, 2.0), SchedulerRun(100, 0.5, 0.0, 2.0)]
     plain = found.to_json()
     assert (plain["ratio_files_k8"], plain["files_judged_per_s"]) == (0.15, 50)
     assert plain["files_cases_per_s"] == 150

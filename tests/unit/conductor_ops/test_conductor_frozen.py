@@ -11,16 +11,16 @@ from ops_bench import running_hub, serving
 import conductor.serve.shell
 from conductor.core.state import Config
 from conductor.journal.store import Journal
-from conductor.serve.engine import Engine, Message
+from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas.messages import Reply
 from schemas.wire.codec import decode, encode
 
 
 def test_leases_get_a_full_time_to_live_after_waking_up(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
-    engine = Engine(journal, CONFIG, 0)
-    engine.turn([Message(encode(request), S) for request in (submit(), hello())])
-    turn = engine.turn([Message(encode(next_of(worker="w1", seq=1, k=1)), S)])
+    engine = ConductorEngine(journal, CONFIG, 0)
+    engine.turn([IncomingRequest(encode(request), S) for request in (submit(), hello())])
+    turn = engine.turn([IncomingRequest(encode(next_of(worker="w1", seq=1, k=1)), S)])
     (lease,) = decode(turn.replies[0] or b"", Reply).leases
     engine.woke(100 * S)
     ttl_ns = CONFIG.ttl_ns

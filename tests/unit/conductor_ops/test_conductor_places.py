@@ -4,8 +4,8 @@ import pytest
 
 from conductor.run.places import (
     GPU_SLOTS_MAX,
-    Asked,
-    Place,
+    WorkerPlace,
+    WorkersOption,
     gpu_slots,
     on_cpu,
     on_gpus,
@@ -17,10 +17,10 @@ from twin.base.errors import UsageError
 
 
 def test_what_the_option_says():
-    assert parse_workers(None) == Asked()
-    assert parse_workers("12") == Asked(count=12)
-    assert parse_workers("cuda") == Asked(per_gpu=1)
-    assert parse_workers("2xcuda") == Asked(per_gpu=2)
+    assert parse_workers(None) == WorkersOption()
+    assert parse_workers("12") == WorkersOption(count=12)
+    assert parse_workers("cuda") == WorkersOption(per_gpu=1)
+    assert parse_workers("2xcuda") == WorkersOption(per_gpu=2)
 
 
 @pytest.mark.parametrize("text", ["", "gpu", "-1", "1.5", "0xcuda", "2xcpu", "cuda:0", "99999"])
@@ -34,9 +34,9 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
     sockets = [range(8), range(8), range(8, 15)]
     places = on_gpus(["cuda:0", "cuda:1", "cuda:2"], sockets, 1)
     assert places == [
-        Place("cuda:0", (0, 1, 2, 3), Share(0, 1, 0, 3)),
-        Place("cuda:1", (4, 5, 6, 7), Share(0, 1, 1, 3)),
-        Place("cuda:2", (8, 9, 10, 11, 12, 13, 14), Share(0, 1, 2, 3)),
+        WorkerPlace("cuda:0", (0, 1, 2, 3), Share(0, 1, 0, 3)),
+        WorkerPlace("cuda:1", (4, 5, 6, 7), Share(0, 1, 1, 3)),
+        WorkerPlace("cuda:2", (8, 9, 10, 11, 12, 13, 14), Share(0, 1, 2, 3)),
     ]
     twice = on_gpus(["cuda:0", "cuda:1"], [range(9), range(9)], 2)
     assert [place.device for place in twice] == ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]
@@ -57,14 +57,14 @@ def test_workers_of_a_gpu_have_stretches_that_all_gpus_share():
 
 def test_too_few_cores_are_not_divided():
     assert on_gpus(["cuda:0", "cuda:1"], [range(3), range(3)], 1) == [
-        Place("cuda:0", (), Share(0, 1, 0, 2)),
-        Place("cuda:1", (), Share(0, 1, 1, 2)),
+        WorkerPlace("cuda:0", (), Share(0, 1, 0, 2)),
+        WorkerPlace("cuda:1", (), Share(0, 1, 1, 2)),
     ]
-    assert Place("cuda:0").options() == ("--device", "cuda:0")
+    assert WorkerPlace("cuda:0").options() == ("--device", "cuda:0")
 
 
 def test_workers_on_the_cpu():
-    assert on_cpu("cpu", 3, 2, 100, 1) == [Place("cpu")] * 3
+    assert on_cpu("cpu", 3, 2, 100, 1) == [WorkerPlace("cpu")] * 3
     assert on_cpu("cpu", 0, 2, 100, 1) == []
     assert len(on_cpu("cpu", None, 4, 100, 1)) == 4
     assert len(on_cpu("cpu", None, 64, 100, 1)) == 8

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from conductor.run.command import RunOptions, local_workers, run_campaign
-from conductor.run.places import Asked
+from conductor.run.places import WorkersOption
 from schemas.campaign import parse_campaign
 
 
@@ -12,7 +12,7 @@ def test_it_says_when_nobody_computes_any_more(tmp_path, capsys):
         {"campaign": "alpha", "simulator": "noop", "matrix": {"repeat": [0, 1, 2]}}
     )
     assert campaign is not None, mistakes
-    options = RunOptions(out=tmp_path / "run", workers=Asked(count=1), slots=2)
+    options = RunOptions(out=tmp_path / "run", workers=WorkersOption(count=1), slots=2)
     workers = local_workers(campaign, options)
     left: list[int] = []
     try:

@@ -14,7 +14,7 @@ from waiting import wait_for
 from conductor.core.facts import WorkerJoined
 from conductor.journal.store import Journal
 from conductor.run.local_workers import LocalWorkers
-from conductor.run.places import Place
+from conductor.run.places import WorkerPlace
 from schemas.messages import Share
 from twin.base.gpu.first_use import PLACE_VARIABLE
 
@@ -61,7 +61,7 @@ def test_one_that_takes_the_place_of_a_dead_one_has_its_turn(tmp_path):
         pids = [child.process.pid for child in workers.children]
         return {pid: int(wait_for(lambda pid=pid: place_of(pid), "its place")) for pid in pids}
 
-    workers = LocalWorkers((), tmp_path, [Place("cpu", (), share) for share in SHARES])
+    workers = LocalWorkers((), tmp_path, [WorkerPlace("cpu", (), share) for share in SHARES])
     try:
         workers.start()
         before = places()

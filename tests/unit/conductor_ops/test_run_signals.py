@@ -10,7 +10,7 @@ import pytest
 
 import conductor.run.command
 from conductor.run.command import RunOptions, local_workers, run_campaign
-from conductor.run.places import Asked
+from conductor.run.places import WorkersOption
 from conductor.serve.shell import Conductor
 from schemas.campaign import parse_campaign
 
@@ -56,7 +56,7 @@ def ended(tmp_path, monkeypatch):
         {"campaign": "alpha", "simulator": "noop", "matrix": {"repeat": [0]}}
     )
     assert campaign is not None, mistakes
-    options = RunOptions(out=tmp_path / "run", workers=Asked(count=1))
+    options = RunOptions(out=tmp_path / "run", workers=WorkersOption(count=1))
     workers = local_workers(campaign, options)
     try:
         assert run_campaign(campaign, options, workers) == 0

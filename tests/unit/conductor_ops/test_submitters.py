@@ -15,7 +15,7 @@ from waiting import PATIENCE_S
 
 from conductor.bench.own import noop_campaign
 from conductor.cli import app
-from conductor.commands.client import Client
+from conductor.commands.client import ConductorClient
 from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
@@ -55,8 +55,8 @@ def runs_a_command() -> Campaign:
     return msgspec.convert(data, Campaign)
 
 
-def client(conductor: Conductor, keys: Path, role: Role) -> Client:
-    return Client(conductor.endpoint, None, "twin", keys / f"{role}.key", role)
+def client(conductor: Conductor, keys: Path, role: Role) -> ConductorClient:
+    return ConductorClient(conductor.endpoint, None, "twin", keys / f"{role}.key", role)
 
 
 @pytest.mark.parametrize("campaign", [runs_a_command(), noop_campaign(2)])

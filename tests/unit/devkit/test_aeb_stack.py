@@ -11,7 +11,7 @@ from camera_sites import camera_site
 from lane_pictures import LanePainter
 
 from devkit.aeb import AebStack
-from devkit.lane.lateral import Steering
+from devkit.lane.lateral import LateralParameters
 from devkit.reference.control import Controller
 from devkit.reference.lights import LightsSwitch
 from devkit.reference.planning import Planner
@@ -237,7 +237,7 @@ def test_parameters_are_the_fields_of_the_parts():
         for name, p in inspect.signature(AebStack).parameters.items()
         if p.kind is p.KEYWORD_ONLY
     }
-    types = (Planner, Controller, Steering, LightsSwitch)
+    types = (Planner, Controller, LateralParameters, LightsSwitch)
     parts = [msgspec.structs.asdict(type_()) for type_ in types]
     assert parameters == {name: value for part in parts for name, value in part.items()}
     assert len(parameters) == sum(len(part) for part in parts)

@@ -22,7 +22,7 @@ from devkit.bridges.autodrive_fields import (
     euler,
     telemetry,
 )
-from devkit.hosting.foreign import Script
+from devkit.hosting.foreign import ForeignProcess
 from devkit.hosting.foreign_place import placed
 from devkit.stack import Observation
 from schemas.campaign import expand, parse_campaign
@@ -80,7 +80,7 @@ def drive(mode, ticks, **parameters):
     """Commands of a script, or the reason why there are none; and it is gone afterwards."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    script = Script([sys.executable, str(SCRIPT), mode, str(port)], {})
+    script = ForeignProcess([sys.executable, str(SCRIPT), mode, str(port)], {})
     bridge = AutodriveBridge(1, port=port, **{"answer_s": 5.0, **parameters})
     try:
         bridge.attach(script)
@@ -157,7 +157,7 @@ def test_a_script_does_not_ignore_the_signals_that_we_ignore(tmp_path):
     ignored = f"grep SigIgn /proc/self/status > {said}"
     before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
-        script = Script(["sh", "-c", ignored], {})
+        script = ForeignProcess(["sh", "-c", ignored], {})
         script.start()
         assert script.wait() == 0
     finally:
@@ -169,7 +169,7 @@ def test_a_script_does_not_ignore_the_signals_that_we_ignore(tmp_path):
 def test_a_script_that_answers_at_once_is_counted_as_well(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    script = Script([sys.executable, str(SCRIPT), "drive", str(port)], {})
+    script = ForeignProcess([sys.executable, str(SCRIPT), "drive", str(port)], {})
     bridge = AutodriveBridge(1, port=port)
     try:
         bridge.attach(script)
@@ -198,7 +198,7 @@ def test_a_script_ends_with_what_left_its_session(tmp_path):
     other = subprocess.Popen(["sleep", "600"])
     try:
         words = f"setsid {sys.executable} {holder} > {told} & exec sleep 600"
-        script = Script(["sh", "-c", words], {})
+        script = ForeignProcess(["sh", "-c", words], {})
         script.start()
         with told.open() as lines:
             port = int(lines.readline())
@@ -213,7 +213,7 @@ def test_a_script_ends_with_what_left_its_session(tmp_path):
 
 def test_a_command_that_does_not_exist_is_named():
     with pytest.raises(InfrastructureError, match="'/no/such/script': No such file"):
-        Script(["/no/such/script"], {}).start()
+        ForeignProcess(["/no/such/script"], {}).start()
 
 
 def test_two_rigs_of_a_host_do_not_meet_at_a_port():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from devkit.darknet.build import build_network, read_network
-from devkit.darknet.network import Head, MaxPool, Route, Shape
+from devkit.darknet.network import Head, MapShape, MaxPool, Route
 from devkit.darknet.sections import DarknetError, parse_sections, to_text
 from devkit.darknet.variant import ARCHITECTURES, architecture, architecture_network, coco_names
 from devkit.darknet.weights import float_count
@@ -184,7 +184,7 @@ def test_published_weights_would_fill_the_networks_exactly(name, layers, file_by
 def test_quarter_width_variants(name):
     full = architecture_network(name)
     found = architecture_network(f"{name}-w25", classes=4, width=320, height=192)
-    assert found.input == Shape(3, 192, 320)
+    assert found.input == MapShape(3, 192, 320)
     for wide, narrow in zip(full.layers, found.layers, strict=True):
         if isinstance(narrow, Head):
             assert narrow.shape.channels == len(wide.anchors_px) * 9

@@ -12,7 +12,7 @@ import onnxruntime
 import pytest
 from darknet_oracle import forward, random_weights, reorg, small_network
 
-from devkit.darknet.network import Network, Route
+from devkit.darknet.network import DarknetNetwork, Route
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.sections import DarknetError
 from devkit.darknet.variant import ARCHITECTURES, architecture_network, coco_names
@@ -35,7 +35,7 @@ def run_onnxruntime(model: onnx.ModelProto, images: np.ndarray, names: list[str]
     return dict(zip(names, session.run(names, {"images": images}), strict=True))
 
 
-def compare(network: Network, *, fold: bool = True, batch: int = 2, seed: int = 1) -> int:
+def compare(network: DarknetNetwork, *, fold: bool = True, batch: int = 2, seed: int = 1) -> int:
     """Every layer in both runtimes against the oracle; the number of layers compared."""
     weights = random_weights(network, seed)
     rng = np.random.default_rng(seed + 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from detection_rows import detections_of
 
-from devkit.detector.decode import Detections
+from devkit.detector.decode import DetectionBatch
 from devkit.detector.evaluate import Truth, average_precision, evaluate, overlaps, table
 
 NAMES = ("car", "truck")
@@ -115,7 +115,7 @@ def test_where_the_two_methods_differ():
     assert score(truths, detections, method="coco").mean_ap == pytest.approx(1.0)
 
 
-def by_loops(truths: Truth, detections: Detections, class_id: int, method: str, limit: float):
+def by_loops(truths: Truth, detections: DetectionBatch, class_id: int, method: str, limit: float):
     """(right or false per detection that counts, number of truths), box by box."""
     order = sorted(
         (k for k in range(len(detections.image)) if detections.class_id[k] == class_id),
@@ -163,7 +163,7 @@ def test_against_loops(method, seed):
         rng.random(objects) < 0.2,
     )
     count = 150
-    detections = Detections(
+    detections = DetectionBatch(
         NAMES,
         rng.integers(0, images, count),
         rng.integers(0, 2, count),
@@ -183,7 +183,7 @@ def test_against_loops(method, seed):
             *(getattr(truths, n)[kept] for n in ("image", "class_id", "box_px", "ignored"))
         )
         mine = np.isin(detections.image, list(chosen))
-        some = Detections(
+        some = DetectionBatch(
             NAMES,
             *(getattr(detections, n)[mine] for n in ("image", "class_id", "confidence", "box_px")),
             detections.place[mine],

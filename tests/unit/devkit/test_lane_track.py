@@ -10,13 +10,13 @@ from camera_sites import camera_site
 from lane_pictures import LanePainter
 
 from devkit.lane.curve import PRIOR, LaneCurve, fit
-from devkit.lane.lateral import Steering
+from devkit.lane.lateral import LateralParameters
 from devkit.lane.lines import find_points
-from devkit.lane.track import Chassis, LaneTrack, Motion
+from devkit.lane.track import CarMotion, Chassis, LaneTrack
 from devkit.lane.view import LaneView
 from twin.road.lane import Piece, straight, trace
 
-LINES = Steering().lines_m
+LINES = LateralParameters().lines_m
 STIFF = Chassis(0.0, 0.0)
 RADII = {"straight": 0.0, "left": 1 / 25.0, "right": -1 / 25.0, "wide": 1 / 60.0}
 
@@ -38,7 +38,7 @@ def watch(size, lane, s_m, offset_m=0.0, heading_rad=0.0, frames=10, speed_mps=8
         yaw_rad = float(pose.yaw_rad) + heading_rad
         yaw_rate = float(pose.curvature_per_m) * speed_mps
         image = painter.picture(float(pose.x_m), float(pose.y_m), yaw_rad)
-        curve = track.update(Motion(speed_mps, yaw_rate), image, 0.1)
+        curve = track.update(CarMotion(speed_mps, yaw_rate), image, 0.1)
     return track, curve, (float(pose.x_m), float(pose.y_m), yaw_rad)
 
 
@@ -93,7 +93,7 @@ def test_what_is_no_marking_is_no_lane(picture):
         image[90:, 180:260] = 190  # much wider than a marking
     track = LaneTrack(LaneView.of_site(site), LINES, STIFF)
     for _ in range(10):
-        assert track.update(Motion(0.0, 0.0), image, 0.1) is None
+        assert track.update(CarMotion(0.0, 0.0), image, 0.1) is None
     assert track.curve == LaneCurve()
 
 
@@ -120,11 +120,11 @@ def test_the_map_is_carried_along_while_nothing_is_seen():
         x += speed * 0.05 * math.cos(yaw + rate * 0.025)
         y += speed * 0.05 * math.sin(yaw + rate * 0.025)
         yaw += rate * 0.05
-        curve = track.update(Motion(speed, rate), None, 0.05)
+        curve = track.update(CarMotion(speed, rate), None, 0.05)
     assert curve is not None
     assert abs(error_m(lane, curve, (x, y, yaw), 4.0)) < 0.1
     for _ in range(100):
-        curve = track.update(Motion(speed, rate), None, 0.05)
+        curve = track.update(CarMotion(speed, rate), None, 0.05)
     assert curve is None
 
 

@@ -10,7 +10,7 @@ import pytest
 from camera_sites import camera_site
 
 from devkit.lane.view import PITCH_M, LaneView, left_of, point_of
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from schemas.messages import Detection
 from schemas.sections.lens import Lens
 from schemas.sections.lens_projection import project, vehicle_from_camera
@@ -25,7 +25,7 @@ SITES = {
 
 @pytest.mark.parametrize("site", SITES.values(), ids=SITES)
 def test_pixels_show_the_places_that_they_stand_for(site):
-    view, pinhole = LaneView.of_site(site), View.of_site(site)
+    view, pinhole = LaneView.of_site(site), CameraView.of_site(site)
     line, point = np.nonzero(view.pixel >= 0)
     assert len(line) > 3000
     for i in range(0, len(line), 97):
@@ -105,7 +105,7 @@ def test_points_are_numbered_from_the_right():
 def test_a_leaning_car_sees_the_road_where_it_is(roll_rad):
     """Places projected by a camera that leans with the car, read as if it did not, put right."""
     site = camera_site()
-    view, level = LaneView.of_site(site), View.of_site(site)
+    view, level = LaneView.of_site(site), CameraView.of_site(site)
     c, s = math.cos(roll_rad), math.sin(roll_rad)
     x, y, z = site.position_m
     eye = np.array([x, c * y - s * z, s * y + c * z])

@@ -10,10 +10,10 @@ from camera_sites import camera_site
 
 from devkit.reference.planning import Brake, Cruise, Plan, Planner, React, plan
 from devkit.reference.planning_autodrive import trigger
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from schemas.messages import Detection
 
-VIEW = View.of_site(camera_site())
+VIEW = CameraView.of_site(camera_site())
 PLANNER = Planner(rules="autodrive", cruise_speed_mps=5.0)
 CAR = Detection("car", 0.5, 0.0, 0.0, 40.0, 25.0)
 

@@ -12,7 +12,7 @@ from devkit.images import Images
 from devkit.perception import (
     CONFIDENCE_MIN,
     PIXELS_MAX,
-    GroundTruthPerception,
+    ContrastPerception,
     Perception,
     Region,
     build_perception,
@@ -69,7 +69,7 @@ def test_frames_seen_together_are_seen_alone():
 
 
 def test_the_variant_type_chooses_the_implementation():
-    assert isinstance(perception(), GroundTruthPerception)
+    assert isinstance(perception(), ContrastPerception)
     with pytest.raises(ValueError, match="perception Region: not known to devkit; allowed: Ground"):
         build_perception(BOX)
 

@@ -21,12 +21,12 @@ from devkit.reference.planning import (
     nearest,
     plan,
 )
-from devkit.reference.view import View
+from devkit.reference.view import CameraView
 from schemas.messages import Detection
 
 
-def view_of(width: int = 640, height: int = 360, **changes: Any) -> View:
-    return View.of_site(camera_site(width, height, **changes))
+def view_of(width: int = 640, height: int = 360, **changes: Any) -> CameraView:
+    return CameraView.of_site(camera_site(width, height, **changes))
 
 
 VIEW = view_of()
@@ -48,7 +48,7 @@ def box_of(
     right_m: float,
     left_m: float,
     length_m: float = 4.5,
-    view: View = VIEW,
+    view: CameraView = VIEW,
     whole_pixels: bool = False,
 ) -> Detection:
     """The box of a car, a cuboid 1.5 m high; lateral ends in the ego's frame, left positive.

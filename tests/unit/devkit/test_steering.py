@@ -10,13 +10,13 @@ from camera_sites import camera_site
 from lane_pictures import LanePainter
 
 from devkit.lane.curve import LaneCurve
-from devkit.lane.lateral import Steering, Wheel, steer
-from devkit.lane.track import LaneTrack, Motion
+from devkit.lane.lateral import LateralParameters, Wheel, steer
+from devkit.lane.track import CarMotion, LaneTrack
 from devkit.lane.view import LaneView
 from twin.road.lane import Piece, trace
 
 PERIOD_S = 0.05
-STEERING = Steering(
+STEERING = LateralParameters(
     steering="visual",
     roll_rad_per_mps2=0.0,
     sideslip_rad_per_mps2=0.0,
@@ -41,7 +41,7 @@ def drive(lane, way_m, start=(0.0, 0.0), speed_mps=8.0, steering=STEERING, blind
         due = len(rows) % 2 == 1
         painted = rows[-1][0] < blind_m
         image = painter.picture(x, y, yaw, painted=painted) if due else None
-        curve = track.update(Motion(speed_mps, rate), image, PERIOD_S)
+        curve = track.update(CarMotion(speed_mps, rate), image, PERIOD_S)
         wheel = steer(wheel, curve, track.bend, speed_mps, PERIOD_S, steering)
         for _ in range(5):
             angle += (wheel.angle_rad - angle) * 0.01 / 0.1
@@ -96,7 +96,7 @@ def test_where_there_never_was_a_marking_the_wheel_stays_straight():
 
 
 def test_the_angle_is_that_of_the_arc_through_the_lane_ahead():
-    steering = Steering(steering="visual", steering_rate_radps=10.0)
+    steering = LateralParameters(steering="visual", steering_rate_radps=10.0)
     speed_mps, ahead_m = 10.0, 7.0
     bend = LaneCurve((0.0, 0.0, 0.02, 0.0))
     left_m = 0.01 * ahead_m**2
@@ -115,7 +115,9 @@ def test_limits_of_angle_and_rate():
     wheel = Wheel()
     angles = [
         (
-            wheel := steer(wheel, far_left, None, 5.0, PERIOD_S, Steering(steering="visual"))
+            wheel := steer(
+                wheel, far_left, None, 5.0, PERIOD_S, LateralParameters(steering="visual")
+            )
         ).angle_rad
         for _ in range(40)
     ]
@@ -125,10 +127,10 @@ def test_limits_of_angle_and_rate():
 
 
 def test_straight_holds_the_wheel_and_refuses_what_it_would_ignore():
-    straight = Steering(steering="straight")
+    straight = LateralParameters(steering="straight")
     assert steer(Wheel(), LaneCurve((1.0, 0.0, 0.0, 0.0)), None, 8.0, 0.05, straight) == Wheel()
     with pytest.raises(ValueError, match="lane_width_m is set, but steering: straight"):
-        Steering(steering="straight", lane_width_m=3.0)
+        LateralParameters(steering="straight", lane_width_m=3.0)
 
 
 def test_a_bend_fades_in_seconds_whatever_the_rate():

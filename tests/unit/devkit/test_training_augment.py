@@ -10,12 +10,12 @@ import torch
 
 from devkit.training.augment import CHANCES, Augmentation, plan_epoch
 from devkit.training.examples import IGNORED, LABEL, NOTHING, Boxes
-from devkit.training.parameters import Recipe
+from devkit.training.parameters import TrainingRecipe
 
 WIDTH, HEIGHT = 160, 96
 CPU = torch.device("cpu")
 
-STILL = Recipe(jitter=0.0, flip=0.0, hue=0.0, saturation=1.0, exposure=1.0)
+STILL = TrainingRecipe(jitter=0.0, flip=0.0, hue=0.0, saturation=1.0, exposure=1.0)
 
 
 def chances(count: int, seed: int = 1) -> torch.Tensor:
@@ -42,7 +42,7 @@ def test_without_variation_the_picture_stays():
 
 def test_boxes_stay_on_their_objects():
     count = 40
-    recipe = Recipe(jitter=0.3, flip=0.5, hue=0.0, saturation=1.0, exposure=1.0)
+    recipe = TrainingRecipe(jitter=0.3, flip=0.5, hue=0.0, saturation=1.0, exposure=1.0)
     images = np.zeros((count, HEIGHT, WIDTH, 3), np.uint8)
     images[:, 30:54, 70:90] = 255
     augmentation = Augmentation(recipe, WIDTH, HEIGHT, CPU)
@@ -65,7 +65,7 @@ def test_boxes_stay_on_their_objects():
 def test_outside_the_picture_is_grey():
     chance = torch.zeros(1, CHANCES)
     chance[0, :2], chance[0, 2:5] = 0.0, 0.5
-    smaller = Augmentation(Recipe(jitter=0.5, flip=0.0), WIDTH, HEIGHT, CPU)
+    smaller = Augmentation(TrainingRecipe(jitter=0.5, flip=0.0), WIDTH, HEIGHT, CPU)
     white = torch.full((1, HEIGHT, WIDTH, 3), 255, dtype=torch.uint8)
     chance[0, 5:] = 0.5  # no change of colour
     found = smaller.images(white, chance)
@@ -76,7 +76,7 @@ def test_outside_the_picture_is_grey():
 def test_what_the_edge_leaves_too_little_of_is_ignored_and_what_is_gone_is_gone():
     chance = torch.zeros(1, CHANCES)
     chance[0, :4] = torch.tensor([1.0, 0.5, 0.5, 0.5])  # the left fifth is cut off
-    cut = Augmentation(Recipe(jitter=0.2, flip=0.0, remaining_min=0.5), WIDTH, HEIGHT, CPU)
+    cut = Augmentation(TrainingRecipe(jitter=0.2, flip=0.0, remaining_min=0.5), WIDTH, HEIGHT, CPU)
     kinds = {}
     for x in (0.1, 0.18, 0.22, 0.5):
         boxes = cut.boxes(one_box(x, 0.5, 0.1, 0.2), chance)
@@ -98,7 +98,7 @@ def test_colours_change_as_named():
     def varied(place: int, value: float, **changes):
         chance = torch.full((1, CHANCES), 0.5)
         chance[0, place] = value
-        recipe = Recipe(jitter=0.0, flip=0.0, **changes)
+        recipe = TrainingRecipe(jitter=0.0, flip=0.0, **changes)
         found = Augmentation(recipe, WIDTH, HEIGHT, CPU).images(red, chance)
         return colorsys.rgb_to_hsv(*found[0, :, 5, 5].tolist())
 

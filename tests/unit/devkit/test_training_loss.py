@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from devkit.darknet.build import build_network
-from devkit.darknet.network import Network
+from devkit.darknet.network import DarknetNetwork
 from devkit.darknet.sections import parse_sections
 from devkit.training.examples import IGNORED, LABEL, NOTHING, Boxes
 from devkit.training.loss import GridLoss, complete_overlap
-from devkit.training.parameters import Recipe
+from devkit.training.parameters import TrainingRecipe
 
 CLASSES = 3
 WIDTH, HEIGHT = 96, 64
@@ -33,7 +33,7 @@ YOLO = NET + (
 )
 
 
-def network(text: str) -> Network:
+def network(text: str) -> DarknetNetwork:
     return build_network(parse_sections(text, "a.cfg"), "a.cfg")
 
 
@@ -58,7 +58,7 @@ def random_boxes(seed: int, images: int = 3, places: int = 7) -> Boxes:
     )
 
 
-def random_raw(net: Network, seed: int, images: int = 3) -> list[torch.Tensor]:
+def random_raw(net: DarknetNetwork, seed: int, images: int = 3) -> list[torch.Tensor]:
     generator = torch.Generator().manual_seed(seed)
     return [
         torch.randn(images, *net.layers[h.inputs[0]].shape, generator=generator)
@@ -85,7 +85,9 @@ def iou(a, b) -> float:
     return shared / (a[2] * a[3] + b[2] * b[3] - shared)
 
 
-def slow(net: Network, raw: list[torch.Tensor], truth: Boxes, recipe: Recipe) -> np.ndarray:
+def slow(
+    net: DarknetNetwork, raw: list[torch.Tensor], truth: Boxes, recipe: TrainingRecipe
+) -> np.ndarray:
     """box, objectness, background, class; per image."""
     total = np.zeros(4)
     images = len(truth.box)
@@ -98,7 +100,7 @@ def slow(net: Network, raw: list[torch.Tensor], truth: Boxes, recipe: Recipe) ->
     return total / images
 
 
-def slow_image(net: Network, raw, rows, recipe: Recipe) -> np.ndarray:
+def slow_image(net: DarknetNetwork, raw, rows, recipe: TrainingRecipe) -> np.ndarray:
     heads = net.heads()
     owners, dropped = responsible(net, rows)
     parts = np.zeros(4)
@@ -124,7 +126,7 @@ def slow_image(net: Network, raw, rows, recipe: Recipe) -> np.ndarray:
     return parts
 
 
-def responsible(net: Network, rows):
+def responsible(net: DarknetNetwork, rows):
     """(head, anchor, row, column) -> object, and the places of ignored ones."""
     owners, dropped = {}, set()
     for box, class_id, kind in rows:
@@ -145,7 +147,7 @@ def responsible(net: Network, rows):
     return owners, dropped
 
 
-def near(box, rows, v2: bool, recipe: Recipe) -> bool:
+def near(box, rows, v2: bool, recipe: TrainingRecipe) -> bool:
     limit = 0.6 if v2 else 0.7
     return any(
         (kind == LABEL and iou(box, b) > limit)
@@ -175,7 +177,9 @@ def of_object(owner, t, box, head, anchor, cell, recipe) -> np.ndarray:
     return np.array([weight * offset, found, 0.0, kind])
 
 
-def fast(net: Network, raw: list[torch.Tensor], truth: Boxes, recipe: Recipe) -> np.ndarray:
+def fast(
+    net: DarknetNetwork, raw: list[torch.Tensor], truth: Boxes, recipe: TrainingRecipe
+) -> np.ndarray:
     return np.array([v.item() for v in GridLoss(net, recipe, torch.device("cpu"))(raw, truth)])
 
 
@@ -184,7 +188,7 @@ def fast(net: Network, raw: list[torch.Tensor], truth: Boxes, recipe: Recipe) ->
 def test_as_the_papers_say(text, seed):
     net = network(text)
     truth, raw = random_boxes(seed), random_raw(net, seed)
-    recipe = Recipe(anchor_choices=1)
+    recipe = TrainingRecipe(anchor_choices=1)
     expected = slow(net, raw, truth, recipe)
     assert (expected > 0).all()
     assert fast(net, raw, truth, recipe) == pytest.approx(expected, rel=1e-4)
@@ -194,8 +198,8 @@ def test_as_the_papers_say(text, seed):
 def test_scales_multiply_the_parts(text):
     net = network(text)
     truth, raw = random_boxes(1), random_raw(net, 1)
-    plain = fast(net, raw, truth, Recipe())
-    recipe = Recipe(box_scale=2.0, object_scale=3.0, background_scale=0.5, class_scale=0.0)
+    plain = fast(net, raw, truth, TrainingRecipe())
+    recipe = TrainingRecipe(box_scale=2.0, object_scale=3.0, background_scale=0.5, class_scale=0.0)
     assert fast(net, raw, truth, recipe) == pytest.approx(plain * [2.0, 3.0, 0.5, 0.0])
 
 
@@ -207,7 +211,7 @@ CAR = (0.51, 0.52, 0.3, 0.4, 0, LABEL)
 def test_without_objects_everything_is_background():
     net = network(YOLO)
     raw = random_raw(net, 1, images=1)
-    nothing = fast(net, raw, boxes((0, 0, 0, 0, 0, NOTHING)), Recipe())
+    nothing = fast(net, raw, boxes((0, 0, 0, 0, 0, NOTHING)), TrainingRecipe())
     assert nothing[[0, 1, 3]].tolist() == [0, 0, 0]
     every = sum(float(torch.nn.functional.softplus(v.view(1, 2, 8, *v.shape[2:])[:, :, 4]).sum())
                 for v in raw)  # fmt: skip
@@ -217,8 +221,8 @@ def test_without_objects_everything_is_background():
 def test_an_ignored_object_is_neither_object_nor_background():
     net = network(YOLO)
     raw = [torch.zeros_like(v) for v in random_raw(net, 1, images=1)]
-    nothing = fast(net, raw, boxes((0, 0, 0, 0, 0, NOTHING)), Recipe())
-    ignored = fast(net, raw, boxes((*CAR[:5], IGNORED)), Recipe())
+    nothing = fast(net, raw, boxes((0, 0, 0, 0, 0, NOTHING)), TrainingRecipe())
+    ignored = fast(net, raw, boxes((*CAR[:5], IGNORED)), TrainingRecipe())
     assert ignored[[0, 1, 3]].tolist() == [0, 0, 0]
     # At least its own place has no loss, ln 2 with an objectness of one half.
     assert ignored[2] <= nothing[2] - math.log(2.0) + 1e-5
@@ -228,7 +232,7 @@ def test_of_two_objects_in_one_place_the_later_one_counts():
     net = network(YOLO)
     raw = random_raw(net, 2, images=1)
     other = (0.52, 0.51, 0.31, 0.41, 2, LABEL)
-    recipe = Recipe(anchor_choices=1)
+    recipe = TrainingRecipe(anchor_choices=1)
     both = fast(net, raw, boxes(CAR, other), recipe)
     later = fast(net, raw, boxes(other), recipe)
     assert both[[0, 1, 3]] == pytest.approx(later[[0, 1, 3]])
@@ -236,7 +240,7 @@ def test_of_two_objects_in_one_place_the_later_one_counts():
 
 def owners(truth: Boxes, choices: int) -> dict[int, int]:
     """Place -> object."""
-    loss = GridLoss(network(YOLO), Recipe(anchor_choices=choices), torch.device("cpu"))
+    loss = GridLoss(network(YOLO), TrainingRecipe(anchor_choices=choices), torch.device("cpu"))
     owner = loss.claim(truth).owner[0]
     return {place: int(owner[place]) for place in owner.nonzero()[:, 0].tolist()}
 
@@ -275,7 +279,7 @@ def _anchor(place: int) -> int:
 def test_boxes_at_the_very_edge_have_a_cell():
     net = network(REGION)
     raw = random_raw(net, 2, images=1)
-    edge = fast(net, raw, boxes((1.0, 1.0, 0.1, 0.1, 0, LABEL)), Recipe())
+    edge = fast(net, raw, boxes((1.0, 1.0, 0.1, 0.1, 0, LABEL)), TrainingRecipe())
     assert np.isfinite(edge).all()
     assert edge[1] > 0
 
@@ -288,7 +292,7 @@ def test_boxes_at_the_very_edge_have_a_cell():
 def test_going_down_the_gradient_finds_the_objects(text, box_loss):
     net = network(text)
     truth = boxes(CAR, (0.2, 0.25, 0.06, 0.12, 2, LABEL), (0.8, 0.2, 0.2, 0.2, 1, IGNORED))
-    recipe = Recipe(box_loss=box_loss)
+    recipe = TrainingRecipe(box_loss=box_loss)
     loss = GridLoss(net, recipe, torch.device("cpu"))
     raw = [v.requires_grad_(True) for v in random_raw(net, 4, images=1)]
     optimizer = torch.optim.Adam(raw, lr=0.1)

@@ -12,7 +12,7 @@ import pytest
 import torch
 from darknet_oracle import random_weights, small_network
 
-from devkit.darknet.network import IMAGE, Head, Network
+from devkit.darknet.network import IMAGE, DarknetNetwork, Head
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
 from devkit.detector.detector import Detector
@@ -22,13 +22,13 @@ TOLERANCE = 1e-4
 """Largest deviation, in standard deviations of the layer's output."""
 
 
-def with_weights(network: Network, seed: int = 3) -> TorchNetwork:
+def with_weights(network: DarknetNetwork, seed: int = 3) -> TorchNetwork:
     model = TorchNetwork(network, seed=0)
     model.load_weights(random_weights(network, seed))
     return model.eval()
 
 
-def compare(network: Network) -> int:
+def compare(network: DarknetNetwork) -> int:
     """Every layer of the torch network against the ONNX file; the number of layers compared."""
     model = with_weights(network)
     classes = network.heads()[0].classes

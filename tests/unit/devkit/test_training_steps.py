@@ -13,7 +13,7 @@ from torch.profiler import ProfilerActivity, profile
 from devkit.darknet.variant import architecture_network
 from devkit.training.augment import plan_epoch
 from devkit.training.examples import LABEL, Boxes, Examples
-from devkit.training.parameters import Recipe, TrainingParameters
+from devkit.training.parameters import TrainingParameters, TrainingRecipe
 from devkit.training.steps import FINAL_SHARE, Trainer, learning_rate
 
 CPU = torch.device("cpu")
@@ -29,7 +29,7 @@ def examples(count: int = 4, places: int = 6) -> Examples:
 
 def trainer(name: str = "yolov3-tiny-w25", **recipe) -> Trainer:
     network = architecture_network(name, classes=4, width=160, height=96)
-    return Trainer(network, TrainingParameters(model=name, recipe=Recipe(**recipe)), CPU)
+    return Trainer(network, TrainingParameters(model=name, recipe=TrainingRecipe(**recipe)), CPU)
 
 
 def take(one: Trainer, count: int, rate: float = 1e-3) -> list[float]:
@@ -42,7 +42,7 @@ def take(one: Trainer, count: int, rate: float = 1e-3) -> list[float]:
 
 
 def test_warm_up_then_a_cosine():
-    recipe = Recipe(learning_rate=1.0, warmup_epochs=2)
+    recipe = TrainingRecipe(learning_rate=1.0, warmup_epochs=2)
     rates = [learning_rate(recipe, step, 10, 10) for step in range(100)]
     assert rates[:3] == pytest.approx([0.05, 0.1, 0.15])
     assert rates[19] == pytest.approx(1.0)
@@ -52,7 +52,7 @@ def test_warm_up_then_a_cosine():
     assert rates[-1] == pytest.approx(FINAL_SHARE, abs=1e-3)
     # A training shorter than its warm-up, and none at all.
     assert learning_rate(recipe, 9, 10, 1) == pytest.approx(1.0)
-    assert learning_rate(Recipe(learning_rate=1.0, warmup_epochs=0), 0, 10, 1) == 1.0
+    assert learning_rate(TrainingRecipe(learning_rate=1.0, warmup_epochs=0), 0, 10, 1) == 1.0
 
 
 def test_the_loss_falls():

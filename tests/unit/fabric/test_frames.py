@@ -14,8 +14,8 @@ import pytest
 from twin.fabric import frames
 from twin.fabric.frames import (
     HEADER_BYTES,
-    Channel,
     FrameBuffer,
+    FrameChannel,
     lay_out,
     offer_frames,
     open_frames,
@@ -39,7 +39,7 @@ def handed_out(path):
 
 def test_who_has_the_descriptor_can_read_and_nothing_else(door):
     buffer = FrameBuffer(24, door)
-    array = buffer.array(Channel("camera", (24,), "|u1"), 0)
+    array = buffer.array(FrameChannel("camera", (24,), "|u1"), 0)
     (fd,) = handed_out(door)
     size = HEADER_BYTES + 24
     with pytest.raises(PermissionError):
@@ -100,7 +100,7 @@ def test_memory_that_may_shrink_is_not_mapped(door):
 
 def test_both_sides_see_the_same_memory(door):
     buffer = FrameBuffer(24, door)
-    array = buffer.array(Channel("camera", (2, 12), "|u1"), 0)
+    array = buffer.array(FrameChannel("camera", (2, 12), "|u1"), 0)
     mapped = open_frames(buffer.path, 24, buffer.nonce)
     assert mapped is not None
     array[1, 3] = 7
@@ -124,16 +124,16 @@ def test_refused_when_it_is_not_the_same_memory(door, tmp_path: Path):
 def test_nothing_appears_in_shared_memory(door):
     before = set(os.listdir("/dev/shm"))
     buffer = FrameBuffer(1 << 20, door)
-    np.testing.assert_array_equal(buffer.array(Channel("camera", (4,), "|u1"), 0), 0)
+    np.testing.assert_array_equal(buffer.array(FrameChannel("camera", (4,), "|u1"), 0), 0)
     assert set(os.listdir("/dev/shm")) == before
     buffer.close()
 
 
 def test_channels_lie_side_by_side_and_aligned(door):
     channels = [
-        Channel("camera", (2, 3, 5, 3), "|u1"),
-        Channel("depth", (2, 3, 5), "<f4"),
-        Channel("lidar.roof", (2, 7, 8), "<f4"),
+        FrameChannel("camera", (2, 3, 5, 3), "|u1"),
+        FrameChannel("depth", (2, 3, 5), "<f4"),
+        FrameChannel("lidar.roof", (2, 7, 8), "<f4"),
     ]
     offsets, size = lay_out(channels)
     assert offsets == {"camera": 0, "depth": 128, "lidar.roof": 256}

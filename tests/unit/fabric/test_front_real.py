@@ -18,12 +18,12 @@ from schemas.wire import topics
 from twin.base.errors import TwinError
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.front.process import Event
+from twin.fabric.front.process import FrontEvent
 from twin.fabric.front.router import Fronted
 from twin.fabric.front.rules import SHAKING_PER_ADDRESS_MAX
 from twin.fabric.handshake import in_memory
 from twin.fabric.keys.authority import load_authority, make_keys
-from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key, read_certificate
+from twin.fabric.keys.key_file import MemberKey, UnfitKeyError, load_key, read_certificate
 from twin.fabric.keys.revoked import revoke
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
@@ -36,17 +36,17 @@ class Door:
 
     def __init__(self, keys: Path) -> None:
         self.keys = keys
-        self.told: list[Event] = []
+        self.told: list[FrontEvent] = []
         self.others = fronts()
         key = load_key(keys, Role.conductor)
         self.fronted = Fronted("tls/127.0.0.1:0", "twin", key, self.told.append)
         self.fronted.bus.serve(STATUS, lambda payload, respond: respond(payload))
         (self.endpoint,) = self.fronted.bus.endpoints
 
-    def told_of(self, what: str, reason: str) -> list[Event]:
+    def told_of(self, what: str, reason: str) -> list[FrontEvent]:
         return [event for event in self.told if (event.what, event.reason) == (what, reason)]
 
-    def joined(self, key: Key) -> Bus:
+    def joined(self, key: MemberKey) -> Bus:
         bus = open_bus("client", connect=[self.endpoint], key=key, connect_timeout_s=PATIENCE_S)
         wait_for(lambda: bus.request(STATUS, b"here", 1.0) == b"here", "an answer to a member")
         return bus
@@ -65,7 +65,7 @@ def stranger(endpoint: str, first: bytes = b"") -> socket.socket:
     return connection
 
 
-def shake_hands(endpoint: str, authority: bytes, key: Key | None) -> None:
+def shake_hands(endpoint: str, authority: bytes, key: MemberKey | None) -> None:
     """A handshake to its end, with the certificate of ``key`` or without; whatever comes of it."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
@@ -217,7 +217,7 @@ def test_a_relay_has_a_front_too(door: Door) -> None:
     door.fronted.bus.watch(
         topics.WORKER_ALIVE.key.format(worker="*"), lambda key, alive: seen.append((key, alive))
     )
-    told: list[Event] = []
+    told: list[FrontEvent] = []
     key = load_key(door.keys, Role.conductor)
     relay = Fronted("tls/127.0.0.1:0", "twin", key, told.append, connect=door.endpoint)
     try:

@@ -13,8 +13,8 @@ from twin.fabric.front.rules import (
     Account,
     Batches,
     Bucket,
+    HandshakeSlots,
     Quota,
-    Slots,
     quota_of,
 )
 from twin.fabric.keys.roles import Role
@@ -70,7 +70,7 @@ def test_batches_are_counted_however_the_stream_is_cut(piece: int) -> None:
 
 
 def test_the_oldest_of_an_address_makes_room() -> None:
-    slots = Slots()
+    slots = HandshakeSlots()
     for number in range(SHAKING_PER_ADDRESS_MAX):
         assert slots.take(number, "10.0.0.1") is None
     assert slots.take("other", "10.0.0.2") is None
@@ -80,7 +80,7 @@ def test_the_oldest_of_an_address_makes_room() -> None:
 
 
 def test_the_oldest_of_all_makes_room() -> None:
-    slots = Slots()
+    slots = HandshakeSlots()
     for number in range(SHAKING_MAX):
         assert slots.take(number, f"10.0.0.{number}") is None
     assert slots.take("one more", "10.1.0.0") == 0
@@ -88,7 +88,7 @@ def test_the_oldest_of_all_makes_room() -> None:
 
 
 def test_whoever_is_through_leaves_room() -> None:
-    slots = Slots()
+    slots = HandshakeSlots()
     for number in range(3 * SHAKING_MAX):
         assert slots.take(number, "10.0.0.1") is None
         slots.free(number)

@@ -20,14 +20,14 @@ from twin.base.process import end
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads, stack_reads
 from twin.sandbox.start import Sandboxed, own_code, spawn_inside
-from twin.sandbox.view import SCRATCH, SCRATCH_BYTES_MAX, View
+from twin.sandbox.view import SCRATCH, SCRATCH_BYTES_MAX, SandboxView
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not())
 
 
 def inside(code, *words, readable=(), folder=SCRATCH, **changed):
     """What ``code`` prints as JSON when it runs in a sandbox."""
-    view = View(readable=[*python_reads(), *readable], folder=folder, **changed)
+    view = SandboxView(readable=[*python_reads(), *readable], folder=folder, **changed)
     head = "import json, os, socket, sys\nfrom pathlib import Path\n"
     command = [sys.executable, "-c", head + textwrap.dedent(code), *map(str, words)]
     with Sandboxed(command, view) as box:
@@ -207,7 +207,7 @@ def test_no_process_of_others_is_seen_signalled_or_traced():
 @contextmanager
 def started(code):
     """A process in a sandbox that runs ``code``, and its log."""
-    view = View(readable=python_reads(), folder=SCRATCH)
+    view = SandboxView(readable=python_reads(), folder=SCRATCH)
     with tempfile.TemporaryFile() as log:
         child = spawn_inside([sys.executable, "-uc", code], view, log)
         try:

@@ -19,7 +19,7 @@ from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import FILE_NAME, ConductorFile, await_conductor
 from twin.fabric.handshake import greet
 from twin.fabric.keys.authority import load_authority, make_keys
-from twin.fabric.keys.key_file import Key, UnfitKeyError, load_key
+from twin.fabric.keys.key_file import MemberKey, UnfitKeyError, load_key
 from twin.fabric.keys.rig_keys import RigKeys
 from twin.fabric.keys.roles import MEMBERS, Role
 from twin.fabric.zenoh_bus import open_bus
@@ -214,7 +214,7 @@ def test_an_expired_certificate_on_the_other_side_is_named(tmp_path):
     )
     private = data.removeprefix(certificate).removesuffix(authority)
     ours = load_key(keys, Role.worker)
-    expired = Key(tmp_path, authority, certificate, private, ours.fabric, Role.conductor)
+    expired = MemberKey(tmp_path, authority, certificate, private, ours.fabric, Role.conductor)
     bus = open_bus("router", listen=LISTEN, key=expired)
     try:
         with pytest.raises(UsageError, match="certificate has expired; compare the clocks"):

@@ -8,7 +8,7 @@ import textwrap
 
 import pytest
 
-from schemas.sections.foreign import Foreign, Image, Repository
+from schemas.sections.foreign import ContainerImage, Foreign, Repository
 from twin.base.errors import UsageError
 from twin.stack_identity import content
 from twin.stack_identity.identity import Named, find_stack, named_files
@@ -288,7 +288,7 @@ def test_an_image_counts_by_its_content_and_is_read_once(write, monkeypatch, tmp
     (folder / "unpacked" / "link").symlink_to("nowhere")
     (folder / "unpacked" / "file").write_text("1")
     for image in ("image.sif", "unpacked"):
-        named = Named("", Foreign(["drive"], image=Image(str(folder / image))))
+        named = Named("", Foreign(["drive"], image=ContainerImage(str(folder / image))))
         first = find_stack(named).identity
         assert list(first.parts) == ["autonomy.image"]
         count = len(read)

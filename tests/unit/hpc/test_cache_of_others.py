@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from hpc.inputs import Repository, fetch_image, fetch_repository
+from hpc.inputs import NamedRepository, fetch_image, fetch_repository
 from twin.base.cache import check_cache, is_trusted
 from twin.base.errors import UsageError
 from twin.stack_identity import content
 
 
 @pytest.fixture
-def repository(tmp_path: Path) -> Repository:
+def repository(tmp_path: Path) -> NamedRepository:
     """A repository with one commit."""
     folder = tmp_path / "origin"
     folder.mkdir()
@@ -21,12 +21,12 @@ def repository(tmp_path: Path) -> Repository:
     who = ["-c", "user.name=a", "-c", "user.email=a@b"]
     for words in (["init", "--quiet", "-b", "main"], ["add", "."], [*who, "commit", "-qm", "x"]):
         subprocess.run(["git", "-C", str(folder), *words], check=True)
-    return Repository(str(folder), "main")
+    return NamedRepository(str(folder), "main")
 
 
 @pytest.mark.parametrize("name", ["", "repositories", "mirrors"])
 def test_a_cache_that_others_may_write_is_refused(
-    tmp_path: Path, repository: Repository, name: str
+    tmp_path: Path, repository: NamedRepository, name: str
 ) -> None:
     cache = tmp_path / "cache"
     fetch_repository(repository, cache)
@@ -38,7 +38,7 @@ def test_a_cache_that_others_may_write_is_refused(
 
 
 def test_a_cache_of_another_user_is_refused(
-    tmp_path: Path, repository: Repository, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, repository: NamedRepository, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cache = tmp_path / "cache"
     fetch_repository(repository, cache)
@@ -68,7 +68,9 @@ def test_a_link_into_a_folder_that_others_may_write_is_refused(tmp_path: Path) -
     assert not is_trusted(tmp_path / "cache")
 
 
-def test_what_is_made_is_ones_own_whatever_the_mask(tmp_path: Path, repository: Repository) -> None:
+def test_what_is_made_is_ones_own_whatever_the_mask(
+    tmp_path: Path, repository: NamedRepository
+) -> None:
     before = os.umask(0o002)
     try:
         found = fetch_repository(repository, tmp_path / "new" / "cache")

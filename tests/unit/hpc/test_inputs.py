@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hpc import inputs
-from hpc.inputs import Repository, fetch_image, fetch_repository
+from hpc.inputs import NamedRepository, fetch_image, fetch_repository
 from twin.base.errors import InfrastructureError, UsageError
 
 
@@ -70,7 +70,7 @@ def leftovers(cache):
 
 
 def test_a_bare_clone_is_fetched_read_only(bare, work, cache):
-    found = fetch_repository(Repository(str(bare), "main"), cache)
+    found = fetch_repository(NamedRepository(str(bare), "main"), cache)
     assert found.commit == git("rev-parse", "HEAD", folder=work)
     assert (found.folder / "stack.py").read_text() == "one"
     assert not (found.folder / ".git").exists()
@@ -82,18 +82,18 @@ def test_a_bare_clone_is_fetched_read_only(bare, work, cache):
 
 
 def test_the_same_content_is_fetched_once(bare, cache):
-    first = fetch_repository(Repository(str(bare), "main", "date +%N > when"), cache)
+    first = fetch_repository(NamedRepository(str(bare), "main", "date +%N > when"), cache)
     when = (first.folder / "when").read_text()
-    again = fetch_repository(Repository(str(bare), "main", "date +%N > when"), cache)
+    again = fetch_repository(NamedRepository(str(bare), "main", "date +%N > when"), cache)
     assert again == first
     assert (again.folder / "when").read_text() == when
 
 
 def test_a_branch_that_moved_is_another_entry(bare, work, cache):
-    first = fetch_repository(Repository(str(bare), "main"), cache)
+    first = fetch_repository(NamedRepository(str(bare), "main"), cache)
     commit(work, "two")
     git("push", "-q", str(bare), "main", folder=work)
-    second = fetch_repository(Repository(str(bare), "main"), cache)
+    second = fetch_repository(NamedRepository(str(bare), "main"), cache)
     assert second.key != first.key
     assert (first.folder / "stack.py").read_text() == "one"
     assert (second.folder / "stack.py").read_text() == "two"
@@ -102,11 +102,11 @@ def test_a_branch_that_moved_is_another_entry(bare, work, cache):
 def test_a_branch_that_was_rewritten(bare, work, cache):
     commit(work, "two")
     git("push", "-q", str(bare), "main", folder=work)
-    fetch_repository(Repository(str(bare), "main"), cache)
+    fetch_repository(NamedRepository(str(bare), "main"), cache)
     git("reset", "-q", "--hard", "HEAD~1", folder=work)
     commit(work, "three")
     git("push", "-q", "--force", str(bare), "main", folder=work)
-    found = fetch_repository(Repository(str(bare), "main"), cache)
+    found = fetch_repository(NamedRepository(str(bare), "main"), cache)
     assert (found.folder / "stack.py").read_text() == "three"
 
 
@@ -115,23 +115,25 @@ def test_tags_and_commits(bare, work, cache, kind):
     head = git("rev-parse", "HEAD", folder=work)
     git("tag", "-a", "-m", "first", "v1", folder=work)
     git("push", "-q", str(bare), "v1", folder=work)
-    found = fetch_repository(Repository(str(bare), "v1" if kind == "tag" else head), cache)
+    found = fetch_repository(NamedRepository(str(bare), "v1" if kind == "tag" else head), cache)
     assert found.commit == head
 
 
 def test_a_known_commit_needs_the_repository_no_more(bare, work, cache):
     head = git("rev-parse", "HEAD", folder=work)
-    fetch_repository(Repository(str(bare), "main"), cache)
+    fetch_repository(NamedRepository(str(bare), "main"), cache)
     bare.rename(bare.with_name("gone"))
-    found = fetch_repository(Repository(str(bare), head, "touch made"), cache)
+    found = fetch_repository(NamedRepository(str(bare), head, "touch made"), cache)
     assert (found.folder / "made").exists()
     with pytest.raises(UsageError, match=r"bare\.git"):
-        fetch_repository(Repository(str(bare), "main"), cache)
+        fetch_repository(NamedRepository(str(bare), "main"), cache)
 
 
 def test_the_setup_is_part_of_the_entry(bare, cache):
-    plain = fetch_repository(Repository(str(bare), "main"), cache)
-    made = fetch_repository(Repository(str(bare), "main", "mkdir deps && echo x > deps/y"), cache)
+    plain = fetch_repository(NamedRepository(str(bare), "main"), cache)
+    made = fetch_repository(
+        NamedRepository(str(bare), "main", "mkdir deps && echo x > deps/y"), cache
+    )
     assert made.key != plain.key
     assert (made.folder / "deps" / "y").read_text() == "x\n"
     assert not (plain.folder / "deps").exists()
@@ -145,7 +147,7 @@ def one_line(raised):
 def test_a_setup_that_fails(bare, cache):
     with pytest.raises(UsageError, match="no compiler") as raised:
         fetch_repository(
-            Repository(str(bare), "main", "mkdir -m 500 x; echo no compiler >&2; false"), cache
+            NamedRepository(str(bare), "main", "mkdir -m 500 x; echo no compiler >&2; false"), cache
         )
     assert "setup 'mkdir" in one_line(raised)
     assert not leftovers(cache)
@@ -164,9 +166,9 @@ def ended(pid):
 def test_nothing_of_a_setup_outlives_it(bare, cache, tmp_path, monkeypatch, late):
     """Neither what it leaves behind, which holds its output open, nor what comes too late."""
     setup = f"sleep 600 & echo $! > {tmp_path}/pid"
-    given = Repository(str(bare), "main", f"{setup}; wait" if late else setup)
+    given = NamedRepository(str(bare), "main", f"{setup}; wait" if late else setup)
     if late:
-        fetch_repository(Repository(str(bare), "main"), cache)  # git has its time
+        fetch_repository(NamedRepository(str(bare), "main"), cache)  # git has its time
         monkeypatch.setattr(inputs, "TIMEOUT_S", 2.0)
         with pytest.raises(InfrastructureError, match="not done after 2 s"):
             fetch_repository(given, cache)
@@ -182,7 +184,7 @@ def test_a_setup_that_says_too_much_keeps_its_last_words(bare, cache, monkeypatc
     monkeypatch.setattr(inputs, "OUTPUT_BYTES_MAX", 100)
     setup = "yes | head -c 1000000; echo the end; exit 4"
     with pytest.raises(UsageError, match=r"exit code 4: .*the end; what"):
-        fetch_repository(Repository(str(bare), "main", setup), cache)
+        fetch_repository(NamedRepository(str(bare), "main", setup), cache)
     (log,) = (cache / "repositories").glob("*.log")
     assert log.stat().st_size < 300
 
@@ -193,11 +195,11 @@ def test_a_setup_that_says_too_much_keeps_its_last_words(bare, cache, monkeypatc
 )
 def test_passwords_do_not_get_into_logs(url):
     with pytest.raises(UsageError, match="user or password") as raised:
-        Repository(url, "main")
+        NamedRepository(url, "main")
     assert "secret" not in one_line(raised)
-    Repository("ssh://git@example.org/x.git", "main")
-    Repository("git@example.org:x.git", "main")
-    Repository("https://example.org/a@b", "main")
+    NamedRepository("ssh://git@example.org/x.git", "main")
+    NamedRepository("git@example.org:x.git", "main")
+    NamedRepository("https://example.org/a@b", "main")
 
 
 @pytest.mark.parametrize(
@@ -210,7 +212,7 @@ def test_passwords_do_not_get_into_logs(url):
 )
 def test_one_line_errors(bare, cache, changes, said):
     with pytest.raises(UsageError, match=said) as raised:
-        fetch_repository(Repository(**{"url": str(bare), "ref": "main", **changes}), cache)
+        fetch_repository(NamedRepository(**{"url": str(bare), "ref": "main", **changes}), cache)
     one_line(raised)
     assert not leftovers(cache)
 
@@ -218,27 +220,27 @@ def test_one_line_errors(bare, cache, changes, said):
 @pytest.mark.parametrize("value", ["", "--upload-pack=touch x", "a b", "a\nb"])
 def test_what_git_could_take_for_an_option(value):
     with pytest.raises(UsageError, match="leading '-'"):
-        Repository(value, "main")
+        NamedRepository(value, "main")
     with pytest.raises(UsageError, match="leading '-'"):
-        Repository("/x.git", value)
+        NamedRepository("/x.git", value)
 
 
 def test_an_empty_repository(tmp_path, cache):
     git("init", "-q", "--bare", "empty.git", folder=tmp_path)
     with pytest.raises(UsageError, match="none at all"):
-        fetch_repository(Repository(str(tmp_path / "empty.git"), "main"), cache)
+        fetch_repository(NamedRepository(str(tmp_path / "empty.git"), "main"), cache)
 
 
 def test_without_git(bare, cache, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InfrastructureError, match="no command git"):
-        fetch_repository(Repository(str(bare), "main"), cache)
+        fetch_repository(NamedRepository(str(bare), "main"), cache)
 
 
 def test_a_cache_that_cannot_be_made(bare, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises((UsageError, InfrastructureError), match=r"cache .*file") as raised:
-        fetch_repository(Repository(str(bare), "main"), tmp_path / "file" / "cache")
+        fetch_repository(NamedRepository(str(bare), "main"), tmp_path / "file" / "cache")
     one_line(raised)
 
 
@@ -265,7 +267,7 @@ def test_two_at_once_without_locks(bare, cache, tmp_path, monkeypatch):
         raise OSError(inputs.errno.ENOLCK, "no locks")
 
     monkeypatch.setattr(inputs.fcntl, "flock", no_lock)
-    fetch_repository(Repository(str(bare), "main"), cache)  # the mirror
+    fetch_repository(NamedRepository(str(bare), "main"), cache)  # the mirror
     meet = tmp_path / "meet"
     os.mkfifo(meet)
     setup = f"read x < {meet}"
@@ -273,7 +275,7 @@ def test_two_at_once_without_locks(bare, cache, tmp_path, monkeypatch):
     threads = [
         threading.Thread(
             target=lambda: found.append(
-                fetch_repository(Repository(str(bare), "main", setup), cache)
+                fetch_repository(NamedRepository(str(bare), "main", setup), cache)
             )
         )
         for _ in range(2)

@@ -10,7 +10,7 @@ import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.records.outcomes import encode_outcomes
-from conductor.records.timeline import FILE_NAME, Event
+from conductor.records.timeline import FILE_NAME, TimelineEvent
 from conductor.report import make_report, tables_of
 from conductor.report.pages.content import read_content
 from conductor.report.plots.leases_figure import SPANS_MAX, lanes_of, leases_figure
@@ -21,15 +21,17 @@ from twin.base.errors import UsageError
 replace = msgspec.structs.replace
 
 
-def event(at_s: float, what: str, case: str, token: int = 0, worker: str = "w1") -> Event:
-    return Event(at_s=1e9 + at_s, event=what, case=case, token=token, worker=worker, attempt=1)
+def event(at_s: float, what: str, case: str, token: int = 0, worker: str = "w1") -> TimelineEvent:
+    return TimelineEvent(
+        at_s=1e9 + at_s, event=what, case=case, token=token, worker=worker, attempt=1
+    )
 
 
 def told(leases: Leases) -> list[tuple[str, str, float, float, str]]:
     return [(s.case, s.worker, s.start_s, s.end_s, s.how) for s in leases.spans]
 
 
-def write_timeline(folder: Path, *events: Event, tail: bytes = b"") -> None:
+def write_timeline(folder: Path, *events: TimelineEvent, tail: bytes = b"") -> None:
     lines = b"".join(msgspec.json.encode(each) + b"\n" for each in events)
     (folder / FILE_NAME).write_bytes(lines + tail)
 

@@ -17,13 +17,13 @@ from conductor.report import report_json
 from conductor.report.plots.resources_figure import POINTS_MAX, thinned
 from conductor.report.reading import resources
 from conductor.report.reading.resources import RESOURCES_FILE, gather_resources, read_resources
-from conductor.report.reading.resources_use import QUANTITIES, WORKERS_MAX, Series
-from schemas.files.resources import PERIOD_S, ProcessUse, Sample
+from conductor.report.reading.resources_use import QUANTITIES, WORKERS_MAX, UseSeries
+from schemas.files.resources import PERIOD_S, ProcessUse, ResourceSample
 
 PERIOD_NS = PERIOD_S * 10**9
 
 
-def sample(moment: int, worker: str = "w1", host: str = "n1", **changes: Any) -> Sample:
+def sample(moment: int, worker: str = "w1", host: str = "n1", **changes: Any) -> ResourceSample:
     """Two cores and 1 GB of a worker, on a node of 8 CPUs and 16 GB."""
     values: dict[str, Any] = {
         "time_ns": moment * PERIOD_NS + 3_000_000,
@@ -40,7 +40,7 @@ def sample(moment: int, worker: str = "w1", host: str = "n1", **changes: Any) ->
         "node_ram_total_bytes": 16 * 10**9,
         **changes,
     }
-    return Sample(**values)
+    return ResourceSample(**values)
 
 
 def gpu(name: str, percent: float | None, memory_gb: int) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def gpu(name: str, percent: float | None, memory_gb: int) -> dict[str, Any]:
     }
 
 
-def write_parts(folder: Path, *samples: Sample, tail: bytes = b"") -> None:
+def write_parts(folder: Path, *samples: ResourceSample, tail: bytes = b"") -> None:
     parts = folder / "resources"
     parts.mkdir(parents=True, exist_ok=True)
     for each in samples:
@@ -202,9 +202,9 @@ def test_a_hostile_host_name_stays_text(tmp_path: Path) -> None:
     assert "<script>alert" not in page
 
 
-def series(values: list[float], moments: list[int] | None = None) -> Series:
+def series(values: list[float], moments: list[int] | None = None) -> UseSeries:
     count = len(values)
-    return Series(
+    return UseSeries(
         np.array(moments or range(count), np.int64),
         {name: np.array(values, float) for name in QUANTITIES},
     )

@@ -12,13 +12,13 @@ from unit.report.test_report_curves import _table
 
 from conductor.report.plots.spread import LEVELS, LINES_MAX, spread_of
 from conductor.report.reading import cache
-from conductor.report.reading.curves import BINS, POINTS_MIN, SHARED, Curve, binned, thin
+from conductor.report.reading.curves import BINS, POINTS_MIN, SHARED, KpiCurve, binned, thin
 
 ROWS = 2001
 """100 s at 20 Hz."""
 
 
-def _case(rows: int = ROWS, **changes: list[Any]) -> Curve:
+def _case(rows: int = ROWS, **changes: list[Any]) -> KpiCurve:
     return thin(_table(rows, **changes), POINTS_MIN)
 
 

@@ -8,7 +8,7 @@ from msgspec import Meta, Struct
 
 from schemas.campaign import Campaign, parse_cases
 from schemas.files.yaml_file import load_yaml
-from schemas.reference import Key, keys_of, markdown
+from schemas.reference import FieldKey, keys_of, markdown
 
 DOCUMENT = Path(__file__).parents[3] / "docs/campaign.md"
 
@@ -32,11 +32,11 @@ class Outer(Struct):
 
 def test_keys_carry_what_the_types_say():
     assert keys_of(Outer) == [
-        Key("name", "text", "", "Whose."),
-        Key("parts", "map to section", "", "By name."),
-        Key("parts.<name>.type", "inner", "inner", "What is inside."),
-        Key("parts.<name>.size_m", "number, above 0", "1.5", "How large [m]."),
-        Key("list_of", "list of integer, 1 to 9", "[]", ""),
+        FieldKey("name", "text", "", "Whose."),
+        FieldKey("parts", "map to section", "", "By name."),
+        FieldKey("parts.<name>.type", "inner", "inner", "What is inside."),
+        FieldKey("parts.<name>.size_m", "number, above 0", "1.5", "How large [m]."),
+        FieldKey("list_of", "list of integer, 1 to 9", "[]", ""),
     ]
 
 

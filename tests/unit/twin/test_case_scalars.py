@@ -5,7 +5,7 @@ import pytest
 
 from schemas.messages import Command
 from twin.kpi.lane_progress import LaneProgress
-from twin.kpi.recorder import Recorder
+from twin.kpi.recorder import KpiRecorder
 from twin.kpi.verdict import scalars
 from twin.road.lane import Piece, trace
 from twin.vehicle.state import COLUMN
@@ -15,7 +15,7 @@ PERIOD_NS = 50_000_000
 
 def rows_of(ticks):
     """Rows of one case and its last state; ``ticks``: columns of the state, and AEB or None."""
-    recorder = Recorder(1)
+    recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     for tick, (values, aeb) in enumerate(ticks):
         state[0] = 0.0
@@ -84,7 +84,7 @@ def test_a_trigger_while_nothing_closes_has_no_time_to_collision():
 
 def test_lane_keeping_has_its_way_and_its_errors():
     """The errors of the rows, whichever side; the way of the progress."""
-    recorder = Recorder(1)
+    recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     for tick, error_m in enumerate((0.3, -0.4)):
         now = np.array([tick])

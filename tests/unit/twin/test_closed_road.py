@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from schemas.messages import SEMANTIC_CLASSES
 from twin.base.errors import UsageError
 from twin.dataset.images.cast import streets_of
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.render.light.street_lamps import LAMP_CELL_M, nearest_lamps
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
@@ -284,4 +284,4 @@ def test_lamps_are_found_by_cells(loop):
 
 def test_the_dataset_refuses_a_road_that_bends():
     with pytest.raises(UsageError, match="'downtown-loop': it has no straight generated street"):
-        streets_of(Recipe(scene="downtown-loop"), "train")
+        streets_of(DatasetRecipe(scene="downtown-loop"), "train")

@@ -13,13 +13,13 @@ from twin.dataset.images.cameras import eyes_of
 from twin.dataset.images.cast import PAINT_DISTANCE, streets_of
 from twin.dataset.images.shot import plan_shot, where
 from twin.dataset.images.traffic import PLACES, half_extent_m
-from twin.dataset.labels import Seen, ignored_for
-from twin.dataset.recipe import SPLITS, Recipe, Rules, Shares, parse_recipe
+from twin.dataset.labels import SeenObject, ignored_for
+from twin.dataset.recipe import SPLITS, DatasetRecipe, Rules, Shares, parse_recipe
 from twin.vehicle.vehicle_file import load_vehicle
 
-RECIPE = Recipe(seed=9)
+RECIPE = DatasetRecipe(seed=9)
 RULES = Rules()
-GOOD = Seen(
+GOOD = SeenObject(
     class_index=0,
     look="",
     instance=3,
@@ -49,7 +49,7 @@ def streets():
     ],
 )
 def test_counts_add_up(count, shares, expected):
-    found = Recipe(count=count, split_shares=Shares(*shares)).counts()
+    found = DatasetRecipe(count=count, split_shares=Shares(*shares)).counts()
     assert tuple(found.values()) == expected
     assert sum(found.values()) == count
 

@@ -9,7 +9,7 @@ import pytest
 from twin.base.errors import InfrastructureError
 from twin.dataset.crew.task import IMAGES, Agenda, Task, divided
 from twin.dataset.folder import Folder, Maker
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 
 
 def test_tasks_hold_whole_batches():
@@ -59,7 +59,7 @@ def test_the_camera_stays_while_it_has_images():
 
 
 def test_what_a_power_cut_leaves_is_missing_or_named(tmp_path):
-    recipe = Recipe(count=3)
+    recipe = DatasetRecipe(count=3)
     folder = Folder(tmp_path / "d")
     assert not folder.open(recipe, Maker("s", "cpu"))
     for index in range(3):

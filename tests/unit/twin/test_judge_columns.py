@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from schemas.campaign import Scenario
-from twin.kpi.recorder import Recorder
+from twin.kpi.recorder import KpiRecorder
 from twin.kpi.verdict import has_left, judge, names, scalars
 from twin.vehicle.state import COLUMN
 from twin.world.things import Thing
@@ -22,7 +22,7 @@ def lane(distance_m, lateral_m=0.1):
 
 def rows(speeds, error_m=0.1):
     """Rows of one case and its last state."""
-    recorder, state = Recorder(1), np.zeros((1, len(COLUMN)))
+    recorder, state = KpiRecorder(1), np.zeros((1, len(COLUMN)))
     for tick, speed in enumerate(speeds):
         state[0, COLUMN["speed_mps"]] = speed
         now = np.array([tick])

@@ -5,7 +5,7 @@ import pytest
 
 from schemas.campaign import Scenario
 from schemas.messages import Command, Detection, Lights
-from twin.kpi.recorder import CLOSING_MIN_MPS, Recorder
+from twin.kpi.recorder import CLOSING_MIN_MPS, KpiRecorder
 from twin.kpi.verdict import Limits, have_ended
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.state import COLUMN
@@ -13,7 +13,7 @@ from twin.vehicle.state import COLUMN
 
 def drive(slots, ticks, case_of_slot, recorder=None):
     """Rows of made-up cases; a case's numbers follow from its number and tick alone."""
-    recorder = recorder or Recorder(slots)
+    recorder = recorder or KpiRecorder(slots)
     state = np.zeros((slots, len(COLUMN)))
     for tick in range(ticks):
         commands, lateral = [], []
@@ -44,7 +44,7 @@ def test_rows_do_not_depend_on_slot_neighbours_or_what_was_there_before():
 
 
 def test_a_time_to_collision_exists_only_while_closing():
-    recorder = Recorder(2)
+    recorder = KpiRecorder(2)
     state = np.zeros((2, len(COLUMN)))
     state[:, COLUMN["dtc_m"]] = 10.0
     state[:, COLUMN["closing_mps"]] = CLOSING_MIN_MPS, 2.0
@@ -77,7 +77,7 @@ def test_the_limits_are_exact(time_ns, rest_step, collisions, ends):
 
 def test_what_is_not_valid_is_zero():
     """Scalars are made from the values, and a digest holds them."""
-    recorder = Recorder(1)
+    recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     state[:, COLUMN["dtc_m"]], state[:, COLUMN["closing_mps"]] = 10.0, 0.5 * CLOSING_MIN_MPS
     recorder.add([0], np.zeros(1), np.zeros(1), state, [None], [None])

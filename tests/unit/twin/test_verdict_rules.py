@@ -7,12 +7,12 @@ from unit.twin.test_engine import ask, case, run
 from twin.kpi import verdict as judging
 from twin.kpi.course import Course
 from twin.kpi.recorder import CaseRows
-from twin.kpi.table import Detections
+from twin.kpi.table import DetectionColumn
 from twin.rig.engine import Engine
 from twin.road.lane import Piece, end_of, straight, trace
 from twin.vehicle.state import COLUMN, TELEMETRY
 
-NONE = Detections(np.zeros(1, np.int32), np.zeros(0, bool), [], *(np.zeros(0),) * 5)
+NONE = DetectionColumn(np.zeros(1, np.int32), np.zeros(0, bool), [], *(np.zeros(0),) * 5)
 
 
 def ended(policy, **scenario):

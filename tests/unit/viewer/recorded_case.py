@@ -3,10 +3,10 @@
 import numpy as np
 from view_messages import camera, controls, detection, end, start, state
 
-from schemas.wire.view import Box
+from schemas.wire.view import ImageBox
 from twin.view.samples import jpeg
 from viewer.recording import naming
-from viewer.recording.recording import Recording
+from viewer.recording.recording import RecordingFile
 
 PICTURES = [jpeg(np.full((36, 64, 3), shade, np.uint8)) for shade in (10, 120, 230)]
 
@@ -17,10 +17,10 @@ def write(folder, ended=True, brakes=True, told=None, **changes):
     One near and one far detection in all but the last, for which the stack was not asked. ``told``:
     the tick in which the stack says that the near one is what it brakes for.
     """
-    recording = Recording(start(folder, **changes))
+    recording = RecordingFile(start(folder, **changes))
     seq = 1
     for tick in range(6):
-        boxes = [Box("car", 10.0, 12.0, 20.0, 8.0, 21.0)] if tick % 2 == 0 else None
+        boxes = [ImageBox("car", 10.0, 12.0, 20.0, 8.0, 21.0)] if tick % 2 == 0 else None
         if tick % 2 == 0:
             recording.camera(camera(seq, tick), PICTURES[tick // 2])
             seq += 1

@@ -16,7 +16,7 @@ import rerun as rr
 from waiting import PATIENCE_S
 
 from twin.fabric.loopback import is_ours
-from viewer.browser.front import Front, Site
+from viewer.browser.front import BrowserFront, ShownSite
 from viewer.live.gate import HEAD_BYTES_MAX, NATIVE, Gate
 from viewer.live.hub import open_hub
 from viewer.live.inner_port import InnerPort
@@ -220,8 +220,8 @@ def test_a_connection_of_ours_is_ours() -> None:
 
 
 @pytest.fixture
-def front(tmp_path: Path) -> Iterator[Front]:
-    with Front(0, Site({}, folder=a_run(tmp_path))) as found:
+def front(tmp_path: Path) -> Iterator[BrowserFront]:
+    with BrowserFront(0, ShownSite({}, folder=a_run(tmp_path))) as found:
         threading.Thread(target=found.serve_forever, daemon=True).start()
         yield found
         found.shutdown()
@@ -248,17 +248,17 @@ def a_run(folder: Path) -> Path:
     return run
 
 
-def get(front: Front, case: str) -> str:
+def get(front: BrowserFront, case: str) -> str:
     head = f"GET /recording/{case}.rrd HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
     return talk(0, front.server_address[1], head)
 
 
-def test_a_recording_that_is_a_file_is_served(front: Front) -> None:
+def test_a_recording_that_is_a_file_is_served(front: BrowserFront) -> None:
     assert get(front, "good").endswith("RECORDED")
 
 
 @pytest.mark.parametrize("case", ["link", "device", "folder-link", "attempt-link"])
-def test_a_link_is_no_recording(front: Front, case: str) -> None:
+def test_a_link_is_no_recording(front: BrowserFront, case: str) -> None:
     answer = get(front, case)
     assert answer.startswith("HTTP/1.1 404 ")
     assert "SECRET" not in answer
@@ -266,12 +266,12 @@ def test_a_link_is_no_recording(front: Front, case: str) -> None:
 
 
 @root
-def test_nor_is_what_somebody_else_put_there(front: Front) -> None:
+def test_nor_is_what_somebody_else_put_there(front: BrowserFront) -> None:
     assert "was not recorded" in get(front, "foreign")
 
 
 @root
-def test_pages_are_for_the_user_who_serves_them(front: Front) -> None:
+def test_pages_are_for_the_user_who_serves_them(front: BrowserFront) -> None:
     request_ = "GET /recording/good.rrd HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
     answer = talk(NOBODY, front.server_address[1], request_)
     assert answer.startswith("HTTP/1.1 403 ")

@@ -27,14 +27,14 @@ from schemas.wire.view import (
     ViewMode,
 )
 from twin.actors.motion import Still
-from twin.fabric.memory_bus import Hub
-from twin.kpi.recorder import Recorder
+from twin.fabric.memory_bus import MemoryHub
+from twin.kpi.recorder import KpiRecorder
 from twin.vehicle.state import COLUMN
 from twin.view import encoder as view_encoder
 from twin.view import feed as view_feed
 from twin.view.demand import Demand
 from twin.view.feed import ViewFeed
-from twin.view.items import Run
+from twin.view.items import SlotRun
 from twin.view.port import Harmless, NoFeed
 from twin.view.samples import THUMBNAIL_WIDTH_PX
 from twin.world.meshes.mesh import MeshBuilder
@@ -72,7 +72,7 @@ class Sim:
         self.colliders, self.cars = self.world.colliders, self.world.cars
         self.placement = Still().at(np.zeros(2))
         self.camera_sites, self.lidar_sites = [], []
-        self.recorder = Recorder(2)
+        self.recorder = KpiRecorder(2)
 
     def sensed(self):
         """Camera and boxes; the lidar's second ray found nothing, its third is too far away."""
@@ -118,7 +118,7 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def hub():
-    hub = Hub()
+    hub = MemoryHub()
     pump = hub.run()
     yield hub
     hub.stop()
@@ -439,7 +439,7 @@ def test_others_are_not_shown(hub, clock):
 def test_eight_cases_of_a_rig_at_most(hub, clock):
     Listener(hub, ["view/*/*/live/*"])
     demand = Demand(hub.open(), ViewMode.live)
-    runs = [Run(lease(token), recorded=False) for token in range(9)]
+    runs = [SlotRun(lease(token), recorded=False) for token in range(9)]
 
     def shown(run):
         return bool(demand.due(run, ["camera"], clock.now_s, wall=False, singles=True))

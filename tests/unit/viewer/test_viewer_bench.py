@@ -13,8 +13,17 @@ from schemas.wire.view import Thumbnail
 from twin.base.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
 from viewer.bench.command import BenchOptions, _source, bench, misses
-from viewer.bench.compare import MODES, SHARE_MIN, Run, Sample, Window, compare, lines, window
-from viewer.bench.course import Course
+from viewer.bench.compare import (
+    MODES,
+    SHARE_MIN,
+    CampaignRun,
+    CampaignWindow,
+    CourseSample,
+    compare,
+    lines,
+    window,
+)
+from viewer.bench.course import CampaignCourse
 
 
 def viewer(**changes):
@@ -25,7 +34,10 @@ def runs(mode, *walls, cpu=None, **changes):
     """Runs of 10 cases that took so many seconds of wall time, and of one core unless said."""
     recorded = (4.0,) * 10 if mode == "record" else ()
     values = {"fingerprint": "same", "recordings_mb": recorded, **changes}
-    return [Run(10, Window(10, wall, wall if cpu is None else cpu), **values) for wall in walls]
+    return [
+        CampaignRun(10, CampaignWindow(10, wall, wall if cpu is None else cpu), **values)
+        for wall in walls
+    ]
 
 
 def simulation(**changes):
@@ -72,8 +84,11 @@ def test_what_the_machine_does_beside_is_not_held_against_viewers():
 
 def test_processor_time_tells_where_the_clock_cannot():
     """Other work doubles a run's wall time, and leaves its processor time as it is."""
-    loud = [Run(10, Window(10, wall, 40.0), "same") for wall in (100.0, 200.0)]
-    dear = [Run(10, Window(10, wall, 50.0), "same", (4.0,) * 10) for wall in (110.0, 220.0)]
+    loud = [CampaignRun(10, CampaignWindow(10, wall, 40.0), "same") for wall in (100.0, 200.0)]
+    dear = [
+        CampaignRun(10, CampaignWindow(10, wall, 50.0), "same", (4.0,) * 10)
+        for wall in (110.0, 220.0)
+    ]
     [missed] = misses(simulation(none=loud, live=loud, frozen=loud, record=dear))
     assert "recorded: 90.9% of the cases per minute (noise 100.0%), 80.0% of those" in missed
 
@@ -87,19 +102,19 @@ def test_what_noise_hides_is_told_and_no_miss():
 
 
 def test_the_first_and_last_cases_are_left_out():
-    samples = [Sample(0, 10.0, 0.0)]
-    samples += [Sample(n, 30.0 + 2 * n, 50.0 + 4 * n) for n in range(1, 20)]
-    samples.append(Sample(20, 100.0, 400.0))
-    assert window(samples, 2) == Window(16, 32.0, 64.0)
-    assert window(samples, 64) == Window(10, 20.0, 40.0), "a quarter at each end, at most"
-    at_once = [Sample(0, 1.0, 1.0), Sample(8, 5.0, 9.0)]
-    assert window(at_once, 4) == Window(8, 4.0, 8.0)
+    samples = [CourseSample(0, 10.0, 0.0)]
+    samples += [CourseSample(n, 30.0 + 2 * n, 50.0 + 4 * n) for n in range(1, 20)]
+    samples.append(CourseSample(20, 100.0, 400.0))
+    assert window(samples, 2) == CampaignWindow(16, 32.0, 64.0)
+    assert window(samples, 64) == CampaignWindow(10, 20.0, 40.0), "a quarter at each end, at most"
+    at_once = [CourseSample(0, 1.0, 1.0), CourseSample(8, 5.0, 9.0)]
+    assert window(at_once, 4) == CampaignWindow(8, 4.0, 8.0)
     with pytest.raises(UsageError, match="at least 4"):
         window(samples[:2], 1)
 
 
 def test_a_campaign_is_looked_at_as_it_goes(tmp_path):
-    course = Course(os.getpid(), tmp_path)
+    course = CampaignCourse(os.getpid(), tmp_path)
     assert not course.look(), "nothing there yet"
     timeline = tmp_path / "timeline.jsonl"
     leased = [json.dumps({"event": "leased", "worker": w}) for w in ("a", "b")]

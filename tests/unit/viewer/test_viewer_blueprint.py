@@ -15,12 +15,12 @@ from schemas.sections.lens import Lens
 from schemas.wire.codec import encode
 from schemas.wire.view import PointsSample
 from twin.fabric.bus import Sample
-from viewer.live.focus import Focus, Scenes
-from viewer.live.hub import Hub
+from viewer.live.focus import FocusedCase, Scenes
+from viewer.live.hub import ViewerHub
 from viewer.live.overview import Overview
 from viewer.live.pulse import Pulse
 from viewer.playback import native
-from viewer.playback.folder import Moment
+from viewer.playback.folder import RecordedMoment
 from viewer.playback.shot import shoot
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint, overview_blueprint
@@ -47,7 +47,7 @@ def a_case_in_full(path):
     """Two cameras, a lidar, something that moves."""
     layout = case_blueprint(STAGE, CAMERAS, LIDARS, live=True)
     stream = written(path, f"{naming.CASE_APP}_live", layout)
-    focus = Focus(lambda _: stream, Scenes(lambda *_: None))
+    focus = FocusedCase(lambda _: stream, Scenes(lambda *_: None))
     begin = msgspec.structs.replace(start(seq=-1), cameras=CAMERAS, lidars=LIDARS, rig="r")
 
     def take(name, message, payload=None):
@@ -73,7 +73,7 @@ def a_case_in_full(path):
 
 def the_wall(path):
     stream = written(path, naming.OVERVIEW_APP, overview_blueprint())
-    hub, overview, pulse = Hub(stream, ""), Overview(), Pulse()
+    hub, overview, pulse = ViewerHub(stream, ""), Overview(), Pulse()
     for index in range(5):
         overview.take(thumbnail(f"c{index}"), PICTURES[index % 3])
     for second in range(3):
@@ -128,6 +128,6 @@ def test_the_case_panel_shows_its_last_row(tmp_path, monkeypatch, reasons, fits)
     monkeypatch.setattr("recorded_case.end", lambda seq, tick: end(seq, tick=tick, **closing))
     names = {"case": "yolov2-tiny-w25-1300-heavy_rain-60", "campaign": "latency-study"}
     out = tmp_path / "shot.png"
-    shoot(write(tmp_path, **names), Moment(0, "start"), out, (1280, 720))
+    shoot(write(tmp_path, **names), RecordedMoment(0, "start"), out, (1280, 720))
     shades = cv2.imread(str(out))[CASE_END].reshape(-1, 3)
     assert (len(np.unique(shades, axis=0)) == 1) is fits, "text is cut where the panel ends"

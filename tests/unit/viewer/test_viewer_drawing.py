@@ -8,8 +8,8 @@ from recorded_case import write
 from twin.base.errors import UsageError
 from twin.view.samples import jpeg
 from viewer.playback.drawing import LINE_PX, drawn, figures
-from viewer.playback.folder import Moment
-from viewer.playback.frames import Frame, Mark, read_case
+from viewer.playback.folder import RecordedMoment
+from viewer.playback.frames import Mark, PlayedTick, read_case
 from viewer.playback.still import write_still
 from viewer.playback.strip import write_strip
 from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW
@@ -17,7 +17,7 @@ from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW
 
 def frame(width=64, height=36, shade=100, **values):
     """A tick with an even grey picture."""
-    return Frame(1_500_000_000, jpeg(np.full((height, width, 3), shade, np.uint8)), **values)
+    return PlayedTick(1_500_000_000, jpeg(np.full((height, width, 3), shade, np.uint8)), **values)
 
 
 def colored(picture, color):
@@ -68,9 +68,9 @@ def test_a_label_never_hides_that_of_a_larger_box():
 
 
 def test_the_line_below_says_what_was_recorded_and_dashes_what_was_not():
-    known = Frame(1_500_000_000, speed_mps=9.04, dtc_m=21.96, brake=0.5, aeb=True)
+    known = PlayedTick(1_500_000_000, speed_mps=9.04, dtc_m=21.96, brake=0.5, aeb=True)
     assert " ".join(figures(known).split()) == "1.50 s speed 9.0 m/s DTC 22.0 m brake 50 %"
-    assert " ".join(figures(Frame(0)).split()) == "0.00 s speed - m/s DTC - m brake -"
+    assert " ".join(figures(PlayedTick(0)).split()) == "0.00 s speed - m/s DTC - m brake -"
     braking = drawn(known, frame())
     assert len(colored(braking[360:], RED)) > 200
     assert len(colored(drawn(frame(aeb=False), frame())[360:], RED)) == 0
@@ -78,30 +78,34 @@ def test_the_line_below_says_what_was_recorded_and_dashes_what_was_not():
 
 def test_a_damaged_picture_is_one_line():
     with pytest.raises(UsageError, match=r"at 1\.5 s is damaged"):
-        drawn(Frame(0), Frame(1_500_000_000, b"no jpeg"))
+        drawn(PlayedTick(0), PlayedTick(1_500_000_000, b"no jpeg"))
 
 
 def test_a_still_is_of_the_picture_that_stood_then(tmp_path):
     case = read_case(write(tmp_path))
     out = tmp_path / "a.png"
-    assert write_still(case, Moment(190_000_000, "x"), out) == 0.1
+    assert write_still(case, RecordedMoment(190_000_000, "x"), out) == 0.1
     picture = cv2.imread(str(out))
     assert abs(int(picture[350, 600, 0]) - 120) <= 1
     with pytest.raises(UsageError, match=r"the recording ends at 0\.25 s"):
-        write_still(case, Moment(260_000_000, "x"), out)
+        write_still(case, RecordedMoment(260_000_000, "x"), out)
     with pytest.raises(UsageError, match="Is a directory"):
-        write_still(case, Moment(0, "x"), tmp_path)
+        write_still(case, RecordedMoment(0, "x"), tmp_path)
 
 
 def test_a_strip_holds_the_pictures_around_a_moment(tmp_path):
     case = read_case(write(tmp_path))
     out = tmp_path / "a.jpg"
-    assert write_strip(case, Moment(100_000_000, "x"), 0.1, 3, out) == [-0.1, 0.0, 0.1]
+    assert write_strip(case, RecordedMoment(100_000_000, "x"), 0.1, 3, out) == [-0.1, 0.0, 0.1]
     three = cv2.imread(str(out)).shape
-    assert write_strip(case, Moment(100_000_000, "x"), 60.0, 3, out) == [0.0], "the rest is outside"
-    assert write_strip(case, Moment(100_000_000, "x"), 60.0, 4, out) == [0.0], "also of an even one"
+    assert write_strip(case, RecordedMoment(100_000_000, "x"), 60.0, 3, out) == [0.0], (
+        "the rest is outside"
+    )
+    assert write_strip(case, RecordedMoment(100_000_000, "x"), 60.0, 4, out) == [0.0], (
+        "also of an even one"
+    )
     one = cv2.imread(str(out)).shape
     assert one[0] == three[0]
     assert three[1] == 3 * one[1] + 2 * 4
     with pytest.raises(UsageError, match="Is a directory"):
-        write_strip(case, Moment(0, "x"), 0.1, 1, tmp_path)
+        write_strip(case, RecordedMoment(0, "x"), 0.1, 1, tmp_path)

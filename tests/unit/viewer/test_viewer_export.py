@@ -19,12 +19,12 @@ from viewer.playback.mcap_file import write_mcap
 from viewer.playback.outputs import needed
 from viewer.playback.video import write_film
 from viewer.recording import naming
-from viewer.recording.recording import Recording
+from viewer.recording.recording import RecordingFile
 
 
 def with_a_gap(folder):
     """Pictures at 0, 50, 200 ms; the two between them were lost."""
-    recording = Recording(start(folder))
+    recording = RecordingFile(start(folder))
     for seq, (tick, picture) in enumerate(zip((0, 1, 4), PICTURES, strict=True), 1):
         recording.camera(camera(seq, tick), picture)
     recording.state(state(4, 4, boxes=None))
@@ -119,7 +119,7 @@ def test_an_mcap_file_read_back(tmp_path):
 
 
 def test_without_pictures_there_is_no_film(tmp_path):
-    recording = Recording(start(tmp_path))
+    recording = RecordingFile(start(tmp_path))
     recording.state(state(1, 0, boxes=None, controls=None))
     recording.close(end(2, tick=0))
     case = read_case(tmp_path / naming.RECORDING_FILE)

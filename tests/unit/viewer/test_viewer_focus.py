@@ -15,7 +15,7 @@ from schemas.sections.lens import Lens
 from schemas.wire.codec import WireError, encode
 from schemas.wire.view import PointsSample, SceneMesh
 from twin.fabric.bus import Sample
-from viewer.live.focus import Focus, Scenes
+from viewer.live.focus import FocusedCase, Scenes
 from viewer.recording import naming
 from viewer.recording.scenery import points, rotation, unpacked
 
@@ -73,7 +73,7 @@ class Seat:
         self.streams = []
         self.asked = []
         self.scenes = Scenes(lambda rig, sha256: self.asked.append((rig, sha256)))
-        self.focus = Focus(self.open, self.scenes)
+        self.focus = FocusedCase(self.open, self.scenes)
 
     def open(self, _start):
         self.streams.append(Stream())

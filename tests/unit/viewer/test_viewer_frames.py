@@ -9,7 +9,7 @@ from twin.base.errors import UsageError
 from viewer.playback.folder import find_moment, find_recording
 from viewer.playback.frames import Mark, read_case
 from viewer.recording import naming
-from viewer.recording.recording import Recording
+from viewer.recording.recording import RecordingFile
 
 
 def test_every_tick_comes_back_in_order_with_what_was_seen(tmp_path):
@@ -87,7 +87,7 @@ def test_what_is_no_recording_of_a_case_is_refused_in_one_line(tmp_path):
 
 
 def test_a_recording_without_pictures_says_so(tmp_path):
-    recording = Recording(start(tmp_path))
+    recording = RecordingFile(start(tmp_path))
     recording.state(state(1, 0, boxes=None))
     recording.close(end(2, tick=1))
     case = read_case(tmp_path / naming.RECORDING_FILE)

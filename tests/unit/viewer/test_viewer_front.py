@@ -14,7 +14,7 @@ from waiting import PATIENCE_S
 
 from twin.base.errors import UsageError
 from viewer.browser.assets import Asset
-from viewer.browser.front import POLICY, READS, Front, Site
+from viewer.browser.front import POLICY, READS, BrowserFront, ShownSite
 
 WASM = Asset(b"\0asm" + bytes(1000), "application/wasm", "7.7")
 
@@ -22,7 +22,7 @@ WASM = Asset(b"\0asm" + bytes(1000), "application/wasm", "7.7")
 @contextmanager
 def front(**site):
     """A running front; yields a function that asks it."""
-    with Front(0, Site({"re_viewer_bg.wasm": WASM}, **site)) as server:
+    with BrowserFront(0, ShownSite({"re_viewer_bg.wasm": WASM}, **site)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         port = server.server_address[1]
 
@@ -153,7 +153,7 @@ class Hub(BaseHTTPRequestHandler):
 def test_the_live_stream_is_passed_on_as_it_comes_and_nothing_else_is():
     with ThreadingHTTPServer(("127.0.0.1", 0), Hub) as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
-        with Front(0, Site({}, hub=hub.server_address)) as server:
+        with BrowserFront(0, ShownSite({}, hub=hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
             connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello", {"Content-Type": "application/grpc-web"})
@@ -185,7 +185,7 @@ def test_a_hub_that_is_gone_and_requests_that_are_too_large(folder):
     ["GET http://[::1 HTTP/1.1", f"POST {READS} HTTP/1.1\r\nContent-Length: \xb2"],
 )
 def test_nonsense_is_a_bad_request(request_line):
-    with Front(0, Site({}, hub=("127.0.0.1", 1))) as server:
+    with BrowserFront(0, ShownSite({}, hub=("127.0.0.1", 1))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with socket.create_connection(server.server_address, timeout=PATIENCE_S) as line:
             line.sendall(f"{request_line}\r\nHost: localhost\r\n\r\n".encode("latin-1"))
@@ -212,7 +212,7 @@ class SilentHub(BaseHTTPRequestHandler):
 def test_a_browser_that_goes_away_while_nothing_comes_is_noticed():
     with ThreadingHTTPServer(("127.0.0.1", 0), SilentHub) as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
-        with Front(0, Site({}, hub=hub.server_address)) as server:
+        with BrowserFront(0, ShownSite({}, hub=hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
             connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello")
@@ -227,7 +227,7 @@ def test_a_browser_that_goes_away_while_nothing_comes_is_noticed():
 
 def test_a_port_in_use_is_one_line():
     with (
-        Front(0, Site({})) as server,
+        BrowserFront(0, ShownSite({})) as server,
         pytest.raises(UsageError, match="choose another, or 0 for a free one"),
     ):
-        Front(server.server_address[1], Site({}))
+        BrowserFront(server.server_address[1], ShownSite({}))

@@ -10,8 +10,8 @@ import pytest
 from waiting import PATIENCE_S
 
 from viewer.live import hub as hubs
-from viewer.live.gate import LAG_S, LEAST_BYTES, NATIVE, Gate, Line, laggards
-from viewer.live.hub import Hub, open_hub
+from viewer.live.gate import LAG_S, LEAST_BYTES, NATIVE, Gate, ViewerLine, laggards
+from viewer.live.hub import ViewerHub, open_hub
 from viewer.live.inner_port import InnerPort
 
 
@@ -92,7 +92,7 @@ def knock(gate):
 
 
 def lines(*found):
-    return [Line(None, passed_bytes, passed_s) for passed_bytes, passed_s in found]
+    return [ViewerLine(None, passed_bytes, passed_s) for passed_bytes, passed_s in found]
 
 
 def test_who_has_not_come_as_far_as_others():
@@ -153,7 +153,7 @@ def test_a_hub_that_stands_still_for_long_is_relieved(monkeypatch):
 
     now_s = [100.0]
     monkeypatch.setattr(hubs, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
-    hub = Hub(Stuck(), "rerun+http://127.0.0.1:1/proxy", gate=Door())
+    hub = ViewerHub(Stuck(), "rerun+http://127.0.0.1:1/proxy", gate=Door())
     for after_s, relieved in ((0.0, 0), (hubs.PATIENCE_S - 0.1, 0), (hubs.PATIENCE_S, 1)):
         now_s[0] = 100.0 + after_s
         assert not hub.open()

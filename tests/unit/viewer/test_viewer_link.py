@@ -20,8 +20,8 @@ from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 from viewer.live import link as linking
-from viewer.live.link import Ended, Event, Link, Said, Scene, Status
-from viewer.live.slots import Slots
+from viewer.live.link import ConductorEvent, Link, LinkEnded, Said, SentWorld, Status
+from viewer.live.slots import LatestSlots
 from viewer.playback import native
 
 
@@ -104,7 +104,7 @@ def hasty(monkeypatch):
 
 def connect(opened, port, wait_s=None, slots=None):
     target = Target(f"tcp/127.0.0.1:{port}", "twin", None)
-    link = Link(lambda: target, wait_s, slots or Slots())
+    link = Link(lambda: target, wait_s, slots or LatestSlots())
     opened.append(link)
     link.start()
     return link
@@ -139,7 +139,7 @@ def test_started_before_the_conductor(opened, port):
 
 def test_gives_up_when_told_so(opened, port):
     link = connect(opened, port, wait_s=0)
-    error = hear(link, Ended).error
+    error = hear(link, LinkEnded).error
     assert isinstance(error, UnreachableError)
     assert "nobody answers" in str(error)
 
@@ -147,7 +147,7 @@ def test_gives_up_when_told_so(opened, port):
 def test_gives_up_where_a_session_opens_but_nobody_answers(opened, port):
     opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{port}"]))
     link = connect(opened, port, wait_s=0)
-    error = hear(link, Ended).error
+    error = hear(link, LinkEnded).error
     assert isinstance(error, UnreachableError)
     assert "check --namespace" in str(error)
 
@@ -156,15 +156,15 @@ def test_what_nobody_expects_is_the_end_and_is_told(opened):
     def resolve():
         raise ValueError("strange")
 
-    link = Link(resolve, None, Slots())
+    link = Link(resolve, None, LatestSlots())
     opened.append(link)
     link.start()
-    assert str(hear(link, Ended).error) == "ValueError: strange"
+    assert str(hear(link, LinkEnded).error) == "ValueError: strange"
 
 
 def test_a_conductor_that_ends_and_comes_back(opened, port):
     first = serve(opened, port)
-    slots = Slots()
+    slots = LatestSlots()
     link = connect(opened, port, slots=slots)
     hear(link, Status)
     first.close()
@@ -194,7 +194,7 @@ def test_a_line_that_is_cut_and_mended(opened, port):
 
 def test_another_version_is_the_end(opened, port):
     serve(opened, port, version=SCHEMA_VERSION + 1)
-    error = hear(connect(opened, port), Ended).error
+    error = hear(connect(opened, port), LinkEnded).error
     assert isinstance(error, UsageError)
     assert "install the same version on both sides" in str(error)
 
@@ -210,7 +210,7 @@ def test_a_case_that_nobody_knows(opened, port):
     link.look_at("clear")
     assert hear(link, Said).line == "clear: waits: no worker is here"
     link.look_at("foggy")
-    error = hear(link, Ended).error
+    error = hear(link, LinkEnded).error
     assert isinstance(error, UsageError)
     assert "no case 'foggy' in demo" in str(error)
 
@@ -233,12 +233,12 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     link = connect(opened, port)
     hear(link, Status)
     link.send_for("r", "a")
-    assert hear(link, Scene).mesh == mesh
+    assert hear(link, SentWorld).mesh == mesh
     link.send_for("gone", "b")
-    assert hear(link, Scene) == Scene("b", None)
+    assert hear(link, SentWorld) == SentWorld("b", None)
     conductor.bus.publish(topics.EVENT.key, b"nonsense")
     conductor.bus.publish(topics.EVENT.key, encode(Reply(v=SCHEMA_VERSION, epoch=7)))
-    assert hear(link, Event).fact["epoch"] == 7
+    assert hear(link, ConductorEvent).fact["epoch"] == 7
 
 
 def test_another_key_is_the_end(opened, port, tmp_path):
@@ -246,9 +246,9 @@ def test_another_key_is_the_end(opened, port, tmp_path):
     keys = [load_key(ours, Role.conductor), load_key(theirs, Role.viewer)]
     endpoint = f"tls/127.0.0.1:{port}"
     opened.append(open_bus("router", listen=[endpoint], key=keys[0]))
-    link = Link(lambda: Target(endpoint, "twin", keys[1]), None, Slots())
+    link = Link(lambda: Target(endpoint, "twin", keys[1]), None, LatestSlots())
     opened.append(link)
     link.start()
-    error = hear(link, Ended).error
+    error = hear(link, LinkEnded).error
     assert error.exit_code == 2
     assert "it is of another fabric" in str(error)

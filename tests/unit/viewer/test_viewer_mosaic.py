@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from viewer.live.mosaic import BACKGROUND, HEIGHT_PX, WIDTH_PX, Grid, Tile, compose
+from viewer.live.mosaic import BACKGROUND, HEIGHT_PX, WIDTH_PX, Grid, MosaicTile, compose
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 7, 12, 50, 64])
@@ -22,7 +22,7 @@ def test_every_tile_stands_on_the_wall_and_on_no_other(count):
 @pytest.mark.parametrize("ended", [False, True])
 def test_names_have_the_colour_that_was_asked_for(ended):
     """Colours are RGB, the picture is BGR."""
-    tile = Tile(None, "HHHH", (250, 120, 10), ended=ended)
+    tile = MosaicTile(None, "HHHH", (250, 120, 10), ended=ended)
     wall = compose([tile]).astype(int)
     coloured = wall[(wall != BACKGROUND).any(axis=-1)]
     ink = coloured[np.abs(coloured - (10, 120, 250)).sum(axis=-1).argmin()]

@@ -5,7 +5,7 @@ from view_messages import thumbnail
 
 from twin.view.samples import jpeg
 from viewer.live import mosaic
-from viewer.live.hub import Hub
+from viewer.live.hub import ViewerHub
 from viewer.live.overview import TILES_MAX, Overview, _color
 from viewer.live.renewal import Renewal
 from viewer.recording import naming
@@ -30,7 +30,7 @@ def test_tiles_do_not_overlap_and_fit():
 
 def test_pictures_arrive_in_their_tiles_with_their_colours():
     picture = mosaic.decoded(jpeg(RED_PICTURE))
-    tiles = [mosaic.Tile(None, "a", BLUE), mosaic.Tile(picture, "b", GREEN, ended=True)]
+    tiles = [mosaic.MosaicTile(None, "a", BLUE), mosaic.MosaicTile(picture, "b", GREEN, ended=True)]
     wall = mosaic.compose(tiles)
     x, y = mosaic.Grid(2).corner_px(1)
     width, height = mosaic.Grid(2).tile_px
@@ -175,7 +175,7 @@ class StuckStream:
 def test_nothing_is_logged_while_a_viewer_is_stuck():
     overview = Overview()
     overview.take(thumbnail("a"), jpeg(RED_PICTURE))
-    hub = Hub(StuckStream(), "rerun+http://127.0.0.1:1/proxy")
+    hub = ViewerHub(StuckStream(), "rerun+http://127.0.0.1:1/proxy")
     assert not hub.open()
     assert not hub.open()
     assert (hub.logged, hub.skipped, hub._stream.logged) == (0, 2, 0)

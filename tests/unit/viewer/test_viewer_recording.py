@@ -19,15 +19,15 @@ from schemas.wire.view import CaseEnd, CaseStart, RecorderBatch, RecorderSample,
 from twin.view.samples import jpeg
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint
-from viewer.recording.command import CLOSED_MAX, Recorder
-from viewer.recording.recording import FLUSH_BYTES, FLUSH_PERIOD_S, Recording
+from viewer.recording.command import CLOSED_MAX, OpenRecordings
+from viewer.recording.recording import FLUSH_BYTES, FLUSH_PERIOD_S, RecordingFile
 
 PICTURE = jpeg(np.zeros((36, 64, 3), np.uint8))
 
 
 def write(folder, skip=()):
     """Three ticks and an end, without the running numbers in ``skip``."""
-    recording = Recording(start(folder))
+    recording = RecordingFile(start(folder))
     seq = 1
     for tick in range(3):
         if seq not in skip:
@@ -58,7 +58,7 @@ def test_a_complete_recording(tmp_path):
 
 def test_the_street_shows_who_walks_and_drives_and_forgets_who_has_gone(tmp_path):
     walker, van = [140.0, -3.9, 0.0, 1.6, 0.25, 0.25, 1.7], [170.0, 3.5, 0.0, 3.1, 2.4, 0.9, 2.0]
-    recording = Recording(start(tmp_path))
+    recording = RecordingFile(start(tmp_path))
     moving = [[walker, van], [walker], [], []]
     for seq, hulls in enumerate(moving, start=1):
         recording.state(state(seq, seq - 1, movers=hulls))
@@ -100,7 +100,7 @@ def message(*samples):
 
 
 def test_the_recorder_keeps_attempts_apart_and_survives_nonsense(tmp_path, capsys):
-    recorder = Recorder()
+    recorder = OpenRecordings()
     other = start(tmp_path / "b", token=2, case="other")
     recorder.take(message(start(tmp_path / "a", token=1), other))
     recorder.take(b"\xc1nonsense")
@@ -116,7 +116,7 @@ def test_the_recorder_keeps_attempts_apart_and_survives_nonsense(tmp_path, capsy
 
 def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    recorder = Recorder()
+    recorder = OpenRecordings()
     folder = tmp_path / "file" / "a"
     recorder.take(message(start(folder, token=1), state(1, token=1), end(2, token=1)))
     assert (recorder.complete, recorder.incomplete) == (0, 1)
@@ -124,7 +124,7 @@ def test_a_folder_that_cannot_be_written_costs_that_recording_only(tmp_path, cap
 
 
 def test_what_has_waited_is_written_though_nothing_else_comes(tmp_path):
-    recording = Recording(start(tmp_path))
+    recording = RecordingFile(start(tmp_path))
     recording.camera(camera(1, 0), PICTURE, 100.0)
     recording.state(state(2, 0), 101.0)
     path = tmp_path / naming.RECORDING_FILE
@@ -140,7 +140,7 @@ def test_what_has_waited_is_written_though_nothing_else_comes(tmp_path):
 
 
 def test_large_pictures_do_not_wait(tmp_path):
-    recording = Recording(start(tmp_path))
+    recording = RecordingFile(start(tmp_path))
     for tick in range(3):
         recording.camera(camera(1 + tick, tick), b"x" * (FLUSH_BYTES // 2), 0.0)
     recording._stream.flush()
@@ -161,7 +161,7 @@ def test_large_pictures_do_not_wait(tmp_path):
     ],
 )
 def test_what_is_not_a_pass_is_kept(tmp_path, keep, ending, kept):
-    recording = Recording(msgspec.structs.replace(start(tmp_path), keep=keep))
+    recording = RecordingFile(msgspec.structs.replace(start(tmp_path), keep=keep))
     recording.state(state(1))
     recording.close(None if ending is None else end(2, **ending))
     note = json.loads((tmp_path / naming.RECORDING_NOTE).read_text())
@@ -204,7 +204,7 @@ def parts(part):
 
 def test_a_recorder_of_many_cases_keeps_no_threads(tmp_path):
     """Rerun keeps two threads per stream until it is asked to let go."""
-    recorder = Recorder()
+    recorder = OpenRecordings()
     threads = []
     for token in range(1, 16):
         said = start(tmp_path / str(token), token=token)

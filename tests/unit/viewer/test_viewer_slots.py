@@ -1,8 +1,8 @@
 """Latest-only slots and the bounded channel: limits, order, counters."""
 
-from twin.base.channel import Channel
+from twin.base.channel import BoundedChannel
 from twin.fabric.bus import Sample
-from viewer.live.slots import Slots
+from viewer.live.slots import LatestSlots
 
 
 def sample(key, payload=b""):
@@ -10,7 +10,7 @@ def sample(key, payload=b""):
 
 
 def test_the_latest_of_each_key_in_order_of_arrival():
-    slots = Slots()
+    slots = LatestSlots()
     slots.put(sample("a", b"1"))
     slots.put(sample("b", b"1"))
     slots.put(sample("a", b"2"))
@@ -20,7 +20,7 @@ def test_the_latest_of_each_key_in_order_of_arrival():
 
 
 def test_no_more_keys_than_allowed():
-    slots = Slots(keys_max=2)
+    slots = LatestSlots(keys_max=2)
     for key in "abc":
         slots.put(sample(key))
     slots.put(sample("a", b"new"))
@@ -31,7 +31,7 @@ def test_no_more_keys_than_allowed():
 
 
 def test_the_channel_refuses_beyond_its_size_and_never_waits():
-    channel = Channel(10)
+    channel = BoundedChannel(10)
     assert channel.offer("a", 6)
     assert channel.offer("b", 4)
     assert not channel.offer("c", 1)

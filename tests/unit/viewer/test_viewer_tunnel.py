@@ -18,8 +18,8 @@ from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.roles import Role
 from viewer.live import link as linking
 from viewer.live import tunnel
-from viewer.live.link import Ended, Link, Said, Status
-from viewer.live.slots import Slots
+from viewer.live.link import Link, LinkEnded, Said, Status
+from viewer.live.slots import LatestSlots
 from viewer.live.tunnel import Far, Tunnel
 from viewer.playback import native
 
@@ -54,7 +54,7 @@ def dig(opened, **far):
 
 
 def link_through(opened, way):
-    link = Link(way.target, None, Slots())
+    link = Link(way.target, None, LatestSlots())
     opened.append(link)
     link.start()
     return link
@@ -83,7 +83,7 @@ def test_mutual_tls_through_the_tunnel(opened, calls, port, tmp_path):
     ours, _ = (make_keys(tmp_path / name) for name in ("ours", "theirs"))
     serve(opened, port, key=load_key(ours, Role.conductor))
     far = Far("me@login", "cn042", f"tls/127.0.0.1:{port}")
-    for path, kind in ((tmp_path / "ours", Status), (tmp_path / "theirs", Ended)):
+    for path, kind in ((tmp_path / "ours", Status), (tmp_path / "theirs", LinkEnded)):
         way = Tunnel(far, "twin", path)
         opened.append(way)
         heard = hear(link_through(opened, way), kind)
@@ -113,7 +113,7 @@ def test_the_key_is_read_over_there_where_its_user_logs_in(opened, calls, port, 
     serve(opened, port, key=load_key(ours, Role.conductor))
     entry = {"pid": 1, "host": "cn042", "epoch": 1, "namespace": "twin", "version": "1"}
     entry |= {"endpoint": f"tls/127.0.0.1:{port}"}
-    for keys, kind in ((ours, Status), (theirs, Ended)):
+    for keys, kind in ((ours, Status), (theirs, LinkEnded)):
         (tmp_path / "conductor.json").write_text(json.dumps({**entry, "key": str(keys)}))
         way = dig(opened, folder=str(tmp_path))
         heard = hear(link_through(opened, way), kind)
@@ -138,7 +138,7 @@ def test_a_file_over_there_that_says_nonsense_is_the_end(opened, calls, tmp_path
     entry = {"pid": 1, "host": "cn007", "epoch": 1, "namespace": "mine", "version": "1"}
     text = json.dumps({"endpoint": "tcp/127.0.0.1:7447", **entry, **changes})
     (tmp_path / "conductor.json").write_text(text)
-    error = hear(link_through(opened, dig(opened, folder=str(tmp_path))), Ended).error
+    error = hear(link_through(opened, dig(opened, folder=str(tmp_path))), LinkEnded).error
     assert isinstance(error, UsageError)
     assert words in str(error)
     assert "conductor.json" in str(error)

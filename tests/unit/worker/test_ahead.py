@@ -19,7 +19,7 @@ from schemas.campaign import expand
 from schemas.messages import Lease
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
-from twin.rig.pipe import Build, Built, Listening, pack
+from twin.rig.pipe import BuildRig, Built, Listening, pack
 from twin.sandbox.start import own_code
 from twin.worker.preload import begin_loading
 from twin.worker.rig_process import RigProcess
@@ -107,7 +107,7 @@ def test_a_gpu_that_is_not_here_keeps_nobody_from_hearing_what_to_do(device):
         simulator, stack = loading.simulator.process, loading.stack.process
         maps = Path(f"/proc/{simulator.pid}/maps")
         wait_for(lambda: "warp" in maps.read_text(), "the simulator loads what it needs")
-        build = Build(
+        build = BuildRig(
             lease=Lease(token=1, attempt=1, out="", case=expand(load("chaos-16"))[0]),
             rig="r",
             listen="tcp/256.0.0.1:0",

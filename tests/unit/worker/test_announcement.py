@@ -13,7 +13,7 @@ import msgspec
 
 from twin.base.process import end, spawn
 from twin.fabric.keys.rig_keys import RigKeys
-from twin.worker.announcement import Announcement, Owner, born_ticks, sweep
+from twin.worker.announcement import Announcement, RigOwner, born_ticks, sweep
 
 OTHER = """
 import sys
@@ -63,11 +63,11 @@ def test_of_dead_workers_everything_goes_and_of_others_nothing(tmp_path: Path) -
     (tmp_path / ".dead.key.0123.tmp").touch()
     (tmp_path / ".nonsense.owner").write_bytes(b"\xff{")
     (tmp_path / ".*.owner").write_bytes((tmp_path / ".dead.owner").read_bytes())
-    elsewhere = Owner("another pid:[1]", killed.pid, 1)
+    elsewhere = RigOwner("another pid:[1]", killed.pid, 1)
     (tmp_path / ".far.owner").write_bytes(msgspec.json.encode(elsewhere))
     (tmp_path / "far.key").touch()
     # The number of a process that died has been given to another one.
-    own = msgspec.json.decode((tmp_path / ".a11ve.owner").read_bytes(), type=Owner)
+    own = msgspec.json.decode((tmp_path / ".a11ve.owner").read_bytes(), type=RigOwner)
     older = msgspec.structs.replace(own, born_ticks=own.born_ticks - 1)
     (tmp_path / ".01der.owner").write_bytes(msgspec.json.encode(older))
     (tmp_path / "01der.key").touch()

@@ -7,9 +7,9 @@ import pytest
 from schemas.messages import Command, Lights, SensorErrors
 from schemas.wire.interventions import (
     GiveBack,
-    Intervention,
-    Look,
     Pause,
+    Query,
+    RecordedAction,
     Resume,
     SetEnvironment,
     SetLights,
@@ -76,12 +76,12 @@ def test_a_pause_that_everybody_forgot_ends():
     assert hand.label() == "paused"
     assert hand.overdue(10.0 + PAUSE_SILENCE_S - 0.001) is None
     assert hand.overdue(10.0 + PAUSE_SILENCE_S) == Resume()
-    hand.take(Look(), 1, 10.0 + PAUSE_SILENCE_S - 0.001)
+    hand.take(Query(), 1, 10.0 + PAUSE_SILENCE_S - 0.001)
     assert hand.overdue(10.0 + PAUSE_SILENCE_S) == Resume(), "who only looks holds nothing"
 
 
 def test_what_a_journal_says_needs_nobody_and_no_clock():
-    hand = Hand(None, replay=[Intervention(3, 0, Takeover(0.1))], replayed=True)
+    hand = Hand(None, replay=[RecordedAction(3, 0, Takeover(0.1))], replayed=True)
     assert hand.timed
     hand.take(hand.replay.pop().action, 3, 0.0)
     assert hand.wait_s(1000, PERIOD_S, 0.0) == 0.0

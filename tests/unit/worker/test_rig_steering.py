@@ -18,10 +18,10 @@ from schemas.wire.interventions import (
     ControlReply,
     ControlRequest,
     GiveBack,
-    Look,
     MoveObject,
     Pause,
     PlaceEgo,
+    Query,
     SetEnvironment,
     SetPace,
     SetSensors,
@@ -31,12 +31,12 @@ from schemas.wire.interventions import (
     Together,
 )
 from twin.base.errors import UnreachableError, UsageError
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 from twin.fabric.steering import Attempt, carry_out, find, find_in_rig
 from twin.rig.engine import Engine
 from twin.rig.interventions.case import DRIVE_SILENCE_S
 from twin.rig.interventions.journal import read_journal
-from twin.rig.interventions.listener import REQUEST_BYTES_MAX, WAITING_MAX, Steering
+from twin.rig.interventions.listener import REQUEST_BYTES_MAX, WAITING_MAX, RigInterventions
 
 
 class Rig:
@@ -47,7 +47,7 @@ class Rig:
         self.engine = Engine(case("a"), 2)
         self.slots = [None, None]
         self.touched = []
-        self.steering = Steering("rig", self.slots, "cpu", self.tell)
+        self.steering = RigInterventions("rig", self.slots, "cpu", self.tell)
         for slot, name in enumerate("ab"):
             self.engine.reset(slot, case(name))
             self.slots[slot] = name
@@ -79,7 +79,7 @@ class Rig:
         return decode(answers[0], ControlReply)
 
     def changes(self, slot):
-        return self.do(Look(), slot).state.changes
+        return self.do(Query(), slot).state.changes
 
     @property
     def ticks(self):
@@ -143,7 +143,7 @@ def test_what_is_refused_changes_nothing(rig, tmp_path):
     answers = []
     rig.steering.ask(0, b"x" * (REQUEST_BYTES_MAX + 1), answers.append)
     rig.steering.ask(0, b"garbage", answers.append)
-    old = encode(ControlRequest(v=SCHEMA_VERSION + 1, id="", action=Look()))
+    old = encode(ControlRequest(v=SCHEMA_VERSION + 1, id="", action=Query()))
     rig.steering.ask(0, old, answers.append)
     errors = [decode(answer, ControlReply).error for answer in answers]
     for error, words in zip(errors, ("at most 4096", "not MessagePack", "version"), strict=True):
@@ -174,12 +174,12 @@ def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monk
     assert [rig.engine.weather(slot) for slot in range(2)] == ["clear", "clear"]
     rig.steering._hands[0].drive_s -= DRIVE_SILENCE_S
     rig.turn()
-    assert rig.do(Look()).state.taken_over, "what is not journalled is not done"
+    assert rig.do(Query()).state.taken_over, "what is not journalled is not done"
     assert read_journal(journal) == before
     assert not (tmp_path / "cases" / "b" / "attempt-1" / JOURNAL_FILE).exists()
     monkeypatch.undo()
     rig.turn()
-    assert not rig.do(Look()).state.taken_over
+    assert not rig.do(Query()).state.taken_over
     assert "weather 'fog'" in rig.do(SetEnvironment("fog")).error
     rig.do(SetEnvironment("heavy_fog"))
     _, entries, _ = read_journal(journal)
@@ -189,7 +189,7 @@ def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monk
 
 def test_a_flood_is_refused(rig):
     answers = []
-    request = encode(ControlRequest(v=SCHEMA_VERSION, id="", action=Look()))
+    request = encode(ControlRequest(v=SCHEMA_VERSION, id="", action=Query()))
     for _ in range(WAITING_MAX + 1):
         rig.steering.ask(0, request, answers.append)
     assert "requests wait already" in decode(answers[0], ControlReply).error
@@ -198,7 +198,7 @@ def test_a_flood_is_refused(rig):
 
 
 def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
-    hub = Hub()
+    hub = MemoryHub()
     pump, stop = hub.run(), threading.Event()
     simulator, viewer = hub.open(), hub.open()
     key = topics.CONTROL.key.format(rig="rig")
@@ -222,14 +222,14 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
         wrong = [SetPace(2.0), PlaceEgo(1.0, 2.0, 0.0), SetEnvironment("fog")]
         with pytest.raises(UsageError, match=r"fog.*allowed"):
             list(carry_out(found, wrong))
-        state = found.do(Look()).state
+        state = found.do(Query()).state
         assert (state.pace, state.changes, state.weather) == (None, 0, "clear")
         with pytest.raises(UsageError, match=r"given 99.*; done before it: pace at tick 0$"):
             list(carry_out(found, [SetPace(1000.0), MoveObject(99, 0.0, 0.0)]))
         assert not list(rig.folder.glob("cases/b/*/*"))
         with pytest.raises(UsageError, match="a case's name: given 'b/\\*'"):
             find(viewer, "b/*")
-        assert found.do(Look()).state.pace == 1000.0
+        assert found.do(Query()).state.pace == 1000.0
         assert (found.state.paused, found.state.token) == (True, 8)
         with pytest.raises(UsageError, match="that attempt has ended"):
             Attempt(viewer, "test", "b", 5).do(Pause())
@@ -275,10 +275,10 @@ def test_settings_of_one_request_are_done_together_or_not_at_all(rig):
     night = SetEnvironment(time_of_day_min=1350.0)
     there = PlaceEgo(120.0, 1.5, 0.1)
     lost = SetSensors(SensorErrors(gnss_dropout=True))  # the case has no receiver
-    before = rig.do(Look()).state
+    before = rig.do(Query()).state
     refused = rig.do(Together([night, there, SetPace(2.0), lost]))
     assert "gnss" in refused.error
-    after = rig.do(Look()).state
+    after = rig.do(Query()).state
     assert (after.changes, after.pace) == (0, None)
     # The ego stands where it would stand anyhow, and it is as light as before.
     assert (round(after.x_m), after.time_of_day_min) == (round(before.x_m), before.time_of_day_min)

@@ -4,11 +4,11 @@ from view_messages import camera, state
 
 from schemas.wire.codec import FREE_BYTES_MAX, decode
 from schemas.wire.view import RecorderBatch, RecorderSample
-from twin.view.batch import AGE_MAX_S, BYTES_MAX, SAMPLE_BYTES, Batch
+from twin.view.batch import AGE_MAX_S, BYTES_MAX, SAMPLE_BYTES, SampleBatch
 
 
 def test_the_oldest_sample_decides_how_long_all_wait():
-    batch = Batch()
+    batch = SampleBatch()
     assert batch.left_s(1e9) is None, "nothing to be sent"
     batch.add(RecorderSample(state=state(1)), 100.0)
     batch.add(RecorderSample(state=state(2)), 100.0 + AGE_MAX_S / 2)
@@ -23,7 +23,7 @@ def test_the_oldest_sample_decides_how_long_all_wait():
 
 
 def test_large_pictures_do_not_wait():
-    batch = Batch()
+    batch = SampleBatch()
     jpeg = b"x" * (BYTES_MAX - SAMPLE_BYTES - 1)
     batch.add(RecorderSample(camera=camera(1, 0), jpeg=jpeg), 0.0)
     assert batch.left_s(0.0) == AGE_MAX_S
@@ -35,7 +35,7 @@ def test_large_pictures_do_not_wait():
 
 
 def test_after_a_large_batch_small_samples_wait_again():
-    batch = Batch()
+    batch = SampleBatch()
     batch.add(RecorderSample(camera=camera(1, 0), jpeg=b"x" * BYTES_MAX), 0.0)
     assert batch.left_s(0.0) == 0.0
     batch.take()

@@ -13,7 +13,7 @@ from schemas.wire.codec import WireError
 from twin.base.errors import UsageError
 from twin.base.gpu import cuda
 from twin.fabric.drive import StackEnd
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 from twin.worker.cores import parse_cores
 
 
@@ -55,7 +55,7 @@ def test_a_cpu_offers_no_device_memory():
 def test_a_handle_that_cannot_be_opened_is_done_without():
     """What a simulator on another host, or of another GPU, would offer."""
     assert not cuda.proves(bytes(64), "a" * 32, "cuda:0")
-    stack = StackEnd(Hub().open(), "r", 1)
+    stack = StackEnd(MemoryHub().open(), "r", 1)
     stack.takes_device_frames = True
     offer = Ready(
         *(SCHEMA_VERSION, "simulator", "r", 1), gpu="cuda:0", gpu_handle=b"x" * 64, gpu_nonce="n"
@@ -65,7 +65,7 @@ def test_a_handle_that_cannot_be_opened_is_done_without():
 
 
 def test_a_frame_behind_a_handle_that_was_not_agreed_on_is_refused():
-    stack = StackEnd(Hub().open(), "r", 1)
+    stack = StackEnd(MemoryHub().open(), "r", 1)
     frame = Frame(
         v=SCHEMA_VERSION,
         type="camera",

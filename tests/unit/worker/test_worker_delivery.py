@@ -16,7 +16,7 @@ from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.delivery import Delivered
 from twin.base.errors import InfrastructureError
-from twin.fabric.memory_bus import Hub
+from twin.fabric.memory_bus import MemoryHub
 from twin.worker.delivery import PREFIX, Delivery
 
 CASE = expand(msgspec.convert({"campaign": "demo", "matrix": {"repeat": [0]}}, Campaign))[0]
@@ -32,7 +32,7 @@ def scratch(tmp_path, monkeypatch):
 
 @pytest.fixture
 def bus():
-    hub = Hub()
+    hub = MemoryHub()
     thread = hub.run()
     yield hub.open()
     hub.stop()

@@ -12,15 +12,15 @@ import msgspec
 import psutil
 import pytest
 
-from schemas.files.resources import PERIOD_S, Sample
+from schemas.files.resources import PERIOD_S, ResourceSample
 from twin.base.gpu.nvml import visible_device
-from twin.worker.resources import Meter, Reading, Work, read_tree, used
+from twin.worker.resources import CampaignWork, Meter, ProcessReading, read_tree, used
 from twin.worker.resources_gpu import Gpu, GpuReading
 from twin.worker.resources_log import ResourceLog, append_sample, until_next, work_of
 
 
 def reading(pid, cpu_s, born_s=1.0, rss=100):
-    return Reading(role="stack", pid=pid, born_s=born_s, cpu_s=cpu_s, rss_bytes=rss)
+    return ProcessReading(role="stack", pid=pid, born_s=born_s, cpu_s=cpu_s, rss_bytes=rss)
 
 
 def test_the_first_reading_knows_no_cpu_use():
@@ -86,7 +86,7 @@ def test_a_real_tree_is_measured():
         before = sum(each.cpu_s for each in read_tree(psutil.Process(parent.pid)))
         while sum(each.cpu_s for each in read_tree(psutil.Process(parent.pid))) <= before:
             pass
-        work = (Work("/a", 2, 3), Work("/b", 1, 0))
+        work = (CampaignWork("/a", 2, 3), CampaignWork("/b", 1, 0))
         first, second = meter.sample(work, 7, time.monotonic_ns())
     finally:
         for child in psutil.Process(parent.pid).children():
@@ -116,13 +116,13 @@ def lease(out, batch):
 
 def test_work_is_told_by_campaign():
     found = work_of([lease("/a", 1), lease("/b", 2), lease("/a", 1), lease("/b", 3)])
-    assert found == (Work("/a", 2, 1), Work("/b", 2, 0))
+    assert found == (CampaignWork("/a", 2, 1), CampaignWork("/b", 2, 0))
     assert work_of([]) == ()
 
 
 def sample():
     meter = Meter("w1", "here", "cpu", os.getpid())
-    return meter.sample((Work("/a", 1, 0),), 5, time.monotonic_ns())[0]
+    return meter.sample((CampaignWork("/a", 1, 0),), 5, time.monotonic_ns())[0]
 
 
 def test_a_part_grows_line_by_line(tmp_path: Path):
@@ -131,7 +131,7 @@ def test_a_part_grows_line_by_line(tmp_path: Path):
     append_sample(path, one)
     append_sample(path, one)
     lines = path.read_bytes().splitlines()
-    assert [msgspec.json.decode(line, type=Sample) for line in lines] == [one, one]
+    assert [msgspec.json.decode(line, type=ResourceSample) for line in lines] == [one, one]
 
 
 def test_a_log_that_cannot_be_written_says_so_once(tmp_path: Path):

@@ -16,23 +16,23 @@ from schemas.campaign import expand
 from schemas.messages import Lease, PerceptionCost
 from schemas.wire.codec import decode, encode
 from twin.base.errors import TwinError
-from twin.kpi.recorder import Recorder
+from twin.kpi.recorder import KpiRecorder
 from twin.rig.drive_recorder import DriveRecorder
 from twin.rig.engine import Finished
 from twin.rig.pipe import Progress, Unpacker, Upstream, Upward
 from twin.rig.profile import LoopLog, LoopProfile
-from twin.rig.results import Ended, ResultWriter
+from twin.rig.results import EndedCase, ResultWriter
 from twin.rig.simulator import Simulator
 from twin.vehicle.state import COLUMN
 
 
-def ended(folder: Path, token: int) -> Ended:
-    recorder = Recorder(1)
+def ended(folder: Path, token: int) -> EndedCase:
+    recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     recorder.add([0], np.array([token]), np.array([0]), state, [None], [None])
     finished = Finished(0, "verdict", "pass", [], {}, recorder.of(0).table())
     lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
-    return Ended(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
+    return EndedCase(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
 
 
 def test_they_come_in_order_and_their_files_are_there(tmp_path):

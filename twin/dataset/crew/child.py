@@ -11,7 +11,15 @@ from msgspec import Struct
 
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.process import bind_to_parent
-from twin.dataset.crew.messages import Begin, Ready, Trouble, Work, Written, line_of, read_order
+from twin.dataset.crew.messages import (
+    Begin,
+    ChildReady,
+    ChildWork,
+    ImageWritten,
+    Trouble,
+    line_of,
+    read_order,
+)
 
 
 def main() -> int:
@@ -49,13 +57,13 @@ def _work(orders: BinaryIO, out: BinaryIO) -> None:
     folder = Folder(Path(begin.folder))
     with folder.writing():
         renderer = Renderer(folder, begin.recipe, begin.slots, begin.device)
-        _say(out, Ready())
+        _say(out, ChildReady())
         while line := orders.readline():
             order = read_order(line)
-            assert isinstance(order, Work), "after the first line there are tasks"
+            assert isinstance(order, ChildWork), "after the first line there are tasks"
             for index in renderer.render(order.task):
-                _say(out, Written(index))
-            _say(out, Ready())
+                _say(out, ImageWritten(index))
+            _say(out, ChildReady())
 
 
 def _say(out: BinaryIO, message: Struct) -> None:

@@ -17,7 +17,7 @@ from typing import IO
 
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.process import end, how_it_ended, last_lines, spawn
-from twin.dataset.crew.messages import Begin, Ready, Trouble, Work, line_of, read_answer
+from twin.dataset.crew.messages import Begin, ChildReady, ChildWork, Trouble, line_of, read_answer
 from twin.dataset.crew.task import Agenda
 
 _READ_BYTES = 65536
@@ -91,13 +91,13 @@ def _hear(child: _Child, agenda: Agenda) -> Iterator[int]:
         answer = read_answer(line)
         if isinstance(answer, Trouble):
             raise (UsageError if answer.usage else InfrastructureError)(answer.text)
-        if not isinstance(answer, Ready):
+        if not isinstance(answer, ChildReady):
             yield answer.index
             continue
         task = agenda.take(child.number)
         child.free = task is None
         if task is not None:
-            child.tell(line_of(Work(task)))
+            child.tell(line_of(ChildWork(task)))
 
 
 def _death(child: _Child) -> InfrastructureError:

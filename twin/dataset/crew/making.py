@@ -15,7 +15,7 @@ from twin.dataset.crew.renderer import Renderer
 from twin.dataset.crew.task import Agenda, Task, divided
 from twin.dataset.folder import Folder, Maker
 from twin.dataset.images.shot import where
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.world.kernel_cache import prepare_kernels
 
 Report = Callable[[int, int], None]
@@ -23,7 +23,7 @@ Report = Callable[[int, int], None]
 
 
 def make_dataset(
-    path: Path, recipe: Recipe, *, slots: int, device: str, report: Report, jobs: int = 1
+    path: Path, recipe: DatasetRecipe, *, slots: int, device: str, report: Report, jobs: int = 1
 ) -> dict[str, Any]:
     """Render what is missing in ``path`` and complete it; returns ``dataset.yaml`` as plain data.
 
@@ -67,7 +67,7 @@ def _rendered(renderer: Renderer, begin: Begin, tasks: list[Task], jobs: int) ->
         yield from renderer.render(task)
 
 
-def _missing(folder: Folder, recipe: Recipe, slots: int) -> Iterator[Task]:
+def _missing(folder: Folder, recipe: DatasetRecipe, slots: int) -> Iterator[Task]:
     """By street, then by camera: both take time to set up."""
     for split, count in recipe.counts().items():
         found: dict[tuple[int, int], list[int]] = {}

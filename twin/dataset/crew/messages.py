@@ -6,29 +6,29 @@ import msgspec
 from msgspec import Struct
 
 from twin.dataset.crew.task import Task
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 
 
 class Begin(Struct, frozen=True, tag="begin"):
     """To a child, first: what all its tasks are about."""
 
     folder: str
-    recipe: Recipe
+    recipe: DatasetRecipe
     slots: int
     device: str
 
 
-class Work(Struct, frozen=True, tag="work"):
+class ChildWork(Struct, frozen=True, tag="work"):
     """To a child: its next task."""
 
     task: Task
 
 
-class Ready(Struct, frozen=True, tag="ready"):
+class ChildReady(Struct, frozen=True, tag="ready"):
     """From a child: it waits for a task."""
 
 
-class Written(Struct, frozen=True, tag="written"):
+class ImageWritten(Struct, frozen=True, tag="written"):
     """From a child: an image and its labels are there."""
 
     index: int
@@ -42,8 +42,8 @@ class Trouble(Struct, frozen=True, tag="trouble"):
     """The user can change it."""
 
 
-_TO_CHILD = msgspec.json.Decoder(Begin | Work)
-_FROM_CHILD = msgspec.json.Decoder(Ready | Written | Trouble)
+_TO_CHILD = msgspec.json.Decoder(Begin | ChildWork)
+_FROM_CHILD = msgspec.json.Decoder(ChildReady | ImageWritten | Trouble)
 
 
 def line_of(message: Struct) -> bytes:
@@ -51,11 +51,11 @@ def line_of(message: Struct) -> bytes:
     return msgspec.json.encode(message) + b"\n"
 
 
-def read_order(line: bytes) -> Begin | Work:
+def read_order(line: bytes) -> Begin | ChildWork:
     """What a child is told."""
     return _TO_CHILD.decode(line)
 
 
-def read_answer(line: bytes) -> Ready | Written | Trouble:
+def read_answer(line: bytes) -> ChildReady | ImageWritten | Trouble:
     """What a child says."""
     return _FROM_CHILD.decode(line)

@@ -16,7 +16,7 @@ from twin.dataset.images.cameras import Eye, eyes_of
 from twin.dataset.images.cast import Street, streets_of
 from twin.dataset.images.shot import plan_shot
 from twin.dataset.images.studio import Studio
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 
@@ -24,7 +24,7 @@ from twin.world.kernel_cache import prepare_kernels
 class Renderer:
     """One process's part of a dataset."""
 
-    def __init__(self, folder: Folder, recipe: Recipe, slots: int, device: str) -> None:
+    def __init__(self, folder: Folder, recipe: DatasetRecipe, slots: int, device: str) -> None:
         """
         Raises:
             UsageError: the recipe cannot be followed; one line.
@@ -69,14 +69,14 @@ class Renderer:
         return self._open[1]
 
 
-def _vehicle(recipe: Recipe) -> Vehicle:
+def _vehicle(recipe: DatasetRecipe) -> Vehicle:
     try:
         return load_vehicle(recipe.vehicle)
     except ValueError as error:
         raise UsageError(f"dataset: {error}") from None
 
 
-def encoded(image: np.ndarray, recipe: Recipe) -> bytes:
+def encoded(image: np.ndarray, recipe: DatasetRecipe) -> bytes:
     """The picture as a file; uint8 [H, W, 3], RGB."""
     options = [cv2.IMWRITE_JPEG_QUALITY, recipe.quality] if recipe.format == "jpg" else []
     done, data = cv2.imencode(f".{recipe.format}", image[..., ::-1], options)

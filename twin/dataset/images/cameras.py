@@ -12,7 +12,7 @@ from schemas.sections.lens import CameraMount, Lens
 from schemas.sections.lens_curve import check_lens
 from twin.base.errors import UsageError
 from twin.dataset.chance import between, generator
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.vehicle.vehicle_file import Vehicle
 
 OWN_SHARE = 0.4
@@ -36,7 +36,7 @@ class Eye:
     mount: CameraMount
 
 
-def eyes_of(recipe: Recipe, vehicle: Vehicle) -> list[Eye]:
+def eyes_of(recipe: DatasetRecipe, vehicle: Vehicle) -> list[Eye]:
     """The cameras of ``recipe``; the first is the vehicle's own.
 
     Raises:
@@ -53,7 +53,7 @@ def eyes_of(recipe: Recipe, vehicle: Vehicle) -> list[Eye]:
     return eyes
 
 
-def _eye(recipe: Recipe, mount: CameraMount, index: int) -> Eye:
+def _eye(recipe: DatasetRecipe, mount: CameraMount, index: int) -> Eye:
     camera = Camera(
         name=recipe.camera,
         width=recipe.width,
@@ -86,7 +86,7 @@ def _lens(model: str, rng: np.random.Generator) -> Lens:
     return Lens(**film)
 
 
-def choose_eye(recipe: Recipe, rng: np.random.Generator) -> int:
+def choose_eye(recipe: DatasetRecipe, rng: np.random.Generator) -> int:
     """The camera of an image."""
     own, other = rng.random(), rng.random()
     if recipe.cameras == 1 or own < OWN_SHARE:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from twin.base.errors import UsageError
 from twin.dataset.chance import between, far_and_near, generator, pick
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.world.content import SceneObject
 from twin.world.scene import Scene, load_scene
 
@@ -70,7 +70,7 @@ class Street:
     obstacle: Look
 
 
-def streets_of(recipe: Recipe, split: str) -> list[Street]:
+def streets_of(recipe: DatasetRecipe, split: str) -> list[Street]:
     """The streets of one split.
 
     Raises:
@@ -96,7 +96,7 @@ def _base(name: str) -> Scene:
     return scene
 
 
-def _paints(recipe: Recipe) -> dict[str, list[Paint]]:
+def _paints(recipe: DatasetRecipe) -> dict[str, list[Paint]]:
     """Paints that ``train`` uses, by body."""
     used: dict[str, list[Paint]] = {}
     for k in range(recipe.streets.train):
@@ -107,7 +107,7 @@ def _paints(recipe: Recipe) -> dict[str, list[Paint]]:
 
 
 def _street(
-    recipe: Recipe, split: str, index: int, base: Scene, seen: dict[str, list[Paint]]
+    recipe: DatasetRecipe, split: str, index: int, base: Scene, seen: dict[str, list[Paint]]
 ) -> Street:
     cast, obstacle = _looks(recipe, split, index, seen)
     varied = base if split == "other_scene" and index == 0 else _varied(base, recipe, split, index)
@@ -121,7 +121,7 @@ def _street(
     return Street(split, f"{base.scene}/{split}-{index}", scene, cast, obstacle)
 
 
-def _varied(base: Scene, recipe: Recipe, split: str, index: int) -> Scene:
+def _varied(base: Scene, recipe: DatasetRecipe, split: str, index: int) -> Scene:
     """Another street in the manner of ``base``: other widths, side streets, buildings."""
     rng = generator(recipe.seed, f"{split}/street-{index}", "street")
     road = base.road
@@ -161,7 +161,7 @@ def _varied(base: Scene, recipe: Recipe, split: str, index: int) -> Scene:
 
 
 def _looks(
-    recipe: Recipe, split: str, index: int, seen: dict[str, list[Paint]]
+    recipe: DatasetRecipe, split: str, index: int, seen: dict[str, list[Paint]]
 ) -> tuple[tuple[Look, ...], Look]:
     rng = generator(recipe.seed, f"{split}/street-{index}", "cast")
     looks = []

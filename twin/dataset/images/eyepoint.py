@@ -48,7 +48,7 @@ def eyepoint_of(
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class EyeView:
     """How one camera draws: its lens and the size of its image."""
 
     lens: Lens
@@ -78,7 +78,7 @@ Shape = tuple[np.ndarray, np.ndarray]
 """Points [V, 3] and the triangles between them [F, 3], as indices."""
 
 
-def outlines_of(view: View, shapes: list[Shape]) -> list[Outline]:
+def outlines_of(view: EyeView, shapes: list[Shape]) -> list[Outline]:
     """Where objects lie in the image; their points are in the camera frame.
 
     Truncation is the share outside the image of what an object covers as seen from the camera: the
@@ -107,7 +107,7 @@ def outlines_of(view: View, shapes: list[Shape]) -> list[Outline]:
     return found
 
 
-def _around(view: View, px: np.ndarray) -> tuple[int, int, int, int]:
+def _around(view: EyeView, px: np.ndarray) -> tuple[int, int, int, int]:
     """Straight edges of triangles are bent by a lens, less than the two pixels left for it."""
     low, high = np.floor(px.min(axis=0)) - 2, np.ceil(px.max(axis=0)) + 2
     x0, x1 = np.clip((low[0], high[0]), 0, view.width).astype(int).tolist()
@@ -115,7 +115,7 @@ def _around(view: View, px: np.ndarray) -> tuple[int, int, int, int]:
     return x0, y0, x1, y1
 
 
-def _truncation(view: View, corners: np.ndarray) -> float:
+def _truncation(view: EyeView, corners: np.ndarray) -> float:
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = 0.5 * np.cross(b - a, c - a)
     centres = np.stack([np.tensordot(w, corners, axes=(0, 1)) for w in _QUARTERS])  # [4, F, 3]

@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class VehiclePose:
     """Where the ego is: its rear axle on the ground, and how its body stands."""
 
     x_m: float
@@ -22,7 +22,7 @@ class Pose:
     roll_rad: float
 
 
-def quaternion(pose: Pose) -> tuple[float, float, float, float]:
+def quaternion(pose: VehiclePose) -> tuple[float, float, float, float]:
     """x, y, z, w of the rotation about x (roll), then y (pitch), then z (yaw)."""
     cr, sr = math.cos(pose.roll_rad / 2), math.sin(pose.roll_rad / 2)
     cp, sp = math.cos(pose.pitch_rad / 2), math.sin(pose.pitch_rad / 2)
@@ -35,7 +35,7 @@ def quaternion(pose: Pose) -> tuple[float, float, float, float]:
     )
 
 
-def attitude(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+def attitude(pose: VehiclePose) -> tuple[np.ndarray, np.ndarray]:
     """Position [3] and rotation [3, 3] of the vehicle in the world."""
     x, y, z, w = quaternion(pose)
     rotation = np.array(

@@ -14,9 +14,9 @@ from twin.actors.car_body import LENGTH_M, WIDTH_M
 from twin.dataset.chance import between, far_and_near, generator, pick, scattered
 from twin.dataset.images.cameras import choose_eye
 from twin.dataset.images.cast import Street
-from twin.dataset.images.pose import Pose
+from twin.dataset.images.pose import VehiclePose
 from twin.dataset.images.traffic import Placed, Room, populate
-from twin.dataset.recipe import Recipe
+from twin.dataset.recipe import DatasetRecipe
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.weather import PRESETS
 from twin.world.street.layout import lay_out
@@ -50,7 +50,7 @@ class Shot:
     weather: str
     """A preset, or ``custom``."""
     conditions: Conditions
-    pose: Pose
+    pose: VehiclePose
     speed_mps: float
     placed: tuple[Placed, ...]
     time_s: float
@@ -74,14 +74,14 @@ class Shot:
         return Lights(low=not high, high=high, parking=True, fog=fog)
 
 
-def where(recipe: Recipe, split: str, index: int) -> tuple[int, int]:
+def where(recipe: DatasetRecipe, split: str, index: int) -> tuple[int, int]:
     """Street and camera of an image."""
     rng = generator(recipe.seed, f"{split}/{index}", "where")
     return int(rng.integers(getattr(recipe.streets, split))), choose_eye(recipe, rng)
 
 
 def plan_shot(
-    recipe: Recipe, vehicle: Vehicle, streets: list[Street], split: str, index: int
+    recipe: DatasetRecipe, vehicle: Vehicle, streets: list[Street], split: str, index: int
 ) -> Shot:
     """The image ``index`` of ``split``, whose streets are given."""
     name = f"{split}/{index}"
@@ -131,7 +131,7 @@ def _weather(rng: np.random.Generator) -> tuple[str, Conditions]:
     )
 
 
-def _ego(rng: np.random.Generator, street: Street, vehicle: Vehicle) -> Pose:
+def _ego(rng: np.random.Generator, street: Street, vehicle: Vehicle) -> VehiclePose:
     road, obstacle = street.scene.road, street.scene.obstacle
     front = vehicle.front_offset_m
     backwards, before = rng.random() < BACKWARDS_SHARE, rng.random() < OBSTACLE_SHARE
@@ -149,7 +149,7 @@ def _ego(rng: np.random.Generator, street: Street, vehicle: Vehicle) -> Pose:
             if behind or x + front + 1.0 < obstacle.x_m:
                 break
     yaw = math.radians(turn) + (math.pi if backwards else 0.0)
-    return Pose(
+    return VehiclePose(
         x_m=round(x, 3),
         y_m=round(side + (road.lane_width_m if backwards else 0.0), 3),
         yaw_rad=round(yaw, 5),
@@ -160,7 +160,7 @@ def _ego(rng: np.random.Generator, street: Street, vehicle: Vehicle) -> Pose:
 
 
 def _occupy_ego_and_obstacle(
-    room: Room, street: Street, vehicle: Vehicle, pose: Pose, half: tuple[float, float]
+    room: Room, street: Street, vehicle: Vehicle, pose: VehiclePose, half: tuple[float, float]
 ) -> None:
     middle = half[0] - vehicle.rear_overhang_m
     x = pose.x_m + math.cos(pose.yaw_rad) * middle

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from twin.dataset.images.eyepoint import Eyepoint, Outline, Shape, View, rotated
+from twin.dataset.images.eyepoint import Eyepoint, EyeView, Outline, Shape, rotated
 from twin.render.trace import bvh, traverse
 from twin.render.trace.geometry import turned
 from twin.world.meshes.materials import SIGN
@@ -91,7 +91,7 @@ def silhouette_kernel(
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class ObjectBody:
     """The triangles of one object or kind, in axes of its own."""
 
     points_m: np.ndarray
@@ -100,7 +100,7 @@ class Body:
     """Three points each [F, 3]."""
 
 
-def bodies_of(world: World) -> list[Body]:
+def bodies_of(world: World) -> list[ObjectBody]:
     """Of the kinds, without their shade on the ground, then of static instances in world axes."""
     bodies = [_body(kind.mesh, kind.mesh.tag != DECAL) for kind in world.kinds]
     own = world.mesh.instance
@@ -119,9 +119,9 @@ def sign_fronts(world: World) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def _body(mesh: Mesh, own: np.ndarray) -> Body:
+def _body(mesh: Mesh, own: np.ndarray) -> ObjectBody:
     used, faces = np.unique(mesh.faces[own], return_inverse=True)
-    return Body(mesh.points_m[used].astype(float), faces.reshape(-1, 3))
+    return ObjectBody(mesh.points_m[used].astype(float), faces.reshape(-1, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class Subject:
     yaw_rad: float
     eyepoint: Eyepoint
 
-    def shape(self, bodies: list[Body]) -> Shape:
+    def shape(self, bodies: list[ObjectBody]) -> Shape:
         """Its points in the camera's frame, and its triangles."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -145,7 +145,7 @@ class Subject:
 class Silhouettes:
     """Counts the pixels of single objects."""
 
-    def __init__(self, bodies: list[Body], device: wp.Device) -> None:
+    def __init__(self, bodies: list[ObjectBody], device: wp.Device) -> None:
         self._device = device
         shape = bvh.CPU if device.is_cpu else bvh.CUDA
         nodes, leaves, roots = [], [], []
@@ -164,7 +164,7 @@ class Silhouettes:
         wp.load_module(silhouette_kernel.module.name, device=device)
 
     def count(
-        self, subjects: list[Subject], outlines: list[Outline], rays: wp.array, view: View
+        self, subjects: list[Subject], outlines: list[Outline], rays: wp.array, view: EyeView
     ) -> np.ndarray:
         """Boxes, pixels and distances of the subjects, each as if it were alone: int32 [N, 6].
 

@@ -16,14 +16,14 @@ from schemas.sections.environment import Environment
 from twin.actors.motion import Placement, Still
 from twin.dataset.images.cameras import Eye
 from twin.dataset.images.cast import Street
-from twin.dataset.images.eyepoint import Eyepoint, Outline, View, eyepoint_of, outlines_of
+from twin.dataset.images.eyepoint import Eyepoint, EyeView, Outline, eyepoint_of, outlines_of
 from twin.dataset.images.heights import on_steps
 from twin.dataset.images.pose import attitude, quaternion
 from twin.dataset.images.shot import Shot
 from twin.dataset.images.silhouette import Silhouettes, Subject, bodies_of, sign_fronts
 from twin.dataset.images.traffic import PLACES
-from twin.dataset.labels import Seen, annotation, contrast
-from twin.dataset.recipe import Recipe
+from twin.dataset.labels import SeenObject, annotation, contrast
+from twin.dataset.recipe import DatasetRecipe
 from twin.render.camera import RayCamera
 from twin.render.lens import ray_table
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
@@ -66,7 +66,7 @@ class Studio:
 
     def __init__(
         self,
-        recipe: Recipe,
+        recipe: DatasetRecipe,
         street: Street,
         vehicle: Vehicle,
         eyes: list[Eye],
@@ -123,7 +123,7 @@ class Studio:
         """Of every image, by instance."""
         eye = self._eyes[shots[0].eye]
         spec = eye.camera
-        view = View(eye.mount.lens, spec.width, spec.height, spec.hfov_deg)
+        view = EyeView(eye.mount.lens, spec.width, spec.height, spec.hfov_deg)
         boxes = camera.boxes.numpy()
         subjects, outlines, present = [], [], []
         for slot, shot in enumerate(shots):
@@ -242,7 +242,7 @@ class Studio:
         counted: tuple[np.ndarray, np.ndarray, Outline],
         picture: tuple[np.ndarray, np.ndarray],
         seat: Eyepoint,
-    ) -> Seen:
+    ) -> SeenObject:
         """``counted``: its pixels in the picture, alone, and where it lies; ``picture``: the image
         [H, W, 3] and its instances [H, W]."""
         here, full, outline = counted
@@ -252,7 +252,7 @@ class Studio:
         x0, y0 = min(int(full[0]), low_x), min(int(full[1]), low_y)
         x1, y1 = max(int(full[2]), high_x), max(int(full[3]), high_y)
         distance_m = int(full[5]) * 1e-4 if full[4] else outline.nearest_m
-        return Seen(
+        return SeenObject(
             class_index=int(self._world.classes[instance]),
             look=self._look(shot, instance),
             instance=instance,

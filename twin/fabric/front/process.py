@@ -31,7 +31,7 @@ from twin.fabric.front.rules import (
     HANDSHAKE_S,
     Account,
     Batches,
-    Slots,
+    HandshakeSlots,
     quota_of,
 )
 from twin.fabric.handshake import in_memory
@@ -63,7 +63,7 @@ class Settings(msgspec.Struct, frozen=True):
     """Folder with the list of withdrawn keys."""
 
 
-class Event(msgspec.Struct, frozen=True, omit_defaults=True):
+class FrontEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     """What a front tells."""
 
     what: str
@@ -89,12 +89,12 @@ class Front:
         self._listener = socket.socket(fileno=settings.listener)
         self._listener.setblocking(False)
         self._context = _context(settings)
-        self._slots = Slots()
+        self._slots = HandshakeSlots()
         self._accounts: dict[int, Account] = {}
         self._sessions: set[Session] = set()
         self._revoked: frozenset[int] = frozenset()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._told: deque[Event] = deque()
+        self._told: deque[FrontEvent] = deque()
         self._lost = 0
 
     async def serve(self) -> None:
@@ -206,11 +206,11 @@ class Front:
             for session in found:
                 session.cut("its key was withdrawn")
             role = found[0].role if found else ""
-            self.say(Event("cut", "", role, f"{serial:x}", "withdrawn", len(found)))
+            self.say(FrontEvent("cut", "", role, f"{serial:x}", "withdrawn", len(found)))
         for session in [each for each in self._sessions if each.end_s <= now_s]:
             session.cut("its key has expired")
 
-    def say(self, event: Event) -> None:
+    def say(self, event: FrontEvent) -> None:
         """Tell it: at once if whoever listens keeps up."""
         if len(self._told) >= TOLD_MAX:
             self._lost += 1
@@ -220,7 +220,7 @@ class Front:
 
     def _tell(self) -> None:
         if self._lost and len(self._told) < TOLD_MAX:
-            self._told.append(Event("refused", reason="and more", count=self._lost))
+            self._told.append(FrontEvent("refused", reason="and more", count=self._lost))
             self._lost = 0
         with contextlib.suppress(BlockingIOError, BrokenPipeError):
             while self._told:
@@ -246,10 +246,10 @@ class Session(asyncio.BufferedProtocol):
         self._slowed = False
         self._full = False
 
-    def event(self, what: str, reason: str = "") -> Event:
+    def event(self, what: str, reason: str = "") -> FrontEvent:
         """What happened to it."""
         key = f"{self.serial:x}" if self.serial else ""
-        return Event(what, self.peer, self.role, key, reason)
+        return FrontEvent(what, self.peer, self.role, key, reason)
 
     def take_certificate(self) -> None:
         """Read what the handshake has proved."""

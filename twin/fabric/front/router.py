@@ -27,9 +27,9 @@ from twin.base.process import end, how_it_ended, spawn
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, host_and_port, to_listen
-from twin.fabric.front.process import Event, Settings
+from twin.fabric.front.process import FrontEvent, Settings
 from twin.fabric.keys.authority import inner_key
-from twin.fabric.keys.key_file import Key
+from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.keys.roles import MEMBERS
 from twin.fabric.zenoh_bus import open_bus
 
@@ -48,7 +48,7 @@ CLOSE_S = 5.0
 
 _log = logging.getLogger(__name__)
 
-Heard = Callable[[Event], None]
+Heard = Callable[[FrontEvent], None]
 """What a front tells, on a thread of its own."""
 
 
@@ -59,7 +59,7 @@ class Fronted:
         self,
         listen: str,
         namespace: str,
-        key: Key,
+        key: MemberKey,
         heard: Heard,
         *,
         connect: str = "",
@@ -154,7 +154,7 @@ class Fronted:
             assert process.stdout is not None
             for line in process.stdout:
                 with contextlib.suppress(msgspec.MsgspecError):
-                    self._heard(msgspec.json.decode(line, type=Event))
+                    self._heard(msgspec.json.decode(line, type=FrontEvent))
             end(process)
             if not self._closing.wait(RESTART_S):
                 _log.error("the front %s; started again", how_it_ended(process.returncode))

@@ -120,7 +120,7 @@ class Batches:
             self._left, self._first = int.from_bytes(head, "little"), b""
 
 
-class Slots:
+class HandshakeSlots:
     """Handshakes under way; none is refused, the oldest makes room instead."""
 
     def __init__(self) -> None:

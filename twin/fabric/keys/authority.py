@@ -24,7 +24,7 @@ from twin.fabric.keys.key_file import (
     NAMESPACE_MARK,
     ROLE_MARK,
     ExpiredKeyError,
-    Key,
+    MemberKey,
     UnfitKeyError,
     as_key,
     check_validity,
@@ -135,14 +135,14 @@ def rig_keys(rig: str) -> tuple[bytes, bytes]:
     return authority.issue(Role.worker, RIG_DAYS), authority.issue(Role.stack, RIG_DAYS)
 
 
-def inner_key() -> Key:
+def inner_key() -> MemberKey:
     """A conductor's key of a fabric of its own, which no file holds: for sessions of one process
     among themselves."""
     authority = _new_authority(f"drivetwin {secrets.token_hex(8)}", INNER_DAYS)
     return as_key(Path("/inner.key"), authority.issue(Role.conductor, INNER_DAYS))
 
 
-def load_or_make(state: Path) -> Key:
+def load_or_make(state: Path) -> MemberKey:
     """The conductor's key of a state folder, which lies in its user's own folder; made with those
     of all other roles if there is none, and anew when they have expired. For the conductor alone,
     which has a lock.

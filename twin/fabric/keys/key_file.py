@@ -50,7 +50,7 @@ class WrongRoleError(UsageError):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Key:
+class MemberKey:
     """The content of a key file; never shown, not even in a traceback."""
 
     path: Path
@@ -78,7 +78,7 @@ def key_path(path: Path, role: Role) -> Path:
     return path / f"{role}.key" if path.is_dir() else path
 
 
-def load_key(path: Path, role: Role) -> Key:
+def load_key(path: Path, role: Role) -> MemberKey:
     """Read a key file, or from a folder of keys that of ``role``.
 
     A file may be of another role: what that may not do is refused when it is tried.
@@ -91,7 +91,7 @@ def load_key(path: Path, role: Role) -> Key:
     return as_key(path, _unfolded(path, read_private(path)))
 
 
-def as_key(path: Path, data: bytes) -> Key:
+def as_key(path: Path, data: bytes) -> MemberKey:
     """The key whose file is, or would be, ``path`` with the content ``data``.
 
     Raises:
@@ -118,7 +118,7 @@ def as_key(path: Path, data: bytes) -> Key:
         ) from None
     check_validity(path, certificate.not_valid_before_utc, certificate.not_valid_after_utc)
     pem = serialization.Encoding.PEM
-    return Key(
+    return MemberKey(
         path,
         authority=authority.public_bytes(pem),
         certificate=certificate.public_bytes(pem),
@@ -150,7 +150,7 @@ def read_certificate(path: Path) -> x509.Certificate:
         raise UnfitKeyError(f"{path}: no key file: it holds no certificate") from None
 
 
-def shared(key: Key) -> Path:
+def shared(key: MemberKey) -> Path:
     """What other processes of its owner are told: the folder of keys, or ``key`` where it lies
     alone."""
     folder = key.path.parent

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.light.light import SlotLight
-from twin.render.trace.geometry import Scene
+from twin.render.trace.geometry import RayScene
 from twin.render.trace.rays import SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -188,7 +188,7 @@ _FOGGY_PER_M = wp.constant(1.0e-3)
 
 
 @wp.struct
-class Beams:
+class LampBeams:
     """Lamps of one vehicle: both headlamps as one, both rear lamps as one."""
 
     there: wp.int32
@@ -205,12 +205,12 @@ class Beams:
 @wp.kernel
 def beams_kernel(
     # model
-    scene: Scene,
+    scene: RayScene,
     # state in
     lights: wp.array(dtype=SlotLight),
     poses: wp.array(dtype=SlotPose),
     # out
-    beams_out: wp.array2d(dtype=Beams),
+    beams_out: wp.array2d(dtype=LampBeams),
 ):
     """The nearest vehicles whose lamps are on [S, BEAMS_MAX], nearest first."""
     slot = wp.tid()
@@ -227,7 +227,7 @@ def beams_kernel(
                     if away > last and away < nearest:
                         nearest = away
                         best = m
-        beams = Beams()
+        beams = LampBeams()
         if best >= 0:
             pose = scene.objects[slot, best]
             last = nearest
@@ -258,7 +258,9 @@ def _along(v: wp.vec3, forward: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def vehicles_lux(p: wp.vec3, n: wp.vec3, slot: wp.int32, beams: wp.array2d(dtype=Beams)) -> wp.vec3:
+def vehicles_lux(
+    p: wp.vec3, n: wp.vec3, slot: wp.int32, beams: wp.array2d(dtype=LampBeams)
+) -> wp.vec3:
     """Illuminance by the lamps of vehicles [lx]."""
     total = wp.vec3(0.0, 0.0, 0.0)
     for b in range(_BEAMS_MAX):
@@ -317,7 +319,7 @@ def lamps_glow(
     distance: wp.float32,
     slot: wp.int32,
     lamps: StreetLamps,
-    beams: wp.array2d(dtype=Beams),
+    beams: wp.array2d(dtype=LampBeams),
     light: SlotLight,
 ) -> wp.vec3:
     """Glow of street lamps and of vehicles' lamps in fog, rain and snow [cd/m^2]."""

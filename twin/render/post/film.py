@@ -22,7 +22,7 @@ from twin.render.tone import tone
 
 
 @wp.struct
-class Film:
+class FilmConstants:
     """Constants of the last step."""
 
     centre_x: wp.float32
@@ -38,10 +38,10 @@ class Film:
     """Standard deviation, relative to a dark signal [-]."""
 
 
-def film_of(lens: Lens, height: int, width: int, hfov_deg: float) -> Film:
+def film_of(lens: Lens, height: int, width: int, hfov_deg: float) -> FilmConstants:
     """The constants of a lens for an image."""
     inner = intrinsics(lens, width, height, hfov_deg)
-    film = Film()
+    film = FilmConstants()
     film.centre_x, film.centre_y = inner.cx_px - 0.5, inner.cy_px - 0.5
     film.red_scale = 1.0 / (1.0 + lens.chromatic_aberration)
     film.blue_scale = 1.0 / (1.0 - lens.chromatic_aberration)
@@ -67,7 +67,7 @@ def film_kernel(fringes: bool, bloom: bool, vignette: bool, grain: bool) -> wp.K
     @wp.kernel(enable_backward=False, module="unique")
     def film_kernel(
         # model
-        film: Film,
+        film: FilmConstants,
         table: wp.array(dtype=wp.uint8),
         passed: wp.array2d(dtype=wp.float32),
         gain: wp.array(dtype=wp.float32),

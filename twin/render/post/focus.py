@@ -30,7 +30,7 @@ _SHARP_PX = wp.constant(0.5)
 
 
 @wp.struct
-class Focus:
+class ThinLens:
     """The thin lens, in pixels of one image."""
 
     strength: wp.float32
@@ -48,7 +48,7 @@ def tile_px(height: int) -> int:
     return max(4, 1 << round(math.log2(max(height, 64) / 31.0)))
 
 
-def focus_of(lens: Lens, height: int, width: int, hfov_deg: float) -> Focus:
+def focus_of(lens: Lens, height: int, width: int, hfov_deg: float) -> ThinLens:
     """The lens's focus for an image.
 
     Raises:
@@ -61,7 +61,7 @@ def focus_of(lens: Lens, height: int, width: int, hfov_deg: float) -> Focus:
             "focus_m must be larger; raise it or lower sensor_width_mm"
         )
     aperture_m = focal_m / lens.f_number
-    focus = Focus()
+    focus = ThinLens()
     sensor_m = aperture_m * focal_m * lens.focus_m / (lens.focus_m - focal_m)
     focus.strength = 0.5 * sensor_m / (lens.sensor_width_mm * 1e-3) * width
     focus.inverse_m = 1.0 / lens.focus_m
@@ -97,7 +97,7 @@ def _distance(depth_m: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _disc(focus: Focus, depth_m: wp.float32) -> wp.float32:
+def _disc(focus: ThinLens, depth_m: wp.float32) -> wp.float32:
     """Radius of the disc [px]."""
     return wp.min(
         focus.strength * wp.abs(focus.inverse_m - 1.0 / wp.max(depth_m, 1.0e-3)), focus.radius_max
@@ -106,7 +106,7 @@ def _disc(focus: Focus, depth_m: wp.float32) -> wp.float32:
 
 @wp.kernel
 def near_tiles_kernel(
-    focus: Focus,
+    focus: ThinLens,
     lights: wp.array(dtype=SlotLight),
     depth: wp.array3d(dtype=wp.float32),
     tiles_out: wp.array3d(dtype=wp.float32),
@@ -149,7 +149,7 @@ def widen_tiles_kernel(
 @wp.kernel
 def focus_kernel(
     # model
-    focus: Focus,
+    focus: ThinLens,
     samples: wp.array(dtype=wp.vec3),
     turned: wp.array(dtype=wp.vec2),
     # state in
@@ -212,7 +212,7 @@ def focus_kernel(
 class FocusBlur:
     """Depth of field of one camera; allocated once."""
 
-    def __init__(self, focus: Focus, slots: int, height: int, width: int, device: wp.Device):
+    def __init__(self, focus: ThinLens, slots: int, height: int, width: int, device: wp.Device):
         self._focus = focus
         shape = (slots, *tile_grid(height, width))
         self._near = wp.zeros(shape, dtype=wp.float32, device=device)

@@ -13,7 +13,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class BvhWidth:
     """How wide a hierarchy is."""
 
     width: int
@@ -24,9 +24,9 @@ class Shape:
     """Leaves are ``leaf_max`` triangles side by side, otherwise runs of single triangles."""
 
 
-CPU = Shape(8, 8, packed=True)
+CPU = BvhWidth(8, 8, packed=True)
 """What :mod:`twin.render.trace.traverse` meets with vector instructions."""
-CUDA = Shape(4, 2, packed=False)
+CUDA = BvhWidth(4, 2, packed=False)
 """What it meets one by one."""
 NOBODY = np.int32(-(2**31))
 """No child."""
@@ -50,7 +50,7 @@ class Bvh:
     behind the first, and n faces from i on are child -1 - (16 i + n)."""
 
     def words(
-        self, first_node: int, first_leaf: int, shape: Shape
+        self, first_node: int, first_leaf: int, shape: BvhWidth
     ) -> tuple[np.ndarray, np.ndarray]:
         """Both as flat arrays, to stand behind others with so many nodes and leaf rows."""
         nodes = self.nodes.copy()
@@ -75,7 +75,7 @@ class _Tree:
     """Faces; a leaf's stand side by side."""
 
 
-def build_bvh(points_m: np.ndarray, faces: np.ndarray, shape: Shape) -> Bvh:
+def build_bvh(points_m: np.ndarray, faces: np.ndarray, shape: BvhWidth) -> Bvh:
     """The hierarchy over ``faces`` [F, 3] of ``points_m`` [V, 3]."""
     corners = points_m[faces].astype(np.float32)
     tree = _grow(corners.min(axis=1), corners.max(axis=1), shape.leaf_max)

@@ -79,7 +79,7 @@ class ObjectPose:
 
 
 @wp.struct
-class Scene:
+class RayScene:
     """Handle that kernels get."""
 
     nodes: wp.array(dtype=wp.float32)
@@ -100,7 +100,7 @@ class Scene:
 
 
 @wp.struct
-class Hit:
+class RayHit:
     """What a ray meets first."""
 
     found: wp.bool
@@ -130,10 +130,10 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
 
     @wp.func
     def trace(
-        scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
-    ) -> Hit:
+        scene: RayScene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+    ) -> RayHit:
         """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
-        hit = Hit()
+        hit = RayHit()
         hit.object = wp.int32(-1)
         hit.instance = wp.int32(-1)
         found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
@@ -174,7 +174,7 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
 
     @wp.func
     def occluded(
-        scene: Scene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+        scene: RayScene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
     ) -> wp.bool:
         """Whether anything lies on the ray within ``far`` [m]."""
         if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
@@ -201,7 +201,7 @@ class Geometry:
     """The meshes of a rig on its device, and where each slot's objects are."""
 
     def __init__(
-        self, world: World, slots: int, device: wp.Device, shape: bvh.Shape | None = None
+        self, world: World, slots: int, device: wp.Device, shape: bvh.BvhWidth | None = None
     ) -> None:
         """``shape`` of the hierarchies: by default the one that the device's traversal expects."""
         self.device = device
@@ -215,7 +215,7 @@ class Geometry:
         self._spheres = np.array([_sphere(mesh) for mesh in meshes])
         halves = [(0.0, 0.0), *((k.half_length_m, k.half_width_m) for k in world.kinds)]
         self._halves = np.array(halves)
-        scene = Scene()
+        scene = RayScene()
         shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
         nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
@@ -274,11 +274,11 @@ class Geometry:
 
 
 _Hierarchies = tuple[np.ndarray, np.ndarray, np.ndarray]
-_last: list[tuple[World, bvh.Shape, _Hierarchies]] = []
+_last: list[tuple[World, bvh.BvhWidth, _Hierarchies]] = []
 """The world that was prepared last: a process builds several rigs of one world."""
 
 
-def _hierarchies_of(world: World, shape: bvh.Shape) -> _Hierarchies:
+def _hierarchies_of(world: World, shape: bvh.BvhWidth) -> _Hierarchies:
     if not (_last and _last[0][0] is world and _last[0][1] == shape):
         meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
 
@@ -291,7 +291,9 @@ def _hierarchies_of(world: World, shape: bvh.Shape) -> _Hierarchies:
     return _last[0][2]
 
 
-def _hierarchies(meshes: list[Mesh], shape: bvh.Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _hierarchies(
+    meshes: list[Mesh], shape: bvh.BvhWidth
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All meshes' hierarchies as flat words, and the node each begins with."""
     nodes, leaves, roots = [], [], []
     node, leaf = 0, 0

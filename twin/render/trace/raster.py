@@ -14,9 +14,9 @@ import warp as wp
 from schemas.sections.lens import Lens
 from schemas.sections.lens_curve import intrinsics
 from twin.render.light.light import SlotLight
-from twin.render.trace.geometry import Scene, turned
+from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, Seen
+from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, PixelsSeen
 
 wp.set_module_options({"enable_backward": False})
 
@@ -191,7 +191,7 @@ _DRAW = """
 
 @wp.func_native(f"#if !defined(__CUDA_ARCH__)\n{_DRAW}\n#endif\n")
 def draw_faces(
-    scene: Scene,
+    scene: RayScene,
     raster: Raster,
     optics: Optics,
     root: wp.int32,
@@ -202,7 +202,7 @@ def draw_faces(
     down: wp.vec3,
     ahead: wp.vec3,
     first_pixel: wp.int32,
-    seen: Seen,
+    seen: PixelsSeen,
 ):
     """Draw the faces below ``root`` into the pixels from ``first_pixel`` on; the camera is given in
     the axes of the hierarchy."""
@@ -211,7 +211,7 @@ def draw_faces(
 @wp.kernel
 def raster_kernel(
     # model
-    scene: Scene,
+    scene: RayScene,
     optics: Optics,
     raster: Raster,
     # state in
@@ -220,7 +220,7 @@ def raster_kernel(
     # args
     first_slot: wp.int32,
     # out
-    seen: Seen,
+    seen: PixelsSeen,
 ):
     """Draw the slots from ``first_slot`` on, one per thread."""
     place = wp.tid()

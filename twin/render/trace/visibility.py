@@ -12,10 +12,10 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from twin.render.build import Build
+from twin.render.build import KernelOptions
 from twin.render.light.light import SlotLight
 from twin.render.surface import is_ground, may_mirror
-from twin.render.trace.geometry import Scene, occluded, trace, turned
+from twin.render.trace.geometry import RayScene, occluded, trace, turned
 from twin.render.trace.rays import Optics, SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -46,13 +46,13 @@ OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
 BYTES_PER_PIXEL = 26
-"""Of :class:`Seen`."""
+"""Of :class:`PixelsSeen`."""
 CHUNK_PIXELS = 1 << 24
-"""Pixels that are under way at once: 436 MB of :class:`Seen`."""
+"""Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
 
 
 @wp.struct
-class Seen:
+class PixelsSeen:
     """What the pixels of some slots see."""
 
     t: wp.array(dtype=wp.float32)
@@ -87,10 +87,10 @@ def threads(slots: int, height: int, width: int) -> int:
 
 def allocate_seen(
     slots: int, height: int, width: int, device: wp.Device, second: bool = True
-) -> Seen:
+) -> PixelsSeen:
     """Buffers for ``slots`` at once; ``second``: for second rays as well."""
     count = threads(slots, height, width)
-    seen = Seen()
+    seen = PixelsSeen()
     seen.t = wp.empty(count, dtype=wp.float32, device=device)
     seen.face = wp.empty(count, dtype=wp.int32, device=device)
     seen.flags = wp.zeros(count, dtype=wp.int32, device=device)
@@ -102,7 +102,7 @@ def allocate_seen(
     return seen
 
 
-def rays_traced(seen: Seen, count: int) -> int:
+def rays_traced(seen: PixelsSeen, count: int) -> int:
     """Rays behind the first ``count`` threads' results: to what is seen, and to the sun; pixels
     with second rays once more."""
     face, flags = seen.face.numpy()[:count], seen.flags.numpy()[:count]
@@ -166,13 +166,13 @@ def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
 
 
 @cache
-def visibility_kernel(build: Build, second: bool) -> wp.Kernel:
+def visibility_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
     """The kernel, compiled as ``build`` says; ``second``: it lists pixels for second rays."""
 
     @wp.kernel(**build.arguments())
     def first_kernel(
         # model
-        scene: Scene,
+        scene: RayScene,
         optics: Optics,
         rays: wp.array2d(dtype=wp.vec3),
         # state in
@@ -181,7 +181,7 @@ def visibility_kernel(build: Build, second: bool) -> wp.Kernel:
         # args
         first_slot: wp.int32,
         # out
-        seen: Seen,
+        seen: PixelsSeen,
     ):
         """Trace every pixel of the slots from ``first_slot`` on, and the sun from where it ends."""
         thread = wp.tid()
@@ -233,13 +233,13 @@ def visibility_kernel(build: Build, second: bool) -> wp.Kernel:
 
 
 @cache
-def sun_kernel(build: Build, second: bool) -> wp.Kernel:
+def sun_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
     """The kernel that asks for the sun after drawing, compiled as ``build`` says."""
 
     @wp.kernel(**build.arguments())
     def shadow_kernel(
         # model
-        scene: Scene,
+        scene: RayScene,
         optics: Optics,
         rays: wp.array2d(dtype=wp.vec3),
         # state in
@@ -248,7 +248,7 @@ def sun_kernel(build: Build, second: bool) -> wp.Kernel:
         # args
         first_slot: wp.int32,
         # out
-        seen: Seen,
+        seen: PixelsSeen,
     ):
         """Trace the sun from what the slots from ``first_slot`` on see."""
         thread = wp.tid()

@@ -15,9 +15,9 @@ from schemas.messages import Command, Lease, Lights, SensorErrors, Touch
 from schemas.wire.interventions import (
     Action,
     GiveBack,
-    Intervention,
-    Look,
     Pause,
+    Query,
+    RecordedAction,
     Resume,
     SetLights,
     SetPace,
@@ -54,7 +54,7 @@ class Hand:
     changes: int = 0
     note: Touch | None = None
     answers: dict[str, bytes] = field(default_factory=dict)
-    replay: list[Intervention] = field(default_factory=list)
+    replay: list[RecordedAction] = field(default_factory=list)
     """Of a journal, still to come; nothing else is taken then."""
     replayed: bool = False
     """It runs from a journal."""
@@ -77,7 +77,7 @@ class Hand:
 
     def take(self, action: Action, tick: int, now_s: float) -> None:
         """An action that was accepted, at the next control tick of its case."""
-        if not isinstance(action, Look):  # a page that somebody left open looks for ever
+        if not isinstance(action, Query):  # a page that somebody left open looks for ever
             self.heard_s = now_s
         match action:
             case Pause():

@@ -16,10 +16,10 @@ from schemas.messages import Lease, Result
 from schemas.wire.interventions import (
     JOURNAL_FILE,
     Action,
-    Intervention,
     JournalEnd,
     JournalHead,
     JournalLine,
+    RecordedAction,
 )
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest
@@ -65,7 +65,7 @@ class SteeringJournal:
         Raises:
             TwinError: it cannot be written; the journal is as it was.
         """
-        self._write(*(Intervention(tick, sim_time_ns, action) for action in actions))
+        self._write(*(RecordedAction(tick, sim_time_ns, action) for action in actions))
 
     def take_back(self) -> None:
         """What was added last could not be applied."""
@@ -105,7 +105,7 @@ class SteeringJournal:
         self._size = size
 
 
-def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEnd | None]:
+def read_journal(path: Path) -> tuple[JournalHead, list[RecordedAction], JournalEnd | None]:
     """A journal; without an end if its attempt was cut off.
 
     Raises:
@@ -131,4 +131,4 @@ def read_journal(path: Path) -> tuple[JournalHead, list[Intervention], JournalEn
             "install the version that wrote it"
         )
     end = lines[-1] if isinstance(lines[-1], JournalEnd) else None
-    return lines[0], [line for line in lines if isinstance(line, Intervention)], end
+    return lines[0], [line for line in lines if isinstance(line, RecordedAction)], end

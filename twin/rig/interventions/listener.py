@@ -1,7 +1,7 @@
 """Steering cases by hand: takes requests from any thread, applies them between two ticks.
 
-The simulator's loop calls :meth:`Steering.turn` before every tick; while nobody has asked for
-anything that is one look at an empty queue. Slots that stand still are held by the engine and
+The simulator's loop calls :meth:`RigInterventions.turn` before every tick; while nobody has asked
+for anything that is one look at an empty queue. Slots that stand still are held by the engine and
 parked here, so that the loop sees a rig without them.
 """
 
@@ -25,11 +25,11 @@ from schemas.wire.interventions import (
     FreeObject,
     GiveBack,
     HandState,
-    Intervention,
-    Look,
     MoveObject,
     Pause,
     PlaceEgo,
+    Query,
+    RecordedAction,
     RemoveObject,
     SetEnvironment,
     SetPace,
@@ -67,7 +67,7 @@ class _Asked:
     respond: Respond
 
 
-class Steering(Generic[_Slot]):
+class RigInterventions(Generic[_Slot]):
     """The hands on a rig's slots; see the module."""
 
     def __init__(
@@ -112,7 +112,7 @@ class Steering(Generic[_Slot]):
 
     # --- the simulator's loop ---------------------------------------------------------------
 
-    def begin(self, slot: int, lease: Lease, replay: list[Intervention]) -> None:
+    def begin(self, slot: int, lease: Lease, replay: list[RecordedAction]) -> None:
         """A case begins in ``slot``; ``replay``: done to it by nobody but this journal."""
         self._hands[slot] = Hand(
             lease,
@@ -206,7 +206,7 @@ class Steering(Generic[_Slot]):
             return hand.answers[request.id]
         tick, changed = int(engine.tick[slot]), -1
         try:
-            if hand.replayed and not isinstance(request.action, Look):
+            if hand.replayed and not isinstance(request.action, Query):
                 raise ValueError("it runs from a journal; nobody else may change it")
             changed = self._act(engine, slot, hand, request.action)
         except ValueError as error:
@@ -216,7 +216,7 @@ class Steering(Generic[_Slot]):
             token=hand.lease.token,
             tick=tick,
             object=changed if isinstance(request.action, SpawnObject) else -1,
-            state=self._state(engine, slot, hand, whole=isinstance(request.action, Look)),
+            state=self._state(engine, slot, hand, whole=isinstance(request.action, Query)),
         )
         answer = encode(reply)
         if request.id:
@@ -263,7 +263,7 @@ class Steering(Generic[_Slot]):
         for part in parts:
             hand.take(part, tick, now_s)
         self._sort(slot, hand)
-        if not isinstance(action, Look) and not again:
+        if not isinstance(action, Query) and not again:
             hand.note = Touch(tick, told(action), hand.changes)
             self._tell(slot, hand)
         return found

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.trace.geometry import Scene, turned
+from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.traverse import closest
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import (
     MASK_BITS,
-    Beams,
-    Hit,
+    BeamHit,
+    BeamTable,
     SweepPose,
     direction_of,
 )
@@ -37,7 +37,7 @@ class _Best:
 
 @wp.func
 def _against_object(
-    scene: Scene,
+    scene: RayScene,
     slot: wp.int32,
     m: wp.int32,
     origin: wp.vec3,
@@ -81,14 +81,14 @@ BLOCK = 128
 @wp.kernel(grid_stride=False, launch_bounds=(BLOCK, 8))
 def cast_kernel(
     # model
-    scene: Scene,
-    beams: Beams,
+    scene: RayScene,
+    beams: BeamTable,
     # state in
     air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),
     mask: wp.array3d(dtype=wp.uint32),
     # out
-    hits_out: wp.array2d(dtype=Hit),
+    hits_out: wp.array2d(dtype=BeamHit),
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, ray)."""
     thread = wp.tid()
@@ -123,7 +123,7 @@ def cast_kernel(
                 best = _against_object(scene, slot, m, pose.origin, direction, pose.time, best)
             bits = bits >> wp.uint32(1)
             m += 1
-    hit = Hit()
+    hit = BeamHit()
     hit.t = best.t
     hit.face = best.face
     if best.face >= 0:

@@ -131,7 +131,7 @@ class LidarSensor:
         words = -(-objects // lidar_sweep.MASK_BITS)
         self._mask = wp.zeros((slots, self._tiles_x, words), dtype=wp.uint32, device=device)
         self._hits = wp.zeros(
-            (slots, rays * profile.sub_rays), dtype=lidar_sweep.Hit, device=device
+            (slots, rays * profile.sub_rays), dtype=lidar_sweep.BeamHit, device=device
         )
         self.count = wp.zeros(slots, dtype=wp.int32, device=device)
         self._allocate_points(points_out)
@@ -293,8 +293,8 @@ def _nearest(grid: np.ndarray, value: float) -> int:
     return int(np.abs(np.log(grid) - math.log(value)).argmin())
 
 
-def _detector(profile: LidarProfile, lidar: Lidar) -> lidar_return.Detector:
-    detector = lidar_return.Detector()
+def _detector(profile: LidarProfile, lidar: Lidar) -> lidar_return.Receiver:
+    detector = lidar_return.Receiver()
     detector.threshold = lidar_scatter.threshold(profile)
     detector.sigma = detector.threshold / profile.threshold_to_noise
     detector.focus = profile.focus_m

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.trace.geometry import Scene
+from twin.render.trace.geometry import RayScene
 from twin.sensors.lidar.air import LidarAir
-from twin.sensors.lidar.sweep import Beams, Hit, SweepPose
+from twin.sensors.lidar.sweep import BeamHit, BeamTable, SweepPose
 
 wp.set_module_options({"enable_backward": False})
 
@@ -248,11 +248,11 @@ for (int k = 0; k < 16; ++k) {
 
 @wp.func_native(_WALK + _CAST)
 def _cast_packet(
-    scene: Scene,
-    beams: Beams,
+    scene: RayScene,
+    beams: BeamTable,
     poses: wp.array2d(dtype=SweepPose),
     mask: wp.array3d(dtype=wp.uint32),
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     slot: wp.int32,
     sub: wp.int32,
     tile_x: wp.int32,
@@ -264,14 +264,14 @@ def _cast_packet(
 @wp.kernel
 def packet_kernel(
     # model
-    scene: Scene,
-    beams: Beams,
+    scene: RayScene,
+    beams: BeamTable,
     # state in
     air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),
     mask: wp.array3d(dtype=wp.uint32),
     # out
-    hits_out: wp.array2d(dtype=Hit),
+    hits_out: wp.array2d(dtype=BeamHit),
 ):
     """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, packet)."""
     thread = wp.tid()

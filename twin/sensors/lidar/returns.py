@@ -9,9 +9,9 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.noise import draw, normal, uniform
-from twin.render.trace.geometry import DECAL_TAG, Scene
+from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.sensors.lidar.air import LidarAir
-from twin.sensors.lidar.sweep import Beams, Hit, SweepPose, direction_of
+from twin.sensors.lidar.sweep import BeamHit, BeamTable, SweepPose, direction_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,7 +23,7 @@ _LOW24 = wp.constant(wp.uint64(0xFFFFFF))
 
 
 @wp.struct
-class Detector:
+class Receiver:
     """Receiver of one profile, and what is written."""
 
     threshold: wp.float32
@@ -63,7 +63,7 @@ class Echo:
 
 
 @wp.func
-def _reflectivity(surface: wp.vec4, hit: Hit, air: LidarAir, snow: wp.float32) -> wp.float32:
+def _reflectivity(surface: wp.vec4, hit: BeamHit, air: LidarAir, snow: wp.float32) -> wp.float32:
     """What a surface sends back, relative to a white matt one that faces the sensor.
 
     Lambert's cosine, and for retro-reflectors a part that falls with its square.
@@ -80,7 +80,7 @@ def _reflectivity(surface: wp.vec4, hit: Hit, air: LidarAir, snow: wp.float32) -
 @wp.func
 def _offer(
     best: Echo,
-    detector: Detector,
+    detector: Receiver,
     signal: wp.float32,
     noise: wp.float32,
     distance: wp.float32,
@@ -111,11 +111,11 @@ def _place(table: wp.array2d(dtype=wp.vec2), row: wp.int32, at: wp.float32) -> w
 
 @wp.func
 def _melted(
-    beams: Beams,
-    detector: Detector,
+    beams: BeamTable,
+    detector: Receiver,
     surfaces: wp.array(dtype=wp.vec4),
     air: LidarAir,
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     slot: wp.int32,
     first: wp.int32,
     sub: wp.int32,
@@ -143,13 +143,13 @@ def _melted(
 
 @wp.func
 def _best_echo(
-    beams: Beams,
-    detector: Detector,
+    beams: BeamTable,
+    detector: Receiver,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
     air: LidarAir,
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     slot: wp.int32,
     beam: wp.int32,
     lucky: wp.float32,
@@ -190,7 +190,7 @@ def _best_echo(
 
 
 @wp.func
-def _intensity(detector: Detector, reflectivity: wp.float32) -> wp.float32:
+def _intensity(detector: Receiver, reflectivity: wp.float32) -> wp.float32:
     """0..255 of a measured reflectivity; whole numbers, 1 at least for what is detected."""
     value = 100.0 * reflectivity
     if reflectivity > 1.0:
@@ -200,15 +200,15 @@ def _intensity(detector: Detector, reflectivity: wp.float32) -> wp.float32:
 
 @wp.func
 def _write_point(
-    scene: Scene,
-    beams: Beams,
-    detector: Detector,
+    scene: RayScene,
+    beams: BeamTable,
+    detector: Receiver,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
     own: LidarAir,
     poses: wp.array2d(dtype=SweepPose),
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     slot: wp.int32,
     beam: wp.int32,
     points_out: wp.array3d(dtype=wp.float32),
@@ -294,16 +294,16 @@ def _count(counts: wp.array(dtype=wp.int32), slot: wp.int32):
 @wp.kernel(grid_stride=False)
 def return_kernel(
     # model
-    scene: Scene,
-    beams: Beams,
-    detector: Detector,
+    scene: RayScene,
+    beams: BeamTable,
+    detector: Receiver,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
     # state in
     air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     # out
     points_out: wp.array3d(dtype=wp.float32),
     count_out: wp.array(dtype=wp.int32),
@@ -323,16 +323,16 @@ def return_kernel(
 @wp.kernel
 def row_kernel(
     # model
-    scene: Scene,
-    beams: Beams,
-    detector: Detector,
+    scene: RayScene,
+    beams: BeamTable,
+    detector: Receiver,
     surfaces: wp.array(dtype=wp.vec4),
     fog: wp.array2d(dtype=wp.vec2),
     drops: wp.array2d(dtype=wp.vec2),
     # state in
     air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),
-    hits: wp.array2d(dtype=Hit),
+    hits: wp.array2d(dtype=BeamHit),
     # out
     points_out: wp.array3d(dtype=wp.float32),
     count_out: wp.array(dtype=wp.int32),

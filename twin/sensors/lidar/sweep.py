@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from schemas.sections.lidar import LidarMount, LidarProfile
-from twin.render.trace.geometry import ObjectPose, Scene
+from twin.render.trace.geometry import ObjectPose, RayScene
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 
@@ -38,7 +38,7 @@ _SUB_RAYS = {
 
 
 @wp.struct
-class Beams:
+class BeamTable:
     """Constant directions of one profile."""
 
     channels: wp.int32
@@ -80,7 +80,7 @@ class SweepPose:
 
 
 @wp.struct
-class Hit:
+class BeamHit:
     """What one sub-ray meets first."""
 
     t: wp.float32
@@ -94,7 +94,7 @@ class Hit:
 
 
 @wp.func
-def direction_of(beams: Beams, channel: wp.int32, column: wp.int32, sub: wp.int32) -> wp.vec3:
+def direction_of(beams: BeamTable, channel: wp.int32, column: wp.int32, sub: wp.int32) -> wp.vec3:
     """Unit direction in sensor axes: [cos theta cos phi, sin theta cos phi, -sin phi]."""
     azimuth = beams.azimuth[column]
     elevation = beams.elevation[channel]
@@ -109,14 +109,14 @@ def direction_of(beams: Beams, channel: wp.int32, column: wp.int32, sub: wp.int3
 
 def make_beams(
     profile: LidarProfile, hz: int, device: wp.Device, tile: tuple[int, int] = TILE
-) -> Beams:
+) -> BeamTable:
     """Tables of ``profile`` at ``hz`` sweeps per second; the last column is fired at the tick."""
     theta, phi = np.radians(profile.thetas_deg), np.radians(profile.phis_deg)
     columns = len(theta)
     share = np.arange(1, columns + 1) / columns
     offsets, weights = _SUB_RAYS[profile.sub_rays]
     half = 0.5e-3 * np.array(profile.divergence_mrad)
-    beams = Beams()
+    beams = BeamTable()
     beams.channels, beams.columns, beams.sub_rays = len(phi), columns, profile.sub_rays
     beams.tile_columns, beams.tile_rows = tile
     beams.range_max, beams.range_min = profile.range_max_m, profile.range_min_m
@@ -163,7 +163,7 @@ def _between(a: wp.quatd, b: wp.quatd, share: wp.float64) -> wp.quatd:
 @wp.kernel
 def sweep_kernel(
     # model
-    beams: Beams,
+    beams: BeamTable,
     mount: wp.vec3d,
     mount_turn: wp.quatd,
     # state in
@@ -216,7 +216,9 @@ def remember_kernel(
 
 
 @wp.func
-def _in_wedge(beams: Beams, pose: SweepPose, first: wp.int32, last: wp.int32, thing: ObjectPose):
+def _in_wedge(
+    beams: BeamTable, pose: SweepPose, first: wp.int32, last: wp.int32, thing: ObjectPose
+):
     """Whether rays of the columns ``first`` to ``last`` can meet the object's sphere.
 
     Whatever their phi, these rays stay in a wedge about the sensor's z axis.
@@ -240,8 +242,8 @@ def _in_wedge(beams: Beams, pose: SweepPose, first: wp.int32, last: wp.int32, th
 @wp.kernel
 def mask_kernel(
     # model
-    beams: Beams,
-    scene: Scene,
+    beams: BeamTable,
+    scene: RayScene,
     # state in
     air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),

@@ -22,7 +22,7 @@ REACH_M = 5000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedMeshes:
     """What came from files besides faces."""
 
     classes: list[str]
@@ -32,7 +32,7 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Imported:
+def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> ImportedMeshes:
     """Add terrain and mesh files to the world.
 
     Raises:
@@ -64,7 +64,7 @@ def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Importe
         if item.solid:
             hulls.append(_hull(data.parts, item))
         notes += data.notes
-    return Imported(classes, hulls, tuple(textures), tuple(notes))
+    return ImportedMeshes(classes, hulls, tuple(textures), tuple(notes))
 
 
 def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:

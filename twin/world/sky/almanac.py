@@ -18,7 +18,7 @@ FULL_MOON_LX = 0.263
 """Illuminance of the full moon (magnitude -12.73, Allen) above the atmosphere [lx]."""
 
 
-class Place(Protocol):
+class EarthPlace(Protocol):
     """Where a scene lies, such as :class:`twin.world.scene.Origin`; x points to ``heading_deg``."""
 
     latitude_deg: float
@@ -48,13 +48,13 @@ class Heavens:
         return math.asin(max(-1.0, min(1.0, float(self.moon[2]))))
 
 
-def utc_offset_h(place: Place) -> float:
+def utc_offset_h(place: EarthPlace) -> float:
     """Local time minus UTC: the place's own, or the time zone of its longitude [h]."""
     own = getattr(place, "utc_offset_h", None)
     return float(round(place.longitude_deg / 15.0)) if own is None else float(own)
 
 
-def heavens(place: Place, date: str, minute: float, mode: str = "almanac") -> Heavens:
+def heavens(place: EarthPlace, date: str, minute: float, mode: str = "almanac") -> Heavens:
     """Sun and moon over a place.
 
     Args:
@@ -180,12 +180,12 @@ def _horizontal(
     return elevation, math.degrees(math.atan2(east, north)) % 360.0
 
 
-def _direction(place: Place, elevation_deg: float, azimuth_deg: float) -> np.ndarray:
+def _direction(place: EarthPlace, elevation_deg: float, azimuth_deg: float) -> np.ndarray:
     h, a = math.radians(elevation_deg), math.radians(azimuth_deg)
     return _world(place, math.cos(h) * math.sin(a), math.cos(h) * math.cos(a), math.sin(h))
 
 
-def _world(place: Place, east: float, north: float, up: float) -> np.ndarray:
+def _world(place: EarthPlace, east: float, north: float, up: float) -> np.ndarray:
     heading = math.radians(place.heading_deg)
     forward = east * math.sin(heading) + north * math.cos(heading)
     left = -east * math.cos(heading) + north * math.sin(heading)

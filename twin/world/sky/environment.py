@@ -8,7 +8,7 @@ from schemas.campaign import Case
 from schemas.names import minutes
 from schemas.sections.environment import Change, Environment
 from schemas.wire.interventions import SetEnvironment
-from twin.world.sky.almanac import Place, heavens
+from twin.world.sky.almanac import EarthPlace, heavens
 from twin.world.sky.sun import Daylight, daylight_under
 from twin.world.sky.weather import (
     WeatherParameters,
@@ -28,7 +28,7 @@ class CaseEnvironment:
     runs on straight lines, in every parameter of the weather and in the clock.
     """
 
-    def __init__(self, case: Case, origin: Place) -> None:
+    def __init__(self, case: Case, origin: EarthPlace) -> None:
         """
         Raises:
             ValueError: the case's weather is neither a preset nor one of its own; one line.
@@ -128,14 +128,14 @@ class CaseEnvironment:
 
 
 def light_of(
-    environment: Environment, place: Place, minute: float, weather: WeatherParameters
+    environment: Environment, place: EarthPlace, minute: float, weather: WeatherParameters
 ) -> Daylight:
     """Light at a local time [minutes after the first midnight] under ``weather``."""
     bodies = heavens(place, environment.date, minute, environment.sun)
     return daylight_under(bodies, weather, environment.exposure_ev100)
 
 
-def wind_towards(environment: Environment, place: Place) -> tuple[float, float]:
+def wind_towards(environment: Environment, place: EarthPlace) -> tuple[float, float]:
     """Where the wind blows, unit vector in the world frame, x and y."""
     turn = math.radians(environment.wind_from_deg - place.heading_deg)
     return round(-math.cos(turn), 9), round(math.sin(turn), 9)  # the same on every host

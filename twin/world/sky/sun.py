@@ -13,7 +13,7 @@ import numpy as np
 
 from schemas.steady import steady
 from twin.world.sky import atmosphere, sky_table
-from twin.world.sky.almanac import Heavens, Place, heavens
+from twin.world.sky.almanac import EarthPlace, Heavens, heavens
 from twin.world.sky.atmosphere import LUMINANCE, SUN_RGB
 from twin.world.sky.weather import AIR_PER_M, SHADOW_CLOUD_COVER_MAX, WeatherParameters
 
@@ -93,7 +93,7 @@ def daylight(
     time_of_day_min: float,
     weather: WeatherParameters,
     *,
-    place: Place = HERE,
+    place: EarthPlace = HERE,
     date: str = DATE,
     mode: str = "almanac",
     exposure_ev100: float | None = None,

@@ -13,7 +13,7 @@ from twin.world.street import furniture as pieces
 from twin.world.street import plants
 from twin.world.street.buildings import add_house, near_obstacle
 from twin.world.street.ground import strip_floor
-from twin.world.street.layout import Block, Hull, Layout, generator
+from twin.world.street.layout import Hull, Layout, StreetBlock, generator
 
 _TURN_MAX_RAD = math.radians(22.0)
 """Between one front and the next."""
@@ -41,7 +41,7 @@ def _row(
     mesh: MeshBuilder,
     scene: Scene,
     layout: Layout,
-    block: Block,
+    block: StreetBlock,
     row: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Hull]:
@@ -74,7 +74,7 @@ def _square(
     mesh: MeshBuilder,
     scene: Scene,
     layout: Layout,
-    block: Block,
+    block: StreetBlock,
     row: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Hull]:

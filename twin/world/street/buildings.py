@@ -11,7 +11,7 @@ from twin.world.meshes import materials
 from twin.world.meshes.mesh import Color, MeshBuilder
 from twin.world.scene import Scene
 from twin.world.street import facade
-from twin.world.street.layout import SIDE_REACH_M, SIDE_WALK_M, Block, Hull, Layout, generator
+from twin.world.street.layout import SIDE_REACH_M, SIDE_WALK_M, Hull, Layout, StreetBlock, generator
 
 _ROOF: Color = (0.17, 0.165, 0.16)
 _METAL: Color = (0.42, 0.43, 0.44)
@@ -48,7 +48,7 @@ def _main_row(
     mesh: MeshBuilder,
     scene: Scene,
     layout: Layout,
-    block: Block,
+    block: StreetBlock,
     row: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Hull]:

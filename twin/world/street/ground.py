@@ -10,7 +10,7 @@ import numpy as np
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
 from twin.world.scene import Scene
-from twin.world.street.layout import SIDE_REACH_M, SIDE_WALK_M, Block, Layout, generator
+from twin.world.street.layout import SIDE_REACH_M, SIDE_WALK_M, Layout, StreetBlock, generator
 
 ASPHALT: Color = (0.09, 0.09, 0.095)
 _PARKING: Color = (0.105, 0.10, 0.098)
@@ -94,7 +94,7 @@ def _sidewalk(
     mesh: MeshBuilder,
     scene: Scene,
     layout: Layout,
-    block: Block,
+    block: StreetBlock,
     row: tuple[float, float, float],
 ) -> None:
     """The sidewalk before one row of buildings, and its arms along the side streets."""
@@ -179,7 +179,7 @@ def _lane_lines(stripes: _Stripes, scene: Scene, layout: Layout, x_m: tuple[floa
             stripes.add(x, min(x + 6.0, end), y - 0.05, y + 0.05)
 
 
-def _block_markings(stripes: _Stripes, scene: Scene, layout: Layout, block: Block) -> None:
+def _block_markings(stripes: _Stripes, scene: Scene, layout: Layout, block: StreetBlock) -> None:
     lane = scene.road.lane_width_m
     start = block.start + (6.5 if block.opens else -layout.ends + 1.0)
     end = block.end - (6.5 if block.closes else -layout.ends + 1.0)

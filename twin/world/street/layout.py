@@ -38,7 +38,7 @@ Hull = tuple[float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class StreetBlock:
     """A stretch of the street between two side streets, or a piece of a path; x [m]."""
 
     start: float
@@ -82,7 +82,7 @@ class Layout:
     wall_left: float
     middle: float
     """Between the two lanes."""
-    blocks: tuple[Block, ...]
+    blocks: tuple[StreetBlock, ...]
     sides: tuple[float, ...]
     """Centres of the side streets, x [m]."""
     half_side: float
@@ -107,17 +107,17 @@ class Layout:
         lateral = self.lane.locate(x, y).lateral_m
         return (lateral > self.wall_right - _CLEAR_M) & (lateral < self.wall_left + _CLEAR_M)
 
-    def centre_distance(self, block: Block, y: float) -> float:
+    def centre_distance(self, block: StreetBlock, y: float) -> float:
         """From the centre of a curved block to its line at ``y`` [m]."""
         return abs(1.0 / block.curvature - y)
 
-    def has_square(self, block: Block, sign: float) -> bool:
+    def has_square(self, block: StreetBlock, sign: float) -> bool:
         """Whether the curve ``block`` has a square, not buildings, on the side ``sign``."""
         wall = self.wall_left if sign > 0 else self.wall_right
         inside = block.curvature * sign > 0.0
         return inside and self.centre_distance(block, wall) < SQUARE_RADIUS_M
 
-    def square_beside(self, block: Block, step: int, sign: float) -> bool:
+    def square_beside(self, block: StreetBlock, step: int, sign: float) -> bool:
         """Whether the block after (``step`` 1) or before (-1) has a square on the side ``sign``."""
         if not self.lane.closed:
             return False
@@ -173,7 +173,7 @@ def lay_out(scene: Scene) -> Layout:
     if lane.closed:
         edges = [*(road.start_m + lane.station_m).tolist(), road.start_m + lane.length_m]
         blocks = tuple(
-            Block(a, b, False, False, bend)
+            StreetBlock(a, b, False, False, bend)
             for (a, b), bend in zip(pairwise(edges), lane.curvature.tolist(), strict=True)
         )
     else:
@@ -183,7 +183,9 @@ def lay_out(scene: Scene) -> Layout:
         edges.append(road.end_m)
         pairs = list(zip(edges[::2], edges[1::2], strict=True))
         blocks = tuple(
-            Block(a, b, i > 0, i < len(pairs) - 1) for i, (a, b) in enumerate(pairs) if b - a > 4.0
+            StreetBlock(a, b, i > 0, i < len(pairs) - 1)
+            for i, (a, b) in enumerate(pairs)
+            if b - a > 4.0
         )
     return Layout(
         lane,

@@ -10,7 +10,7 @@ from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Scene
 from twin.world.street import furniture as pieces
 from twin.world.street import plants, signs
-from twin.world.street.layout import SIDE_WALK_M, Block, Hull, Layout, generator
+from twin.world.street.layout import SIDE_WALK_M, Hull, Layout, StreetBlock, generator
 
 STOP_SHARE = 0.3
 """Where along its block the bus stop lies, on the left side [-]."""
@@ -154,7 +154,7 @@ def add_pieces(mesh: MeshBuilder, scene: Scene, layout: Layout) -> list[Hull]:
 def _block_pieces(
     mesh: MeshBuilder,
     layout: Layout,
-    row: tuple[Block, float, float, float],
+    row: tuple[StreetBlock, float, float, float],
     z_m: float,
     stop: tuple[float, float] | None,
     rng: np.random.Generator,
