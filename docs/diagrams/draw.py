@@ -23,9 +23,16 @@ class Drawing:
         self._parts: list[str] = []
 
     def text(
-        self, x: float, y: float, words: str, *, size: int = 13, bold: bool = False,
-        colour: str = INK, anchor: str = "start",
-    ) -> None:  # fmt: skip
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: int = 13,
+        bold: bool = False,
+        colour: str = INK,
+        anchor: str = "start",
+    ) -> None:
         """One line of text whose baseline begins (or is centred) at ``x, y``."""
         weight = ' font-weight="600"' if bold else ""
         self._parts.append(
@@ -34,9 +41,10 @@ class Drawing:
         )
 
     def box(
-        self, x: float, y: float, w: float, h: float, name: str, *lines: str, fill: str = "ours"
+        self, at: tuple[int, int, int, int], name: str, *lines: str, fill: str = "ours"
     ) -> None:
-        """A box with a bold name and lines of explanation below it."""
+        """A box ``at`` x, y, width, height, with a bold name and lines of explanation below it."""
+        x, y, w, h = at
         dash = ' stroke-dasharray="5 4"' if fill == "group" else ""
         self._parts.append(
             f'<rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}" rx="6" '
@@ -78,21 +86,29 @@ class Drawing:
 def processes() -> str:
     """The processes of a campaign and the planes between them."""
     d = Drawing(980, 560, "Processes of a campaign, and the planes between them")
-    d.box(20, 20, 300, 330, "host of the conductor", fill="group")
-    d.box(40, 55, 260, 62, "front", "owns the TLS port; passes members on")
-    d.box(40, 145, 260, 102, "conductor", "router, one session per role",
-          "core: queue, leases, tokens", "conductor.db: journal of facts")  # fmt: skip
-    d.box(40, 275, 260, 60, "twin judge", "comes to each verdict again")
+    d.box((20, 20, 300, 330), "host of the conductor", fill="group")
+    d.box((40, 55, 260, 62), "front", "owns the TLS port; passes members on")
+    d.box(
+        (40, 145, 260, 102),
+        "conductor",
+        "router, one session per role",
+        "core: queue, leases, tokens",
+        "conductor.db: journal of facts",
+    )
+    d.box((40, 275, 260, 60), "twin judge", "comes to each verdict again")
     d.arrow([(170, 117), (170, 145)], SOFT)
     d.arrow([(170, 247), (170, 275)], SOFT)
 
-    d.box(410, 20, 550, 330, "host of workers (the same host, or many)", fill="group")
-    d.box(430, 55, 510, 62, "twin worker",
-          "supervisor without Warp: leases in, results out, spool")  # fmt: skip
-    d.box(430, 150, 510, 185, "rig: S slots", fill="group")
-    d.box(450, 185, 190, 80, "twin sim", "engine of S cases,", "Warp kernels")
-    d.box(740, 185, 180, 80, "devkit host", "the stack under test,", "in a sandbox", fill="foreign")
-    d.box(450, 285, 190, 38, "viewer record")
+    d.box((410, 20, 550, 330), "host of workers (the same host, or many)", fill="group")
+    d.box(
+        (430, 55, 510, 62), "twin worker", "supervisor without Warp: leases in, results out, spool"
+    )
+    d.box((430, 150, 510, 185), "rig: S slots", fill="group")
+    d.box((450, 185, 190, 80), "twin sim", "engine of S cases,", "Warp kernels")
+    d.box(
+        (740, 185, 180, 80), "devkit host", "the stack under test,", "in a sandbox", fill="foreign"
+    )
+    d.box((450, 285, 190, 38), "viewer record")
     d.arrow([(545, 117), (545, 185)], SOFT)
     d.arrow([(830, 117), (830, 185)], SOFT)
     d.arrow([(640, 225), (740, 225)], DRIVE)
@@ -102,15 +118,19 @@ def processes() -> str:
     d.arrow([(300, 86), (430, 86)], CONTROL)
     d.text(365, 76, "control", bold=True, colour=CONTROL, anchor="middle")
 
-    d.box(20, 390, 300, 100, "laptop or login node", fill="group")
-    d.box(40, 424, 260, 52, "viewer live, viewer web", "through the front, or a relay")
+    d.box((20, 390, 300, 100), "laptop or login node", fill="group")
+    d.box((40, 424, 260, 52), "viewer live, viewer web", "through the front, or a relay")
     d.arrow([(450, 240), (350, 240), (350, 104), (300, 104)], VIEW)
     d.arrow([(40, 104), (8, 104), (8, 450), (40, 450)], VIEW)
     d.text(362, 258, "view", bold=True, colour=VIEW)
 
-    d.box(410, 390, 550, 100, "run folder, on a file system that all see",
-          "outcomes.json, timeline.jsonl, cases/<case>/attempt-<n>/kpi.parquet, ...",
-          "manifest.json: SHA-256 of every file, signed at the end", fill="file")  # fmt: skip
+    d.box(
+        (410, 390, 550, 100),
+        "run folder, on a file system that all see",
+        "outcomes.json, timeline.jsonl, cases/<case>/attempt-<n>/kpi.parquet, ...",
+        "manifest.json: SHA-256 of every file, signed at the end",
+        fill="file",
+    )
     d.arrow([(685, 350), (685, 390)], SOFT, both=False)
     d.arrow([(280, 350), (280, 370), (470, 370), (470, 390)], SOFT, both=False)
 
@@ -127,34 +147,78 @@ def processes() -> str:
 def packages() -> str:
     """The packages in layers: each may import what is below it."""
     d = Drawing(980, 462, "Packages: each imports only what lies below it")
-    d.box(20, 20, 220, 138, "twin", "rig, worker, view, kpi", "vehicle, sensors, actors, road",
-          "render, world, dataset", "bench, validate", "the only one with Warp (*)")  # fmt: skip
-    d.box(260, 20, 220, 138, "conductor", "core: pure decisions", "journal: the only SQLite",
-          "serve, run, commands", "records, report, trust", "bench")  # fmt: skip
-    d.box(500, 20, 140, 138, "viewer", "live, browser", "recording", "playback",
-          "intervening", "the only Rerun")  # fmt: skip
-    d.box(660, 20, 160, 138, "devkit", "stack, client", "hosting, checking", "detector, lane",
-          "bridges, replaying", "training: only torch")  # fmt: skip
-    d.box(840, 20, 120, 138, "hpc", "slurm, pbs", "software", "job scripts")
+    d.box(
+        (20, 20, 220, 138),
+        "twin",
+        "rig, worker, view, kpi",
+        "vehicle, sensors, actors, road",
+        "render, world, dataset",
+        "bench, validate",
+        "the only one with Warp (*)",
+    )
+    d.box(
+        (260, 20, 220, 138),
+        "conductor",
+        "core: pure decisions",
+        "journal: the only SQLite",
+        "serve, run, commands",
+        "records, report, trust",
+        "bench",
+    )
+    d.box(
+        (500, 20, 140, 138),
+        "viewer",
+        "live, browser",
+        "recording",
+        "playback",
+        "intervening",
+        "the only Rerun",
+    )
+    d.box(
+        (660, 20, 160, 138),
+        "devkit",
+        "stack, client",
+        "hosting, checking",
+        "detector, lane",
+        "bridges, replaying",
+        "training: only torch",
+    )
+    d.box((840, 20, 120, 138), "hpc", "slurm, pbs", "software", "job scripts")
     for x in (130, 370, 570, 740, 900):
         d.arrow([(x, 158), (x, 186)], SOFT, both=False, width=2)
-    d.box(20, 188, 940, 54, "twin.fabric",
-          "bus, drive plane, keys and roles, front: the only package with Zenoh")  # fmt: skip
-    d.box(20, 270, 300, 54, "twin.records", "KPI files, drive records, logs")
-    d.box(340, 270, 300, 54, "twin.sandbox", "bubblewrap around a stack")
-    d.box(660, 270, 300, 54, "twin.stack_identity", "what a stack consists of")
-    d.box(20, 348, 940, 34, "twin.base")
-    d.text(130, 369, "errors, command lines, files, child processes, GPU set-up", size=12,
-           colour=SOFT)  # fmt: skip
-    d.box(20, 400, 940, 34, "schemas")
-    d.text(130, 421, "sections of the campaign, wire messages, files, identity: the standard "
-           "library, NumPy, msgspec", size=12, colour=SOFT)  # fmt: skip
+    d.box(
+        (20, 188, 940, 54),
+        "twin.fabric",
+        "bus, drive plane, keys and roles, front: the only package with Zenoh",
+    )
+    d.box((20, 270, 300, 54), "twin.records", "KPI files, drive records, logs")
+    d.box((340, 270, 300, 54), "twin.sandbox", "bubblewrap around a stack")
+    d.box((660, 270, 300, 54), "twin.stack_identity", "what a stack consists of")
+    d.box((20, 348, 940, 34), "twin.base")
+    d.text(
+        130, 369, "errors, command lines, files, child processes, GPU set-up", size=12, colour=SOFT
+    )
+    d.box((20, 400, 940, 34), "schemas")
+    d.text(
+        130,
+        421,
+        "sections of the campaign, wire messages, files, identity: the standard "
+        "library, NumPy, msgspec",
+        size=12,
+        colour=SOFT,
+    )
     for x in (170, 490, 810):
         d.arrow([(x, 242), (x, 268)], SOFT, both=False, width=2)
         d.arrow([(x, 324), (x, 346)], SOFT, both=False, width=2)
     d.arrow([(490, 382), (490, 398)], SOFT, both=False, width=2)
-    d.text(20, 453, "The five at the top stand side by side: none imports another. (*) Two modules "
-           "of devkit.detector use Warp as well, see docs/decisions/0013.", size=11, colour=SOFT)  # fmt: skip
+    d.text(
+        20,
+        453,
+        "The five at the top stand side by side: none imports another. (*) Two modules "
+        "of devkit.detector use Warp as well, see docs/decisions/0013.",
+        size=11,
+        colour=SOFT,
+    )
     return d.svg()
 
 

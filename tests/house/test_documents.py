@@ -18,7 +18,9 @@ PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").g
 RECORDS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """Dated: their links are checked, the paths in their prose are those of their day."""
 
-FILE = re.compile(rf"(?<![\w.-])(?<!\w/)(?:(?:{'|'.join(PACKAGES)}|tests|docs)/(?:[\w-]+/)*[\w-]+\.py)\b")
+FILE = re.compile(
+    rf"(?<![\w.-])(?<!\w/)(?:(?:{'|'.join(PACKAGES)}|tests|docs)/(?:[\w-]+/)*[\w-]+\.py)\b"
+)
 FOLDER = re.compile(rf"`((?:{'|'.join(PACKAGES)}|tests|docs)(?:/[a-z_]+)+)/?`")
 DOTTED = re.compile(rf"`((?:{'|'.join(PACKAGES)})(?:\.\w+)+)(?:\(\))?`")
 IMPORT = re.compile(rf"^(?:from|import) ((?:{'|'.join(PACKAGES)})(?:\.\w+)*)", re.MULTILINE)
