@@ -1,57 +1,106 @@
-"""The campaign section ``scenario``: what the ego is asked to do, and when that counts as done."""
+"""The campaign section ``scenario``: what the ego is asked to do, and when that counts as done.
+
+Keys of all families stand side by side in it (:mod:`schemas.kinds.scenario`); a family reads its
+own as :meth:`~schemas.kinds.scenario.ScenarioKind.config_of`.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
+from msgspec.structs import FieldInfo, fields
 
+from schemas.kinds.scenario import OURS, ScenarioKind, kind_of, scenario_kinds
 from schemas.words import agree
 
+_KINDS = scenario_kinds()
 
-class Scenario(Struct, frozen=True, forbid_unknown_fields=True):
-    """What the ego is asked to do, where, and when that counts as done."""
+if TYPE_CHECKING:
+    _Type = str
+else:  # A family that cannot be used is named, too: who asks for it is told why.
+    _Type = Literal[(*(kind.name for kind in _KINDS.declared), *_KINDS.broken)]
 
-    type: Literal["jump_scare", "lane_keeping"] = "jump_scare"
-    """``jump_scare``: a broken-down car stands in the ego's lane. ``lane_keeping``: the ego follows
-    its lane from its beginning on."""
+
+class _Common(Struct, frozen=True):
+    """Keys that every family has."""
+
+    type: _Type = _KINDS.declared[0].name
+    """What the ego is asked to do."""
     scene: str = "downtown"
     """Name of a shipped scene, or the path of a scene file."""
     vehicle: str = "opencav"
     """Name of a shipped vehicle, or the path of a vehicle file."""
-    ego_start_m: Annotated[float, Meta(ge=5, le=180)] = 148.0
-    """Hull-to-hull distance from the ego to the broken-down car; jump_scare only [m]."""
     ego_speed_mps: Annotated[float, Meta(ge=0, le=30)] = 0.0
     """Speed of the ego at the start [m/s]."""
     duration_s: Annotated[float, Meta(ge=0.1, le=3600)] = 60.0
     """Longest sim time of a case [s]."""
     standstill_s: Annotated[float, Meta(ge=0, le=60)] = 2.0
     """The case ends this long after the ego has come to rest [s]."""
-    false_braking_m: Annotated[float, Meta(gt=0, le=1000)] = 30.0
-    """Coming to rest further than this from the obstacle is false braking; jump_scare only [m]."""
-    distance_m: Annotated[float, Meta(ge=1, le=100_000)] = 1000.0
-    """Way along the lane after which the case ends; lane_keeping only [m]."""
-    lateral_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.75
-    """Largest distance of the rear axle's middle from the lane's centre; beyond it the ego leaves
-    its lane and the case ends; lane_keeping only [m]."""
-    lateral_rms_limit_m: Annotated[float, Meta(gt=0, le=10)] = 0.25
-    """Largest root mean square of that distance over the case; lane_keeping only [m]."""
-
-    def __post_init__(self) -> None:
-        """Refuse limits that the type would not look at."""
-        defaults = dict(zip(Scenario.__struct_fields__, Scenario.__struct_defaults__, strict=True))
-        for type_, names in _OF_TYPE.items():
-            foreign = [name for name in names if getattr(self, name) != defaults[name]]
-            if self.type != type_ and foreign:
-                raise ValueError(
-                    f"{' and '.join(foreign)} {agree(len(foreign), 'is', 'are')} set, but "
-                    f"{agree(len(foreign), 'it belongs', 'they belong')} to type {type_} and this "
-                    f"is {self.type}"
-                )
 
 
-_OF_TYPE = {
-    "jump_scare": ("ego_start_m", "false_braking_m"),
-    "lane_keeping": ("distance_m", "lateral_limit_m", "lateral_rms_limit_m"),
-}
-"""Keys of the scenario that only one type looks at."""
+_FIRST = (
+    *("type", "scene", "vehicle", "ego_start_m", "ego_speed_mps"),
+    *("duration_s", "standstill_s", "false_braking_m"),
+)
+"""Keys in the order of messages and files; those of further families follow."""
+
+
+def _field(kind: ScenarioKind, key: FieldInfo) -> tuple[str, Any, Any]:
+    """A key of a family. What others than ours bring is in no message that does not set it, so a
+    campaign's digest has the families that it uses and no others."""
+    if kind.name in OURS:
+        return key.name, key.type, key.default
+    return key.name, key.type | UnsetType, UNSET
+
+
+def _check(self: Scenario) -> None:
+    """Refuse keys that the family would not look at."""
+    if reason := _KINDS.broken.get(self.type):
+        raise ValueError(reason)
+    for kind in _KINDS.declared:
+        if kind.name == self.type:
+            continue
+        names = kind.config.__struct_fields__
+        foreign = [name for name in names if getattr(self, name) != _DEFAULTS[name]]
+        if foreign:
+            raise ValueError(
+                f"{' and '.join(foreign)} {agree(len(foreign), 'is', 'are')} set, but "
+                f"{agree(len(foreign), 'it belongs', 'they belong')} to type {kind.name} and this "
+                f"is {self.type}"
+            )
+    if self.type not in OURS:  # the types of the keys have been looked at, what is missing not
+        kind_of(self).config_of(self)
+
+
+_FIELDS = [
+    *((key.name, key.type, key.default) for key in fields(_Common)),
+    *(_field(kind, key) for kind in _KINDS.declared for key in fields(kind.config)),
+]
+_FIELDS.sort(key=lambda field: _FIRST.index(field[0]) if field[0] in _FIRST else len(_FIRST))
+_DEFAULTS = {name: default for name, _, default in _FIELDS}
+
+if TYPE_CHECKING:
+
+    class Scenario(_Common, frozen=True):
+        """What the ego is asked to do, where, and when that counts as done."""
+
+        def __getattr__(self, name: str) -> Any:
+            """A key of a family."""
+
+else:
+    Scenario = defstruct(
+        "Scenario",
+        _FIELDS,
+        namespace={
+            "__doc__": "What the ego is asked to do, where, and when that counts as done.",
+            "__post_init__": _check,
+            "__sources__": (_Common, *(kind.config for kind in _KINDS.declared)),
+            "__meanings__": {
+                "type": " ".join(f"`{kind.name}`: {kind.doc}." for kind in _KINDS.declared)
+            },
+        },
+        module=__name__,
+        frozen=True,
+        forbid_unknown_fields=True,
+    )

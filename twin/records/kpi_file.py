@@ -17,8 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS, ColumnDeclaration
+from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.kinds.kpi import KpiKind
 from schemas.words import plain
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
@@ -132,7 +133,7 @@ def kpi_sha256(table: pa.Table) -> str:
     return sha.hexdigest()
 
 
-def _values(data: pa.Array, column: ColumnDeclaration) -> Iterator[bytes]:
+def _values(data: pa.Array, column: KpiKind) -> Iterator[bytes]:
     if column.type == "detections":
         lengths = data.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
         yield _prefixed(lengths.astype("<i4").tobytes())

@@ -1,0 +1,102 @@
+"""The table of KPIs: what is measured, what it is called, and how it is drawn and compared.
+
+A KPI is a column (one value per control tick), a scalar (one value per case) or a name (a scalar
+that is a text). Missing is null, never 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+from schemas.kinds.registry import Kinds, read_kinds
+
+GROUP = "drivetwin.kpis"
+"""Entry points that bring KPIs."""
+
+OURS = {"base": "schemas.kinds.kpis.base:KPIS"}
+"""Those that are shipped; the same as in pyproject.toml."""
+
+KpiType = Literal["bool", "int32", "int64", "float64", "detections", "name"]
+Place = Literal["column", "scalar", "name"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveLook:
+    """Looks of a column that reports draw over time."""
+
+    place: int
+    """From the top of a page, small first."""
+    title: str
+    axis: str
+    """Title of its axis, unit in brackets."""
+    height: float = 0.8
+    """Of its row, as a share of a row of height 1."""
+    steps: bool = False
+    """It changes in steps: both sides of every change are drawn."""
+    scale: Literal["from 0", "0 to 1", "switch", "count", "signed"] = "from 0"
+    """Of its axis. ``switch``: 0 or 1."""
+    spread: tuple[str, str] | None = None
+    """Title of its row and of its axis where there are too many cases for a line each; None: lines
+    are drawn anyway."""
+    share: bool = False
+    """Of many cases the share in which it is on is drawn, instead of quantiles."""
+    safety_m: float = 0.0
+    """A line across it, the factor of safety; 0: none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KpiKind:
+    """Declaration of one KPI."""
+
+    name: str
+    place: Place
+    type: KpiType
+    """``detections``: a list of (label, confidence, x, y, width, height); ``name``: what the scene
+    calls an object. A column has the shape [ticks], anything else is one value."""
+    unit: str = ""
+    doc: str = ""
+    nullable: bool = False
+    by_scenario: bool = False
+    """A scenario's family gives it; it is missing in the cases of all others."""
+    label: str = ""
+    """Head of its column in tables, unit in brackets; empty: it stands in none."""
+    digits: int = 2
+    """After the point, in tables."""
+    better: Literal["more", "less", ""] = ""
+    """Which values are the better ones; empty: neither."""
+    compared: str = ""
+    """Name of its difference between two runs of a case, with unit; the median and mean of the
+    differences are compared. Empty: it is not compared."""
+    panel: str = ""
+    """Short name beside a case's picture; empty: it does not stand there."""
+    curve: CurveLook | None = None
+    """None: it is not drawn."""
+
+
+@cache
+def kpi_kinds() -> Kinds[KpiKind]:
+    """All KPIs, the shipped ones first, in the order of files."""
+    return read_kinds(GROUP, KpiKind, OURS)
+
+
+@cache
+def shipped(place: Place) -> tuple[KpiKind, ...]:
+    """The KPIs of every case, in the order of files."""
+    from schemas.kinds.kpis.base import KPIS
+
+    return tuple(kind for kind in KPIS if kind.place == place)
+
+
+@cache
+def scalars_by_name() -> dict[str, KpiKind]:
+    """Every scalar, also those that only some scenarios have."""
+    return {kind.name: kind for kind in kpi_kinds().declared if kind.place == "scalar"}
+
+
+@cache
+def drawn_columns() -> tuple[KpiKind, ...]:
+    """The columns that reports draw, from top to bottom."""
+    found = [(kind.curve.place, kind) for kind in shipped("column") if kind.curve is not None]
+    return tuple(kind for _, kind in sorted(found, key=lambda pair: pair[0]))

@@ -1,0 +1,109 @@
+"""Declarations of kinds by name: those shipped, and those that installed distributions bring.
+
+A distribution brings kinds as entry points of a group such as ``drivetwin.scenarios``. An entry
+point names a declaration, or a tuple of them, in a module that imports ``schemas`` and the standard
+library only. A declaration names its implementation as ``module:attribute``, which nobody but the
+running package imports.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from schemas.words import plain
+
+OUR_DISTRIBUTION = "drivetwin"
+
+
+class Declaration(Protocol):
+    """A frozen record that says what a kind is."""
+
+    @property
+    def name(self) -> str:
+        """Its name in campaigns, commands and files."""
+
+
+D = TypeVar("D", bound=Declaration)
+
+
+@dataclass(frozen=True, slots=True)
+class Kinds(Generic[D]):
+    """The declarations of one group."""
+
+    declared: tuple[D, ...]
+    """The shipped ones first, then those of others by distribution."""
+    broken: Mapping[str, str]
+    """Entry point that cannot be used -> one line that names its distribution and the reason."""
+
+
+def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
+    """The declarations of ``group``.
+
+    Args:
+        group: of entry points.
+        type_: of the declarations.
+        ours: entry point -> ``module:attribute`` of those that are shipped; the same as in
+            pyproject.toml. They are not read from the distribution's metadata, which is missing
+            beside a source tree and, of an editable install, as old as the installation.
+    """
+    declared: list[D] = []
+    for reference in ours.values():
+        declared += _loaded(reference, type_)
+    names = {each.name for each in declared}
+    broken: dict[str, str] = {}
+    for point in sorted(_foreign(group), key=lambda p: (_distribution(p), p.name)):
+        try:
+            found = _loaded(point.value, type_)
+            if taken := sorted(names & {each.name for each in found}):
+                raise ValueError(f"the name '{taken[0]}' is taken")
+        except Exception as error:  # code of others may raise anything
+            reason = str(error) or type(error).__name__
+            if not isinstance(error, ImportError | ValueError):
+                reason = f"{type(error).__name__}: {error}"
+            line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {reason}"
+            broken[point.name] = plain(" ".join(line.split()), 300)
+            continue
+        declared += found
+        names |= {each.name for each in found}
+    return Kinds(tuple(declared), broken)
+
+
+def implementation(reference: str) -> Any:
+    """The object that a declaration names as ``module:attribute``.
+
+    Raises:
+        ValueError: it cannot be imported; one line.
+    """
+    try:
+        return _attribute(reference)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"'{reference}' cannot be imported: {error}") from error
+
+
+def _loaded(reference: str, type_: type[D]) -> list[D]:
+    value = _attribute(reference)
+    declarations = list(value) if isinstance(value, tuple) else [value]
+    if strange := [each for each in declarations if not isinstance(each, type_)]:
+        raise ValueError(f"'{reference}' is a {type(strange[0]).__name__}, not a {type_.__name__}")
+    return declarations
+
+
+def _attribute(reference: str) -> Any:
+    module, _, attribute = reference.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _foreign(group: str) -> Iterable[importlib.metadata.EntryPoint]:
+    """Entry points of other distributions."""
+    found = importlib.metadata.entry_points(group=group)
+    return [p for p in found if p.dist is None or p.dist.name != OUR_DISTRIBUTION]
+
+
+def _distribution(point: importlib.metadata.EntryPoint) -> str:
+    return (
+        "unknown distribution" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+    )

@@ -1,0 +1,1 @@
+"""Declarations of the scenario families that are shipped."""
