@@ -51,7 +51,7 @@ from twin.fabric.zenoh_bus import Mode, join
 T = TypeVar("T")
 
 CONNECT_S = 10.0
-"""How long who is asked may take to open a session [s]."""
+"""Longest time the other side may take to open a session [s]."""
 
 
 class Client:
@@ -119,7 +119,7 @@ class Client:
 
     @property
     def state(self) -> HandState:
-        """How the case stood at the last answer."""
+        """State of the case at the last answer."""
         return self._steered.state
 
     def do(self, action: Action) -> ControlReply:
@@ -132,7 +132,7 @@ class Client:
         return self._steered.do(action)
 
     def look(self) -> HandState:
-        """How the case stands: weather, time of day, pose, objects; changes nothing."""
+        """State of the case now: weather, time of day, pose, objects; changes nothing."""
         self.do(Query())
         return self.state
 

@@ -44,8 +44,8 @@ RING_FRACTION = 4
 """The surrounding ring is this fraction of the box's shorter side wide, and at least 2 px."""
 
 PIXELS_MAX = 1 << 14
-"""Of a larger neighbourhood every k-th row is looked at: enough for its moments, and the cost of a
-car that fills the image stays bounded [px]."""
+"""Largest neighbourhood that is looked at whole; of a larger one every k-th row: enough for its
+moments, and the cost of a car that fills the image stays bounded [px]."""
 
 MEDIAN_OF_DIFFERENCE = 0.6744897501960817 * math.sqrt(2.0)
 """Median |a - b| of two independent normal values of deviation 1."""

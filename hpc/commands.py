@@ -16,7 +16,7 @@ TIMEOUT_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class ProgramEnd:
-    """How a program ended."""
+    """End of a program: its exit code and what it wrote."""
 
     code: int
     out: str

@@ -72,7 +72,7 @@ class Facts:
     """Empty, or why no port can be listened at."""
     python: tuple[int, int, int]
     missing: tuple[str, ...]
-    """Of our commands, those that are not beside this Python."""
+    """Commands of ours that are not beside this Python."""
     site: str
     """The site file that is in effect, or empty."""
 

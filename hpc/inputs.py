@@ -45,7 +45,7 @@ TIMEOUT_S = 1800.0
 """Longest a transfer or a set-up command may take [s]."""
 
 OUTPUT_BYTES_MAX = 1 << 20
-"""Of a set-up command's output, and of its errors, the last are kept [bytes]."""
+"""Most output of a set-up command, and most errors, that are kept, from their end [bytes]."""
 
 LINES = 5
 """Lines of a failed set-up command in its error; more of them are in its log."""

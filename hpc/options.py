@@ -26,7 +26,7 @@ class SchedulerName(StrEnum):
 
 
 class ContainerRuntime(StrEnum):
-    """How an image is entered; the values of :data:`hpc.software.container.Runtime`."""
+    """Programs that enter an image; the values of :data:`hpc.software.container.Runtime`."""
 
     apptainer = "apptainer"
     charliecloud = "charliecloud"

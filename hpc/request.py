@@ -73,9 +73,9 @@ class JobRequest:
     cpus_per_worker: int | None = None
     """CPUs of one worker, 1-1024; None: 4 beside a GPU, 1 without."""
     signal_lead_s: int = 60
-    """How long before the end of the wall time the job is told to stop, 30-3600 [s]."""
+    """Time before the end of the wall time at which the job is told to stop, 30-3600 [s]."""
     restarts_max: int = 20
-    """How often an unfinished job queues itself again, 0-1000."""
+    """Most times an unfinished job queues itself again, 0-1000."""
     address: str = ""
     """Where the conductor listens; empty: the address of the first node, see ``render``."""
     interface: str = ""
@@ -93,7 +93,7 @@ class JobRequest:
     """Image in which conductor, workers and stack run; absolute. Empty: none. ``bin_folder`` is a
     folder inside it."""
     container_runtime: Runtime = "apptainer"
-    """How the image is entered."""
+    """Program that enters the image."""
     container_binds: tuple[str, ...] = ()
     """Further folders that are seen inside as outside, e.g. of data; absolute."""
     home: str = ""

@@ -32,10 +32,10 @@ EVENT = "Bridge"
 """The one event of the protocol, in both directions."""
 
 LOOK_S = 0.2
-"""How often the script is looked at while it is waited for [s]."""
+"""Time between two looks at a script that is waited for [s]."""
 
 TICKS_PER_REV = 44.0
-"""Of the published car's encoders; for simulators that do not say it."""
+"""Ticks per turn of the published car's encoders; for simulators that do not say it."""
 
 POINT = np.dtype(
     {
@@ -62,7 +62,7 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
     steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.62
     """Angle of the road wheels at a steering command of 1; opencav's limit [rad]."""
     jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 75
-    """Of the pictures; 75 is what Unity's encoder uses."""
+    """JPEG quality of the pictures; 75 is what Unity's encoder uses."""
     aeb_brake: Annotated[float, Meta(gt=0, le=1)] = 1.0
     """Braking as hard as this counts as emergency braking."""
 

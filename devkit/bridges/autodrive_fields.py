@@ -30,7 +30,7 @@ ENVIRONMENT = ("Auto Time", "Time Scale", "Time", "Weather", "Clouds", "Fog", "R
 """What a script may ask of the world; a campaign's matrix decides it instead."""
 
 POSE_FIELDS = ("PosX", "PosY", "PosZ", "RotX", "RotY", "RotZ", "RotW")
-"""Of a commanded pose, in the order of :class:`schemas.messages.Pose`."""
+"""Fields of a commanded pose, in the order of :class:`schemas.messages.Pose`."""
 
 GRAVITY_MPS2 = 9.80665
 """What an IMU at rest measures, upwards [m/s^2]."""

@@ -26,7 +26,7 @@ RETRY_S = 0.1
 """Wait before the next try to connect [s]."""
 
 LISTEN_S = 1.0
-"""How long a server of unknown generation may take to say that we are connected [s]."""
+"""Longest time a server of unknown generation may take to say that we are connected [s]."""
 
 PING_S_MIN = 0.5
 """Shortest time between pings, whatever a script asks for [s]."""

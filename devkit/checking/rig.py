@@ -73,7 +73,7 @@ class CheckRig(StackRig):
         self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._keep)
         self.tokens: list[int] = []
-        """Of the last drives, by slot."""
+        """Tokens of the last drives, by slot."""
         self._last: tuple[Tick, list[Outgoing]] | None = None
         self.wall_s: list[float] = []
         """What every exchange took, those without a fault [s]."""

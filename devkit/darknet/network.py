@@ -13,7 +13,7 @@ IMAGE = -1
 
 
 class MapShape(NamedTuple):
-    """Of one image's feature map."""
+    """Shape of one image's feature map."""
 
     channels: int
     height: int
@@ -37,11 +37,11 @@ class DarknetLayer:
     inputs: tuple[int, ...]
     """Indices of the layers it reads, :data:`IMAGE` for the network's input."""
     shape: MapShape
-    """Of its output."""
+    """Shape of the layer's output."""
 
     @property
     def label(self) -> str:
-        """How messages name it."""
+        """Name of the layer in messages."""
         return f"layer {self.index} [{self.kind}]"
 
 
@@ -55,7 +55,7 @@ class Convolutional(DarknetLayer):
     """Zeros on each side."""
     groups: int
     channels: int
-    """Of the input."""
+    """Channels of the input."""
     batch_normalize: bool
     activation: Activation
 

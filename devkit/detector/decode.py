@@ -267,7 +267,7 @@ def _from_boxes(
 
 
 def _class_probability(scores: np.ndarray, best: np.ndarray, how: str) -> np.ndarray:
-    """Of the best class, [K]."""
+    """Probability of the best class, [K]."""
     top = np.take_along_axis(scores, best[:, None], axis=1)
     if how == "logistic":
         return _logistic(top[:, 0])

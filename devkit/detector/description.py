@@ -38,12 +38,13 @@ class GridHead(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind"
     anchors_px: Annotated[list[tuple[Positive, Positive]], Meta(min_length=1, max_length=100)]
     """(width, height) at the network's input size [px], above 0 to 1e6."""
     scores: Literal["softmax", "logistic"] = "logistic"
-    """How class scores become probabilities: ``softmax`` in YOLOv2, ``logistic`` in YOLOv3."""
+    """Function that makes probabilities of class scores: ``softmax`` in YOLOv2, ``logistic`` in
+    YOLOv3."""
     scale_xy: Annotated[float, Meta(ge=1, le=10)] = 1.0
     """Stretch of the centre's range around its cell [-], 1 (off, YOLOv2 and v3) to 10."""
 
     def channels(self, classes: int) -> int:
-        """Of the output."""
+        """Channels of the output."""
         return len(self.anchors_px) * (5 + classes)
 
 
@@ -62,7 +63,7 @@ class BoxHead(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind",
     """Whether there is one; the confidence is its product with the class's probability."""
 
     def channels(self, classes: int) -> int:
-        """Of the output."""
+        """Channels of the output."""
         return 4 + self.objectness + classes
 
 
@@ -73,16 +74,16 @@ class DetectorDescription(Struct, frozen=True, forbid_unknown_fields=True):
     """A detector: its input and its heads. Images go in as [N, 3, height, width]."""
 
     width: Annotated[int, Meta(ge=1, le=8192)]
-    """Of the network's input [px], 1 to 8192."""
+    """Width of the network's input [px], 1 to 8192."""
     height: Annotated[int, Meta(ge=1, le=8192)]
-    """Of the network's input [px], 1 to 8192."""
+    """Height of the network's input [px], 1 to 8192."""
     names: Annotated[list[str], Meta(min_length=1, max_length=10_000)]
     """Labels of the classes, in the order of the channels."""
     heads: Annotated[list[Head], Meta(min_length=1, max_length=100)]
     v: Literal[1] = 1
     channel_order: Literal["rgb", "bgr"] = "rgb"
     scale: Annotated[float, Meta(gt=0, le=1)] = 1.0 / 255.0
-    """Of image levels, above 0 to 1 [-]."""
+    """Factor of image levels, above 0 to 1 [-]."""
 
     def encode(self) -> str:
         """As JSON, for the metadata."""

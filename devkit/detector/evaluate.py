@@ -1,4 +1,4 @@
-"""How well a detector sees: average precision by class, and by any label of the images.
+"""Scores of a detector: average precision by class, and by any label of the images.
 
 Two published ways to count, both at one overlap (0.5 gives mAP@0.5):
 
@@ -52,7 +52,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Of one class in some images."""
+    """Score of one class in some images."""
 
     ap: float | None
     """Average precision, 0 to 1; None without a truth."""
@@ -64,7 +64,7 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Of all classes in some images."""
+    """Scores of all classes in some images."""
 
     mean_ap: float | None
     """Over the classes that have a score."""

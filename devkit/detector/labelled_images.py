@@ -36,7 +36,7 @@ NO_CLASS = -1
 """Class of a box whose category belongs to no class: it may be anything."""
 
 DEFAULT_CLASSES = "car,truck=truck+bus,pedestrian,traffic_sign"
-"""Of trained detectors. Bicycles belong to no class."""
+"""Classes of trained detectors. Bicycles belong to no class."""
 
 
 @dataclass(frozen=True, slots=True)

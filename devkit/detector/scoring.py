@@ -60,10 +60,10 @@ class Scorecard:
     evaluation: Evaluation
     """With groups ``hour`` (nearest full hour), ``weather``, ``block`` (hours) and ``joint``."""
     noon: Score | None
-    """Of :data:`MERIT` in :data:`NOON`; None without this class or such an image."""
+    """Score of :data:`MERIT` in :data:`NOON`; None without this class or such an image."""
     noon_images: int
     moderate: Scores
-    """Of objects that are large and visible enough, see
+    """Scores over objects that are large and visible enough, see
     :attr:`devkit.detector.labelled_images.LabelledImages.moderate`; all others are ignored."""
     noon_moderate: Score | None
     """The figure of merit of those."""

@@ -25,14 +25,14 @@ class StemLayer:
     biases: np.ndarray
     """float32 [out]."""
     stride: int
-    """Of rows and columns, 1 or 2."""
+    """Stride over rows and columns, 1 or 2."""
     slope: float
     """What negative values are multiplied with, 0 to 1; 1: no activation."""
     pool: bool
     """Whether the largest of every 2x2 is taken."""
 
     def out_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """Of what it makes of an array of ``shape``, [N, channels, rows, columns]."""
+        """Shape of the output for an array of ``shape``, [N, channels, rows, columns]."""
         batch, _, *lines = shape
         size = [(line + self.stride - 1) // self.stride for line in lines]
         return (batch, len(self.biases), *(line // 2 if self.pool else line for line in size))

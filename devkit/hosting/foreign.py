@@ -30,10 +30,10 @@ PROCESSES_MAX = 256
 """Most processes that a foreign stack may run at once."""
 
 LOOK_S = 0.2
-"""How often they are counted [s]."""
+"""Time between two counts of processes [s]."""
 
 ROUNDS_MAX = 100
-"""How often descendants are looked for while they are ended; new ones may appear meanwhile."""
+"""Most rounds of ending descendants; new ones may appear meanwhile."""
 
 MARK_VARIABLE = "TWIN_SCRIPT"
 """In the environment of a script and all that it starts: tells them from what else we started."""

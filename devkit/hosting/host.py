@@ -57,7 +57,7 @@ from twin.stack_identity.identity import Named, confirm, shown_name
 from twin.stack_identity.loaded import LoadedModules
 
 CONNECT_TIMEOUT_S = 20.0
-"""How long the simulator may take to answer [s]."""
+"""Longest time the simulator may take to answer [s]."""
 
 
 @dataclass(frozen=True, slots=True)

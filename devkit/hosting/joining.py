@@ -27,7 +27,7 @@ from twin.base.errors import UsageError
 from twin.base.process import end, spawn
 
 PERIOD_S = 0.2
-"""How often a shared folder is looked at for new rigs [s]."""
+"""Time between two looks into a shared folder for new rigs [s]."""
 
 FILE_BYTES_MAX = 1 << 20
 """Largest announcement that is read [bytes]."""

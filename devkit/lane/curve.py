@@ -39,7 +39,7 @@ class LaneCurve:
         return b + ahead_m * (c + ahead_m * (d / 2.0))
 
     def stretch(self, ahead_m: np.ndarray) -> np.ndarray:
-        """How much further than on a straight lane a parallel line is, straight to the left [-]."""
+        """Distance of a parallel line straight to the left, over that on a straight lane [-]."""
         slope = self.slope(ahead_m)
         stretch: np.ndarray = np.sqrt(1.0 + slope * slope)
         return stretch

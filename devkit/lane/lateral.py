@@ -36,7 +36,7 @@ class LateralParameters(Struct, frozen=True, forbid_unknown_fields=True):
     preview_s: Annotated[float, Meta(ge=0.2, le=3)] = 0.7
     """The point that is driven to lies this far ahead [s], 0.2 to 3, and never nearer than 4 m."""
     wheelbase_m: Annotated[float, Meta(ge=0.5, le=10)] = 3.09
-    """Of the car [m], 0.5 to 10."""
+    """Wheelbase of the car [m], 0.5 to 10."""
     understeer_rad_per_mps2: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.003
     """Road-wheel angle that a bend takes beyond the bicycle's, per lateral acceleration
     [rad s^2/m], -0.1 to 0.1."""

@@ -42,7 +42,7 @@ class Points:
     left_m: np.ndarray
     """Left of the vehicle's centre line [m]."""
     line_m: np.ndarray
-    """How far left of the lane's centre the marking is painted that this is taken for [m]."""
+    """Place of the marking that this is taken for, left of the lane's centre [m]."""
 
 
 def find_points(

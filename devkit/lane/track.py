@@ -24,7 +24,8 @@ WEIGHT_MIN = 0.03
 BEHIND_M = 4.0
 """Points further behind the rear axle are forgotten [m]."""
 GATES_M = (1.1, 0.5)
-"""How far from the expectation a marking is looked for, before and after the lane is known [m]."""
+"""Distance from the expectation within which a marking is looked for, before and after the lane is
+known [m]."""
 SCALES_M = (0.5, 0.3, 0.2)
 """Residual at which a point's say is quartered, one round of the fit after the other [m]."""
 SUPPORT_MIN = (5.0, 2.0)
@@ -43,7 +44,7 @@ within this of the one it was looked for along [1/m]: cars do not begin beside t
 
 @dataclass(frozen=True, slots=True)
 class CarMotion:
-    """How the car moves, from its own sensors."""
+    """Motion of the car, from its own sensors."""
 
     speed_mps: float
     yaw_rate_radps: float
@@ -56,7 +57,7 @@ class CarMotion:
 
 @dataclass(frozen=True, slots=True)
 class Chassis:
-    """How the car's body answers to lateral acceleration, in steady state."""
+    """Response of the car's body to lateral acceleration, in steady state."""
 
     roll_rad_per_mps2: float
     """Roll about x, positive: leans to the right, in a bend to the left [rad s^2/m]."""
@@ -83,7 +84,7 @@ class LaneTrack:
 
     _motion: CarMotion | None = None
     _bend_per_m: float = 0.0
-    """Of the lane when it was known last."""
+    """Bend of the lane when it was known last."""
     _looked_along: float = 0.0
     """Curvature of the last search."""
     _agreeing: int = 0

@@ -41,9 +41,9 @@ class LaneView:
     """int32 [N, M]: which pixel of the flattened image shows a point, -1: none. The points of a
     line go from :data:`HALF_WIDTH_M` on the right to as much on the left."""
     width_px: int
-    """Of the image."""
+    """Width of the image."""
     position_m: tuple[float, float, float]
-    """Of the camera: before the rear axle, left of the centre line, above the road [m]."""
+    """Position of the camera: before the rear axle, left of the centre line, above the road [m]."""
 
     @classmethod
     def of_site(cls, site: CameraSite) -> LaneView:

@@ -77,7 +77,7 @@ class Eyes:
     def _looked(
         self, groups: list[list[int]], camera: Any, observation: Observation
     ) -> Iterable[tuple[list[int], list[list[Detection]], PerceptionCost]]:
-        """Of each group of slots with one perception what it sees, and what that took per slot."""
+        """Detections of each group of slots with one perception, and what they took per slot."""
 
         def look(group: list[int]) -> tuple[list[int], list[list[Detection]], PerceptionCost]:
             perception = self._of_slot[group[0]]

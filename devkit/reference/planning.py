@@ -59,7 +59,7 @@ class Planner(Struct, frozen=True, forbid_unknown_fields=True):
     """Time to collision that triggers [s], above 0 to 60; objects are taken to stand. A stop
     from 8 m/s on packed snow (friction 0.2) takes 2.0 s of it, reaction and bonnet the rest."""
     frames_min: Annotated[int, Meta(ge=1, le=100)] = 2
-    """Of the last ``frames_window`` camera frames so many must agree, 1 to 100: a flash of one
+    """Frames that must agree of the last ``frames_window``, 1 to 100: a flash of one
     frame does not brake, a miss of one frame does not start the count again."""
     frames_window: Annotated[int, Meta(ge=1, le=100)] = 3
     """1 to 100, not below ``frames_min``."""

@@ -49,7 +49,7 @@ class CameraView:
         return x, y, z
 
     def ground_m(self, x_px: float, y_px: float) -> float | None:
-        """How far ahead of the camera a point of the image lies on the road [m]; None if it lies
+        """Distance ahead of the camera of a point of the image on the road [m]; None if it lies
         on or above the horizon, or behind the camera."""
         x, _, z = self.ray(x_px, y_px)
         if z >= 0.0 or x <= 0.0:

@@ -27,7 +27,7 @@ _BOX = ("confidence", "x_px", "y_px", "width_px", "height_px")
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """How one field differs over a case."""
+    """Differences of one field over a case."""
 
     field: str
     tolerance: float
@@ -36,7 +36,7 @@ class FieldRow:
     ticks: int
     """That were compared."""
     differ: int
-    """Of them, those whose difference is above the tolerance."""
+    """Ticks of them whose difference is above the tolerance."""
     largest: float
     """Largest difference; infinite where it is no number (another label, lamp, NaN)."""
     first_tick: int
@@ -94,7 +94,7 @@ def compared(
 
 
 def difference_of(name: str, one: Command, two: Command) -> float:
-    """How far a field of two commands is apart; 0: not at all."""
+    """Difference of a field between two commands; 0: not at all."""
     a, b = getattr(one, name), getattr(two, name)
     if name in NUMBERS:
         return _apart(a, b)

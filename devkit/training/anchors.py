@@ -17,7 +17,7 @@ SAMPLE_MAX = 20_000
 """Boxes that are looked at; more change nothing but the time."""
 
 DECIMALS = 2
-"""Of an anchor [px]."""
+"""Decimals of an anchor [px]."""
 
 
 def shape_overlaps(size: np.ndarray, anchors: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ class _Progress:
     step: int
     """In this epoch."""
     sums: Tensor
-    """Of the losses in this epoch."""
+    """Sums of the losses in this epoch."""
     history: list[Row]
 
 

@@ -225,7 +225,8 @@ def decoded(values: Tensor, anchors: Tensor, scale_xy: float) -> Tensor:
 
 
 def _squared_offset(values: Tensor, own: Tensor, anchors: Tensor, head: Head) -> Tensor:
-    """Of the raw values from those that would give ``own``, [B, A, H, W], unscaled."""
+    """Squared distance of the raw values from those that would give ``own``, [B, A, H, W],
+    unscaled."""
     rows, columns = values.shape[2:4]
     within = torch.stack([own[..., 0] * columns, own[..., 1] * rows], dim=4)
     stretch = (within - within.floor() - 0.5) / head.scale_xy + 0.5

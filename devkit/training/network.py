@@ -38,7 +38,7 @@ PRIOR = {"logistic": 0.01, "softmax": 0.1}
 needs more, because its gradient vanishes near 0."""
 
 VERSION = (0, 2, 5)
-"""Of Darknet's weights, as its last releases write it."""
+"""Version of Darknet's weights, as its last releases write it."""
 
 
 class TorchNetwork(nn.Module):

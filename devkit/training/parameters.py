@@ -17,15 +17,15 @@ Scale = Annotated[float, Meta(ge=0, le=1000)]
 
 
 class TrainingRecipe(Struct, frozen=True, forbid_unknown_fields=True):
-    """How a network is trained; ``--set KEY=VALUE`` changes a value."""
+    """Parameters of a training; ``--set KEY=VALUE`` changes a value."""
 
     learning_rate: Annotated[float, Meta(gt=0, le=10)] = 2e-3
     """Peak of the schedule [-]: linear warm-up, then a cosine down to 1 %."""
     warmup_epochs: Annotated[float, Meta(ge=0, le=1000)] = 2.0
     weight_decay: Annotated[float, Meta(ge=0, le=10)] = 0.05
-    """Of kernels, as AdamW has it: times the learning rate [-]."""
+    """Weight decay of kernels, as AdamW has it: times the learning rate [-]."""
     ema_decay: Annotated[float, Meta(ge=0, lt=1)] = 0.998
-    """Of the running mean of all weights, which is what is exported; per step [-]."""
+    """Decay of the running mean of all weights, which is what is exported; per step [-]."""
     gradient_norm_max: Annotated[float, Meta(gt=0, le=1e9)] = 10.0
     """Longer gradients are shortened to this [-]."""
 
@@ -48,7 +48,7 @@ class TrainingRecipe(Struct, frozen=True, forbid_unknown_fields=True):
     """``squared``: of the papers. ``ciou``: 1 - CIoU (Zheng et al., 2020)."""
     box_scale: Scale = 1.0
     object_scale: Scale = 1.0
-    """Of objectness where there is an object; beside the 5 that YOLOv2's cfg has."""
+    """Weight of objectness where there is an object; beside the 5 that YOLOv2's cfg has."""
     background_scale: Scale = 1.0
     class_scale: Scale = 1.0
     overlap_dropped: Share = 0.3
@@ -72,7 +72,7 @@ class TrainingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     anchors: Literal["data", "cfg"] = "data"
     """Fitted to the training images, or the cfg's own."""
     threads: Annotated[int, Meta(ge=1, le=1024)] = 1
-    """Of the CPU; sums are split by them, so they decide the last bits."""
+    """Threads of the CPU; sums are split by them, so they decide the last bits."""
     validate_every: Annotated[int, Meta(ge=0, le=100_000)] = 10
     """Epochs between two scores on `held_out` in the log; 0: none. Changes no weight."""
     half: bool = False

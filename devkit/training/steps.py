@@ -17,10 +17,10 @@ from devkit.training.network import TorchNetwork
 from devkit.training.parameters import TrainingParameters, TrainingRecipe
 
 FINAL_SHARE = 0.01
-"""Of the learning rate at the end of the schedule [-]."""
+"""Share of the learning rate at the end of the schedule [-]."""
 
 BETAS = (0.9, 0.999)
-"""Of AdamW's running means (Loshchilov, Hutter, 2019)."""
+"""Decays of AdamW's running means (Loshchilov, Hutter, 2019)."""
 
 
 def learning_rate(recipe: TrainingRecipe, step: int, steps_per_epoch: int, epochs: int) -> float:

@@ -1,1 +1,1 @@
-"""How software gets to a cluster: images, bundles, wheels."""
+"""Software on its way to a cluster: images, bundles, wheels."""

@@ -1,4 +1,4 @@
-"""How a command runs inside a container image: command lines of three runtimes. Pure text.
+"""Command lines that run a command inside a container image, for three runtimes. Pure text.
 
 The same paths are seen inside and outside, since the campaign, its journal and its workers on other
 nodes name them. The home folder stays outside: packages in it would hide those of the image. The

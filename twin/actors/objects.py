@@ -40,9 +40,9 @@ class Cast:
     kinds: tuple[ObjectKind, ...]
     motion: Motion
     classes: tuple[int, ...]
-    """Of each object, index into :data:`schemas.messages.OBJECT_CLASSES`."""
+    """Class of each object, index into :data:`schemas.messages.OBJECT_CLASSES`."""
     things: tuple[Thing, ...] = ()
-    """Of each object, what messages call it."""
+    """Name of each object in messages."""
 
 
 def build_cast(objects: list[SceneObject]) -> Cast:

@@ -40,7 +40,7 @@ class Actor:
     kind: int
     """Kind of it standing, and the first of its phases."""
     phases: int
-    """How many kinds, after the first, show it moving; 0: one kind for all."""
+    """Number of kinds, after the first, that show it moving; 0: one kind for all."""
     way_m: float
     """Way in which all phases pass once."""
     vehicle: bool
@@ -51,7 +51,7 @@ class Actor:
     """All the way; None: it stands, or its speed changes."""
 
     def pace_of(self, speed_mps: float | None) -> float:
-        """How many times as fast it is at another speed; None: its own.
+        """Factor of its speed at another speed; None: its own.
 
         Raises:
             ValueError: it has no even speed, or would be slower than it is repeated; one line.

@@ -12,7 +12,7 @@ from twin.actors.motion import Motion
 
 
 class Variations:
-    """Of S slots and M objects; as the scene says until :meth:`begin`."""
+    """Variations of M objects in S slots; as the scene says until :meth:`begin`."""
 
     def __init__(self, motion: Motion, slots: int) -> None:
         self._motion = motion
@@ -20,7 +20,7 @@ class Variations:
         self.start_s = np.tile(self._usual_s, (slots, 1))
         """When each object sets off, sim time [S, M] [s]."""
         self.pace = np.ones((slots, motion.count))
-        """How many times as fast as in the scene [S, M] [-]."""
+        """Factor of the scene's speeds [S, M] [-]."""
         self.shift_m = np.zeros((slots, motion.count, 2))
         """From the scene's way to this one, world x and y [S, M, 2] [m]."""
 

@@ -24,9 +24,9 @@ class SeenObject:
     look: str
     instance: int
     box: tuple[int, int, int, int]
-    """Of the visible pixels: x, y, width, height [px]."""
+    """Box around the visible pixels: x, y, width, height [px]."""
     full_box: tuple[int, int, int, int]
-    """Of all pixels that it would have in the image if nothing hid it."""
+    """Box around all pixels that it would have in the image if nothing hid it."""
     visible_px: int
     unoccluded_px: int
     truncation: float
@@ -85,7 +85,7 @@ def ignored_for(seen: SeenObject, rules: Rules, extinction_per_m: float) -> list
 def contrast(
     image: np.ndarray, instances: np.ndarray, instance: int, box: tuple[int, int, int, int]
 ) -> float:
-    """How much an object stands out [1/255].
+    """Contrast of an object with what is around it [1/255].
 
     The larger of the difference of its mean from that of its surroundings, in the channel where it
     is largest, and the standard deviation of its own brightness after a 3 x 3 mean, which takes

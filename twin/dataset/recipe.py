@@ -41,7 +41,7 @@ class Rules(_Spec, frozen=True):
 
 
 class Shares(_Spec, frozen=True):
-    """How the images are divided."""
+    """Shares of the images by split."""
 
     train: Share = 0.8
     held_out: Share = 0.1
@@ -53,7 +53,7 @@ class Shares(_Spec, frozen=True):
 
 
 class Streets(_Spec, frozen=True):
-    """How many generated streets each split has; more streets, more places and vehicles."""
+    """Number of generated streets of each split; more streets, more places and vehicles."""
 
     train: Annotated[int, Meta(ge=1, le=64)] = 6
     held_out: Annotated[int, Meta(ge=1, le=64)] = 2
@@ -72,7 +72,7 @@ class DatasetRecipe(_Spec, frozen=True):
     """[px]"""
     format: Literal["jpg", "png"] = "jpg"
     quality: Annotated[int, Meta(ge=1, le=100)] = 92
-    """Of JPEG files."""
+    """Quality of JPEG files."""
     scene: str = "downtown"
     """Shipped scene or scene file: the streets of ``train`` and ``held_out`` are variants of it."""
     other_scene: str = "crossing"
@@ -82,7 +82,7 @@ class DatasetRecipe(_Spec, frozen=True):
     camera: str = "front_right"
     """Which of its cameras."""
     cameras: Annotated[int, Meta(ge=1, le=64)] = 8
-    """How many cameras there are: the vehicle's own with a field of view of 70 degrees, then others
+    """Number of cameras: the vehicle's own with a field of view of 70 degrees, then others
     with random lenses, fields of view and effects."""
     split_shares: Shares = Shares()
     streets: Streets = Streets()

@@ -1,4 +1,4 @@
-"""How the large render kernels are compiled: what matters on a GPU, found by measuring."""
+"""Compile options of the large render kernels: what matters on a GPU, found by measuring."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import warp as wp
 
 @dataclass(frozen=True, slots=True)
 class KernelOptions:
-    """Of one kernel."""
+    """Compile options of one kernel."""
 
     fast_math: bool = False
     """Quick division, roots and exponentials."""
@@ -33,7 +33,7 @@ class KernelOptions:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Of a camera's kernels."""
+    """Compile options of a camera's kernels."""
 
     visibility: KernelOptions
     mirror: KernelOptions

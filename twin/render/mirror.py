@@ -31,7 +31,7 @@ from twin.render.trace.visibility import MIRRORED, PixelsSeen, pixel_of
 wp.set_module_options({"enable_backward": False})
 
 RANGE_M = wp.constant(100.0)
-"""How far second rays go [m]."""
+"""Length of second rays [m]."""
 _CABIN = wp.constant(wp.vec3(0.012, 0.013, 0.014))
 # A pane that lies on a closed body shows a dark cabin, not the paint behind it.
 _SHELL_M = wp.constant(0.10)

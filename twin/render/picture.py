@@ -63,7 +63,7 @@ def air_light(
 
 @wp.func
 def sky_share(bounce: wp.vec3) -> wp.float32:
-    """How much of the sky is seen along a mirrored ray whose surroundings are not traced [-].
+    """Share of the sky that is seen along a mirrored ray whose surroundings are not traced [-].
 
     A street hides the sky near the horizon: nothing is left below it, all from 50 deg on.
     """

@@ -26,7 +26,7 @@ class Arc(Spec):
     """A curve."""
 
     radius_m: Length
-    """Of the lane's centre [m]."""
+    """Radius of the lane's centre [m]."""
     turn_deg: Annotated[float, Meta(ge=-350, le=350)]
     """To the left positive [deg]."""
 

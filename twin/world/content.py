@@ -53,7 +53,7 @@ class SceneObject(Spec, kw_only=True):
     times_s: list[Time] | None = None
     """When it is at each waypoint, after ``start_s``, from 0 on [s]."""
     waits_s: list[Annotated[float, Meta(ge=0, le=3600)]] | None = None
-    """How long it stands at each waypoint; only where its speed there is 0 [s]."""
+    """Time that it stands at each waypoint; only where its speed there is 0 [s]."""
     start_s: Time = 0.0
     """Sim time at which it sets off; before, it stands at the first waypoint [s]."""
     loop: bool = False
@@ -71,7 +71,7 @@ class SceneObject(Spec, kw_only=True):
     color: Rgb | None = None
     """Paint, or coat; by default the seed chooses."""
     body: Body = "saloon"
-    """Of a car."""
+    """Body of a car."""
 
     def __post_init__(self) -> None:
         points = len(self.waypoints)

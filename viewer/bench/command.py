@@ -37,7 +37,7 @@ SIMULATED = 32
 """Cases of it that are simulated unless somebody says otherwise."""
 
 LOOK_S = 0.1
-"""How often it is looked how far a campaign has come [s]."""
+"""Time between two looks at a campaign's progress [s]."""
 
 CPU_MAX = 0.25
 """Target: the viewer process takes at most this share of a core [-]."""
@@ -53,7 +53,7 @@ class BenchOptions:
     focus: int = 1
     """Cases of these in full."""
     seconds: float = 60.0
-    """How long the viewer is measured; 0: not at all [s]."""
+    """Time for which the viewer is measured; 0: not at all [s]."""
     campaign: str = str(CAMPAIGN)
     """What is simulated with and without viewers."""
     rounds: int = 3

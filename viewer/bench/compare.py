@@ -177,7 +177,7 @@ def _spread(values: list[float], *, best: float) -> dict[str, float]:
 
 
 def _noise(rates: list[float]) -> float:
-    """How far the two best runs differ; a single run says nothing, so all of it is noise."""
+    """Difference of the two best runs; a single run says nothing, so all of it is noise."""
     if len(rates) < 2:
         return 1.0
     first, second = sorted(rates, reverse=True)[:2]

@@ -1,4 +1,4 @@
-"""How far a campaign has come, and what its processes have used: samples while it runs."""
+"""A campaign's progress, and what its processes have used: samples while it runs."""
 
 from __future__ import annotations
 

@@ -18,9 +18,9 @@ NAMES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wa
 """Files of the web viewer, and their types."""
 
 READY_TIMEOUT_S = 30.0
-"""How long the binary may take to serve them [s]."""
+"""Longest time the binary may take to serve the assets [s]."""
 POLL_S = 0.1
-"""How often it is asked [s]."""
+"""Time between two questions whether it serves [s]."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from twin.fabric.zenoh_bus import join
 from viewer.live.command import LiveOptions
 
 CONNECT_S = 2.0
-"""How long the conductor may take to open a session [s]."""
+"""Longest time the conductor may take to open a session [s]."""
 
 
 class PanelRequest(Struct, frozen=True, forbid_unknown_fields=True):
@@ -29,7 +29,7 @@ class PanelRequest(Struct, frozen=True, forbid_unknown_fields=True):
     campaign: str
     case: str
     token: Annotated[int, Meta(ge=1)]
-    """Of the attempt, as the list of running ones says."""
+    """Token of the attempt, as the list of running ones says."""
     settings: dict[str, str | float | bool] = {}
     """As for ``viewer set``."""
     action: Action | None = None

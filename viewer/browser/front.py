@@ -61,10 +61,10 @@ LENGTH_DIGITS_MAX = 18
 """Longer numbers are not even read: Python refuses some of them."""
 
 HUB_S = 10.0
-"""How long the hub may take to begin its answer [s]."""
+"""Longest time the hub may take to begin its answer [s]."""
 
 WATCH_S = 1.0
-"""How often the end of a stream is looked for while its browser is watched [s]."""
+"""Time between two looks for the end of a stream while its browser is watched [s]."""
 
 PIECE_BYTES = 1 << 16
 _PAGES = {

@@ -25,9 +25,9 @@ from viewer.playback.folder import RecordedMoment
 LAPTOP_PORT = 9300
 """Port of the laptop's end of a tunnel in the lines we print."""
 POLL_S = 0.2
-"""How often the hub's process is looked at [s]."""
+"""Time between two looks at the hub's process [s]."""
 END_GRACE_S = 2.0
-"""How long the hub's process may take to leave [s]."""
+"""Longest time the hub's process may take to leave [s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,9 +31,10 @@ from viewer.intervening.pedals import HELP, Pedals, keys
 from viewer.live.command import LiveOptions
 
 PERIOD_S = 0.1
-"""How often the pedals are told, also when nothing has changed: silence gives the car back [s]."""
+"""Time between two messages of the pedals, also when nothing has changed: silence gives the car
+back [s]."""
 CONNECT_S = 5.0
-"""How long the conductor may take to answer [s]."""
+"""Longest time the conductor may take to answer [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +159,7 @@ def line_of(state: HandState, pedals: Pedals) -> str:
 
 
 def described(state: HandState) -> list[str]:
-    """How a case stands, a line each."""
+    """State of a case, in lines for people."""
     there = [each for each in state.objects if each.present]
     lines = [
         f"{state.case} of {state.campaign}, attempt {state.attempt}: tick {state.tick}, "

@@ -35,7 +35,7 @@ from viewer.playback import native
 from viewer.playback.window import ViewerWindow, window
 
 TURN_S = 0.05
-"""How often the slots are emptied: twice as often as a single case's streams come [s]."""
+"""Time between two rounds over the slots: twice as often as a single case's streams come [s]."""
 
 WALL_S = 0.5
 """Shortest time between two pictures of the wall [s]."""
@@ -64,7 +64,7 @@ class LiveOptions:
     cases: tuple[str, ...] = ()
     """Cases to show in full."""
     wait_s: float | None = None
-    """How long to wait for a conductor; None: for ever [s]."""
+    """Longest wait for a conductor; None: for ever [s]."""
     port: int = 0
     """Port of the hub on loopback; 0: a free one."""
     show: bool = True

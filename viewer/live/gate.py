@@ -27,9 +27,9 @@ PIECE_BYTES = 1 << 16
 HEAD_BYTES_MAX = 1 << 16
 """Largest head of a request [bytes]."""
 HEAD_S = 10.0
-"""How long it may take to come [s]."""
+"""Longest time a request's head may take to come [s]."""
 NATIVE = b"PRI * HTTP/2.0\r\n"
-"""How native viewers begin. Browsers speak no HTTP/2 without TLS, so no page sends it."""
+"""First bytes of native viewers. Browsers speak no HTTP/2 without TLS, so no page sends it."""
 REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n\r\n"
 LINES_MAX = 64
 """At the same time, at most; browsers need one per page."""
@@ -47,7 +47,7 @@ class ViewerLine:
 
 
 def laggards(lines: Collection[ViewerLine]) -> list[ViewerLine]:
-    """Of viewers for which one stream stands still: those that have not come as far as others."""
+    """Viewers of one stream that stands still that have not come as far as others."""
     reading = [line for line in lines if line.passed_bytes >= LEAST_BYTES]
     newest_s = max((line.passed_s for line in reading), default=0.0)
     return [line for line in reading if newest_s - line.passed_s > LAG_S]

@@ -28,11 +28,12 @@ HUB_MEMORY = "128MiB"
 as much beside its 200 MB (measured with eight cases in full)."""
 
 PROBE_S = 0.05
-"""How long a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms [s]."""
+"""Longest time a flush may take before the viewer counts as stuck; healthy ones need 4-18 ms
+[s]."""
 
 
 READY_TIMEOUT_S = 30.0
-"""How long Rerun's server may take to listen [s]."""
+"""Longest time Rerun's server may take to listen [s]."""
 POLL_S = 0.01
 
 PATIENCE_S = 5.0
@@ -84,7 +85,7 @@ class ViewerHub:
 
     @property
     def port(self) -> int:
-        """Of :attr:`url`."""
+        """Port of :attr:`url`."""
         return urlsplit(self.url).port or 0
 
     def open(self) -> bool:

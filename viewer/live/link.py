@@ -27,15 +27,15 @@ from twin.fabric.zenoh_bus import join
 from viewer.live.slots import LatestSlots
 
 CONNECT_S = 2.0
-"""How long one try to connect may take [s]."""
+"""Longest time one try to connect may take [s]."""
 ASK_S = 2.0
-"""How long the conductor may take to answer [s]."""
+"""Longest time the conductor may take to answer [s]."""
 PERIOD_S = 1.0
-"""How often it is asked, and how often one that is gone is looked for [s]."""
+"""Time between two questions to the conductor, and between two looks for one that is gone [s]."""
 SILENCE_S = 4.0
 """After so long without a word a new session is tried [s]; Zenoh's own lease is as long."""
 SCENE_S = 10.0
-"""How long a simulator may take to hand out its world [s]."""
+"""Longest time a simulator may take to hand out its world [s]."""
 EVENTS_MAX = 1000
 """Events that wait to be taken, at most; further ones are left out."""
 

@@ -26,7 +26,7 @@ HEIGHT_PX = COLUMNS_MAX * (TILE_HEIGHT_PX + LABEL_PX) + GAP_PX
 """Size of the mosaic, however many tiles it has: a stream of pictures may not change its size."""
 
 TEXT_SCALE = 0.33
-"""Of the names; 26 letters fit below a thumbnail."""
+"""Scale of the names; 26 letters fit below a thumbnail."""
 
 BACKGROUND = 24
 """Grey of what is no picture."""

@@ -35,7 +35,7 @@ PAUSE_S = 5.0
 """Shortest time between two tries: servers lock out who knocks too often [s]."""
 
 READ_S = 60.0
-"""How long a file over there may take to come, passwords included [s]."""
+"""Longest time a file over there may take to come, passwords included [s]."""
 
 _UNFIT = frozenset("'\"`$;&<>|(){}")
 """What no host is called: ssh hands names to shells, as it does with -J."""

@@ -17,7 +17,7 @@ from viewer.playback.frames import RecordedCase, read_case
 from viewer.playback.outputs import write_whole
 
 WIDTH_PX = 320
-"""Of one picture; smaller ones are not enlarged beyond it."""
+"""Width of one picture; smaller ones are not enlarged beyond it."""
 _QUALITY = 80
 _CAPTION_PX = 22
 _GAP_PX = 4

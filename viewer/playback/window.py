@@ -22,13 +22,13 @@ from viewer.recording import naming
 T = TypeVar("T")
 
 READY_TIMEOUT_S = 30.0
-"""How long the viewer may take to start, and to load a recording [s]."""
+"""Longest time the viewer may take to start, and to load a recording [s]."""
 
 LOAD_TIMEOUT_S = 1.0
-"""How long each of many recordings may take besides [s]."""
+"""Longest time that each of many recordings may take besides [s]."""
 
 POLL_S = 0.1
-"""How often it is asked whether it is ready [s]."""
+"""Time between two questions whether the viewer is ready [s]."""
 
 NO_VULKAN = (
     "no Vulkan driver to render with; install mesa-vulkan-drivers "

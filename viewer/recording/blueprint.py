@@ -18,13 +18,13 @@ BACKGROUND = (18, 20, 25)
 SKY = (118, 138, 160)
 
 WALL_SECONDS = 300
-"""How much of the past the overview's plots show [s]."""
+"""Length of the past that the overview's plots show [s]."""
 
 NAMES = uuid.UUID("6c0c39b5-6a29-5f0f-9a5e-0c4b6e1a3d57")
 """Where the ids of a layout's parts come from."""
 
 TRAIL_SECONDS_MAX = 3600
-"""How far back the ego's trail is shown; longer than any case [s]."""
+"""Length of the ego's trail; longer than any case [s]."""
 
 
 def case_blueprint(

@@ -29,10 +29,10 @@ QUEUE_BYTES_MAX = 256 << 20
 """Most bytes that wait to be written [bytes]."""
 
 CONNECT_TIMEOUT_S = 20.0
-"""How long the simulator may take to answer [s]."""
+"""Longest time the simulator may take to answer [s]."""
 
 TURN_S = 1.0
-"""How often it is looked whether messages have waited for too long [s]."""
+"""Time between two looks for messages that have waited for too long [s]."""
 
 CLOSED_MAX = 4
 """Recordings that are closed before Rerun is asked to let go of them: asking takes 1 ms."""
@@ -47,7 +47,7 @@ class OpenRecordings:
     def __init__(self) -> None:
         self._open: dict[int, RecordingFile] = {}
         self._closed = 0
-        """Of them Rerun still has threads and memory."""
+        """Closed recordings of which Rerun still has threads and memory."""
         self.complete = 0
         self.incomplete = 0
 

@@ -43,7 +43,7 @@ BUILDING_HEIGHT_M = 0.2
 POST_M = 1.0
 """A hull with a smaller half length is a tree or a post [m]."""
 IMAGE_PLANE_M = 6.0
-"""How far before a camera its picture hangs in the street [m]."""
+"""Distance before a camera at which its picture hangs in the street [m]."""
 
 SCENE_BYTES_MAX = 256 << 20
 """Largest world that is unpacked [bytes]."""

@@ -18,7 +18,7 @@ from twin.vehicle.vehicle_file import Vehicle
 OWN_SHARE = 0.4
 """Share of the images that the vehicle's own camera takes; the others share the rest [-]."""
 HFOV_DEG = 70.0
-"""Of the vehicle's own camera, as in campaigns [deg]."""
+"""Field of view of the vehicle's own camera, as in campaigns [deg]."""
 
 # Round and round, so that a few cameras hold all kinds; five and four meet in all combinations.
 _MODELS = ("pinhole", "brown_conrady", "fisheye", "pinhole", "brown_conrady")

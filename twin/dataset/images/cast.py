@@ -14,7 +14,7 @@ from twin.world.content import SceneObject
 from twin.world.scene import Scene, load_scene
 
 CAST = (("car", 14), ("truck", 4), ("bus", 3), ("pedestrian", 8), ("cyclist", 3))
-"""How many looks of each kind a street has."""
+"""Number of looks of each kind in a street."""
 PAINT_DISTANCE = 0.06
 """Paints of vehicles outside ``train`` differ by at least this from those of the same body in it:
 distance in gamma-corrected RGB [-]."""
@@ -32,11 +32,11 @@ class Look:
     kind: str
     """As in scene files: car, van, truck, bus, pedestrian, cyclist."""
     body: str
-    """Of a car; otherwise the kind."""
+    """Body of a car; otherwise the kind."""
     color: Paint
     """Linear RGB of the paint or coat [-]."""
     seed: int
-    """Of people: their build and clothes."""
+    """Seed of a person's build and clothes."""
 
     @property
     def name(self) -> str:

@@ -49,7 +49,7 @@ def eyepoint_of(
 
 @dataclass(frozen=True, slots=True)
 class EyeView:
-    """How one camera draws: its lens and the size of its image."""
+    """Projection of one camera: its lens and the size of its image."""
 
     lens: Lens
     width: int

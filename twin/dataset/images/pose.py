@@ -1,4 +1,4 @@
-"""How the vehicle with the camera stands in an image."""
+"""Pose of the vehicle with the camera in an image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many pixels an object would have if nothing stood before it.
+"""Pixels that an object would have if nothing stood before it.
 
 The rays of the camera are cast again, those inside the rectangle around the object alone, and they
 meet the object alone: its own small hierarchy, the same triangles that the camera's picture shows.
@@ -31,14 +31,14 @@ class Item:
     """One object before one camera."""
 
     root: wp.int32
-    """Of its hierarchy."""
+    """Root of its hierarchy."""
     low_x: wp.int32
     """Rectangle of pixels to look through; the high ones are not in it."""
     low_y: wp.int32
     high_x: wp.int32
     high_y: wp.int32
     position: wp.vec3
-    """Of its mesh [m]."""
+    """Position of its mesh [m]."""
     cosine: wp.float32
     sine: wp.float32
     eye: wp.vec3
@@ -101,7 +101,8 @@ class ObjectBody:
 
 
 def bodies_of(world: World) -> list[ObjectBody]:
-    """Of the kinds, without their shade on the ground, then of static instances in world axes."""
+    """Bodies of the kinds, without their shade on the ground, then of static instances in world
+    axes."""
     bodies = [_body(kind.mesh, kind.mesh.tag != DECAL) for kind in world.kinds]
     own = world.mesh.instance
     bodies += [_body(world.mesh, own == instance) for instance in range(world.instances)]
@@ -109,7 +110,7 @@ def bodies_of(world: World) -> list[ObjectBody]:
 
 
 def sign_fronts(world: World) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Of each traffic sign: the middle of its face [m], and where that looks, by instance."""
+    """Fronts of traffic signs by instance: the middle of the face [m], and where it looks."""
     mesh = world.mesh
     found = {}
     for instance in np.unique(mesh.instance[mesh.material == SIGN]).tolist():

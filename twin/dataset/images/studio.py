@@ -120,7 +120,7 @@ class Studio:
     def _annotations(
         self, shots: list[Shot], camera: RayCamera, rays: wp.array
     ) -> list[list[dict[str, Any]]]:
-        """Of every image, by instance."""
+        """Annotations of every image, by instance."""
         eye = self._eyes[shots[0].eye]
         spec = eye.camera
         view = EyeView(eye.mount.lens, spec.width, spec.height, spec.hfov_deg)

@@ -50,7 +50,7 @@ class Placed:
     yaw_rad: float
     speed_mps: float
     phase: int
-    """Of its walk, from 0 on; -1: it stands."""
+    """Phase of its walk, from 0 on; -1: it stands."""
     brake: float
     lamps: float
 

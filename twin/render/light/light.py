@@ -31,7 +31,7 @@ class SlotLight:
     moon_direction: wp.vec3
     moon_rgb: wp.vec3
     cloud_drift: wp.vec2
-    """How fast clouds move, in their height [1/s]."""
+    """Speed of the clouds, over their height [1/s]."""
     cloud_offset: wp.vec2
     """Where they have got to, in their height."""
     extinction: wp.float32
@@ -44,9 +44,9 @@ class SlotLight:
     fall_mps: wp.float32
     """Speed at which drops or flakes fall [m/s]."""
     fallen_m: wp.float32
-    """How far they have fallen since the case began [m]."""
+    """Distance that drops and flakes have fallen since the case began [m]."""
     slant: wp.vec2
-    """How far they drift while they fall, over the fall, world x and y [-]."""
+    """Drift of drops and flakes while they fall, over the fall, world x and y [-]."""
     shutter_s: wp.float32
     time_s: wp.float32
     """Sim time of the frame [s]."""

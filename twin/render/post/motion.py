@@ -23,7 +23,7 @@ _FASTER = wp.constant(1.5)
 _FASTER_PX = wp.constant(1.0)
 """What is faster than a pixel by this factor and length is another object, not its own surface."""
 _BESIDE_PX = wp.constant(1.5)
-"""How far from the middle of its way an object still passes a pixel."""
+"""Distance from the middle of its way at which an object still passes a pixel [px]."""
 
 
 @wp.struct

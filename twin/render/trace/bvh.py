@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class BvhWidth:
-    """How wide a hierarchy is."""
+    """Width of a hierarchy."""
 
     width: int
     """Children of a node."""

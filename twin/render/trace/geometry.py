@@ -53,17 +53,17 @@ class ObjectPose:
     """Where a movable object of a slot is."""
 
     root: wp.int32
-    """Of its kind's hierarchy; 0: it is not there."""
+    """Root of its kind's hierarchy; 0: it is not there."""
     first_face: wp.int32
-    """Of its kind, in the table of faces."""
+    """First face of its kind, in the table of faces."""
     instance: wp.int32
     position: wp.vec3
-    """Of the kind's origin, world [m]."""
+    """Position of the kind's origin, world [m]."""
     cosine: wp.float32
-    """Of its yaw."""
+    """Cosine of its yaw."""
     sine: wp.float32
     centre: wp.vec3
-    """Of the sphere around it, world [m]."""
+    """Centre of the sphere around it, world [m]."""
     radius: wp.float32
     """[m]"""
     half: wp.vec2
@@ -86,7 +86,7 @@ class RayScene:
     """Hierarchies of the static mesh, then of each kind; see :mod:`twin.render.trace.bvh`."""
     leaves: wp.array(dtype=wp.float32)
     faces: wp.array(dtype=Face)
-    """Of the static mesh, then of each kind."""
+    """Faces of the static mesh, then of each kind."""
     uv: wp.array(dtype=wp.vec2)
     """Texture coordinates of each face's three corners [3 F]."""
     ambient: wp.array(dtype=wp.float32)

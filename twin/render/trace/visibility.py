@@ -25,7 +25,7 @@ _TILE_COLUMNS = wp.constant(TILE_COLUMNS)
 _TILE_ROWS = wp.constant(TILE_ROWS)
 _TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
 SUN_RANGE_M = wp.constant(400.0)
-"""How far away something may be that shadows [m]."""
+"""Distance at which something may still cast a shadow [m]."""
 
 SECOND_RANGE_M = wp.constant(40.0)
 """Farther glass and lacquer mirror nothing but the sky [m]."""
@@ -46,7 +46,7 @@ OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
 BYTES_PER_PIXEL = 26
-"""Of :class:`PixelsSeen`."""
+"""Size of a pixel of :class:`PixelsSeen` [bytes]."""
 CHUNK_PIXELS = 1 << 24
 """Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
 
@@ -64,7 +64,7 @@ class PixelsSeen:
     listed: wp.array(dtype=wp.int32)
     """Threads whose pixels need second rays, in any order."""
     listed_count: wp.array(dtype=wp.int32)
-    """How many [1]."""
+    """Number of listed pixels [1]."""
     second: wp.array2d(dtype=wp.float16)
     """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
 

@@ -125,7 +125,7 @@ def moon_illuminance_lx(phase_angle_deg: float) -> float:
 
 
 def refraction_deg(elevation_deg: float) -> float:
-    """How far the atmosphere lifts a body at a true elevation (NOAA) [deg]."""
+    """Angle by which the atmosphere lifts a body at a true elevation (NOAA) [deg]."""
     if elevation_deg > 85.0:
         return 0.0
     h = elevation_deg

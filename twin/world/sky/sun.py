@@ -77,7 +77,7 @@ class Daylight:
     exposure: float
     """Factor from luminance to the camera's linear signal [m^2/cd]."""
     shutter_s: float
-    """How long the camera exposes [s]."""
+    """Exposure time of the camera [s]."""
     shadows: bool
     """The sun casts shadows."""
     lamps_on: bool

@@ -68,9 +68,9 @@ class WeatherParameters:
     sky_factor: float
     """Daylight that is left below the clouds' rain or snow [-], 0..1."""
     rain: float
-    """How much rain one sees [-], 0 none, 1 heavy."""
+    """Amount of rain one sees [-], 0 none, 1 heavy."""
     snow: float
-    """How much falling snow one sees [-], 0 none, 1 heavy."""
+    """Amount of falling snow one sees [-], 0 none, 1 heavy."""
     wetness: float
     """Water on the road [-], 0 dry, 1 a closed film."""
     snow_cover: float

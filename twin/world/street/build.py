@@ -63,7 +63,7 @@ class World:
     has_obstacle: bool = True
     """The first collider is the broken-down car."""
     cars: int = 0
-    """How many of the first colliders are vehicles; instance i is the object of collider i."""
+    """Number of the first colliders that are vehicles; instance i is the object of collider i."""
     things: tuple[Thing, ...] = ()
     """What the hulls belong to: one entry per collider, then one per movable object."""
     notes: tuple[str, ...] = ()

@@ -109,7 +109,8 @@ def add_house(
 def _free_depth(
     layout: Layout, front: tuple[float, float, float], width_m: float, depth_m: float
 ) -> float:
-    """How deep a building may be so that it stands in no street; 0: not even a shallow one [m]."""
+    """Depth that a building may have without standing in a street; 0: not even a shallow one
+    [m]."""
     if not layout.lane.closed:
         return depth_m
     x, y, yaw = front

@@ -37,7 +37,7 @@ _CLOTHS: tuple[Color, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How a building looks."""
+    """Looks of a building."""
 
     material: int
     color: Color

@@ -48,7 +48,7 @@ class StreetBlock:
     closes: bool
     """A side street lies behind it."""
     curvature: float = 0.0
-    """Of the lane, to the left [1/m]."""
+    """Curvature of the lane, to the left [1/m]."""
 
     @property
     def walls(self) -> tuple[float, float]:
