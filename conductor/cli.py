@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 app = make_app(
     "conductor",
     "Runs campaigns of test cases. `conductor run aeb-demo` does it all on this machine; "
-    "`conductor serve`, `conductor submit` and `twin worker` do it by hand, on many.",
+    "`conductor serve`, `conductor submit` and `twin worker` do it process by process, on many.",
 )
 
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
@@ -304,7 +304,7 @@ def submit(
 ) -> None:
     """Submit a campaign to a conductor that serves; it takes a key of role submitter.
 
-    Workers run what a campaign names, so an invitation to steer (admin) does not open this.
+    Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import ConductorClient
     from twin.fabric.keys.roles import Role

@@ -421,8 +421,8 @@ Release = Literal[
     "intervened",
     "refused",
 ]
-"""Why an attempt ended without a result; ``intervened``: a hand has steered it; ``refused``: a file
-that it needs is not what the campaign was submitted with."""
+"""Why an attempt ended without a result; ``intervened``: an intervention has changed it;
+``refused``: a file that it needs is not what the campaign was submitted with."""
 
 
 ATTEMPT_DIR = r"^(cases/[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}/attempt-[0-9]{1,9})?\Z"
@@ -430,7 +430,7 @@ ATTEMPT_DIR = r"^(cases/[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}/attempt-[0-9]{1,9})?\Z
 
 
 class Touch(Struct, frozen=True):
-    """What a hand last did to an attempt."""
+    """Last intervention in an attempt."""
 
     tick: Ticks
     what: str
@@ -574,7 +574,8 @@ class Next(Struct, frozen=True, tag_field="verb", tag="next"):
     results: Annotated[list[Result], Meta(max_length=ENTRIES_MAX)] = []
     ended: Annotated[list[Ended], Meta(max_length=ENTRIES_MAX)] = []
     held: Annotated[list[Token], Meta(max_length=ENTRIES_MAX)] = []
-    """Tokens in hand; a lease of this worker that is not listed was lost on the way."""
+    """Tokens that the worker holds; a lease of this worker that is not listed was lost on the
+    way."""
     remaining_s: float | None = None
     """Walltime left for cases [s]; None: no end is known."""
     session: Session = b""
@@ -590,7 +591,7 @@ class Beat(Struct, frozen=True, tag_field="verb", tag="beat"):
     held: Annotated[dict[TokenText, Progress], Meta(max_length=ENTRIES_MAX)]
     """Token (decimal) -> progress (case ticks)."""
     touched: Annotated[dict[TokenText, Touch], Meta(max_length=ENTRIES_MAX)] = {}
-    """Token (decimal) -> what a hand has done to it since the last beat that was answered."""
+    """Token (decimal) -> last intervention in it since the last beat that was answered."""
     session: Session = b""
 
 

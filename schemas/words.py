@@ -1,4 +1,4 @@
-"""Words in our lines: what strangers wrote, and nouns and verbs that go with a number."""
+"""Untrusted text escaped for one line, and nouns and verbs that go with a number."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ WORDS_MAX = 1000
 
 
 def plain(text: str, longest: int = WORDS_MAX) -> str:
-    """``text`` on one line: what would end it or move a terminal's cursor is written out
-    (``\\x1b``), and what is too long is cut."""
+    """``text`` escaped on one line: what would end it or move a terminal's cursor becomes
+    ``\\x1b``, and what is too long is cut."""
     if len(text) > longest:
         text = f"{text[: longest - 3]}..."
     if text.isprintable():

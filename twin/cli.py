@@ -167,7 +167,7 @@ def worker(
 @app.command()
 def reenact(
     attempt: Annotated[
-        Path, typer.Argument(help="Folder of an attempt that was steered, with its journal.")
+        Path, typer.Argument(help="Folder of an attempt with interventions, and their journal.")
     ],
     device: Device = "cpu",
     slots: Annotated[
@@ -177,7 +177,7 @@ def reenact(
         Path | None, typer.Option(help="Keep the new attempt's files below this folder.")
     ] = None,
 ) -> None:
-    """Run a steered attempt again from its journal; exits 1 if its KPIs differ."""
+    """Run an attempt with interventions again from its journal; exits 1 if its KPIs differ."""
     from twin.worker.reenact import reenact
 
     raise typer.Exit(reenact(attempt, device, slots, out))

@@ -32,8 +32,8 @@ register_steering(app)
 
 @app.command(hidden=True)
 def record(
-    connect: str = typer.Option(..., help="Endpoint of a simulator's view feed."),
-    rig: str = typer.Option(..., help="Rig of that feed."),
+    connect: str = typer.Option(..., help="Endpoint of a simulator's view."),
+    rig: str = typer.Option(..., help="Rig of that simulator."),
     namespace: str = typer.Option("twin", help="Namespace of the conductor."),
     key: KeyOption = None,
 ) -> None:

@@ -147,7 +147,7 @@ class AttemptEnded(_Fact, frozen=True):
 
 
 class Intervention(_Fact, frozen=True):
-    """A hand has done something to a running attempt."""
+    """Somebody has intervened in a running attempt."""
 
     campaign: str
     case: str
@@ -173,7 +173,7 @@ class Charge(Struct, frozen=True):
 
 
 class SteeredAttempt(Struct, frozen=True):
-    """An attempt that gave no verdict, because a hand has steered it."""
+    """An attempt that gave no verdict, because an intervention has changed it."""
 
     attempt: int
     detail: str

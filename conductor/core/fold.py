@@ -67,7 +67,7 @@ LATE_MAX = 16
 LOST_WORKERS_MAX = 64
 """Most names of workers that fell silent with a case."""
 TOUCH_CHARS_MAX = 300
-"""Longest words of a hand that are kept [characters]."""
+"""Longest description of an intervention that is kept [characters]."""
 
 
 def fold(facts: Iterable[Fact], config: Config | None = None) -> State:
@@ -319,7 +319,7 @@ def _intervention(state: State, fact: Intervention) -> None:
 
 
 def touch_of(touch: Touch | Intervention) -> str:
-    """What a hand did, in words."""
+    """Description of an intervention, for people."""
     effect = f"no verdict, changes: {touch.changes}" if touch.changes else "it keeps its verdict"
     return f"{touch.what[:TOUCH_CHARS_MAX]} at tick {touch.tick}; {effect}"
 

@@ -116,7 +116,7 @@ class LiveLease:
     """As the case was leased."""
     speculative: bool = False
     touched: str = ""
-    """What a hand last did to it, and when; empty: nothing."""
+    """Last intervention in it, and when; empty: none."""
     granted_ns: int = _volatile(0)
     """When it was granted, or when this process learned of it [ns]."""
     expiry_ns: int = _volatile(0)

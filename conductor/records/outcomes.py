@@ -79,7 +79,7 @@ class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     realtime: Realtime | None = None
     """How it went by the wall clock; None: in lockstep."""
     steered: list[str] = []
-    """Attempts without a verdict, because a hand has steered them."""
+    """Attempts without a verdict, because of interventions."""
 
 
 class Outcomes(msgspec.Struct, frozen=True, kw_only=True):

@@ -112,11 +112,11 @@ class Audit:
             )
 
     def refused(self, door: str, words: str) -> None:
-        """A message that came on ``door`` was refused."""
+        """A message that came on the RPC route ``door`` was refused."""
         self._message("refused", door, words)
 
     def asked(self, door: str, request: Request, error: str) -> None:
-        """``request`` came on ``door``; it is logged if it is a command."""
+        """Request that came on the RPC route ``door``; it is logged if it is a command."""
         match request:
             case Submit():
                 words = f"submit {request.campaign.get('campaign', '')}"

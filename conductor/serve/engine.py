@@ -48,10 +48,10 @@ class Auditor(Protocol):
     """Who writes the log of refusals and commands; see :class:`conductor.serve.audit.Audit`."""
 
     def refused(self, door: str, words: str) -> None:
-        """A message that came on ``door`` was none."""
+        """A message that came on the RPC route ``door`` was none."""
 
     def asked(self, door: str, request: Request, error: str) -> None:
-        """``request`` came on ``door``, and was refused if there is an ``error``."""
+        """Request that came on the RPC route ``door``, and was refused if there is an ``error``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ class Inbox:
         self._lock = threading.Lock()
 
     def receive(self, payload: bytes, respond: Respond, door: str = "") -> None:
-        """A request came in, on the key ``door`` if on any; from any thread."""
+        """A request came in, on the RPC route ``door`` if on any; from any thread."""
         size = len(payload)
         if size > (most := bytes_max(door)):
             # Unread, so that it does not wait in memory with others of its kind.

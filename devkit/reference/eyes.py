@@ -42,7 +42,7 @@ class Eyes:
                 self._perception(each)
 
     def reset(self, slot: int, episode: Episode) -> None:
-        """Give ``slot`` the eyes of a new case.
+        """Give ``slot`` the perception of a new case.
 
         Raises:
             UsageError: its network cannot be loaded; one line naming the file.

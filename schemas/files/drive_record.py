@@ -66,7 +66,7 @@ class RecordSeen(Struct, frozen=True, tag_field="block", tag="seen"):
 
 
 class RecordAnswer(Struct, frozen=True, tag_field="block", tag="answer"):
-    """The stack's own command for the tick before; a hand on the case changes it only later."""
+    """The stack's own command for the tick before; an intervention changes it only later."""
 
     command: Command
 

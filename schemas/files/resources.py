@@ -42,9 +42,9 @@ class ResourceSample(Struct, frozen=True, kw_only=True):
     host: str
     worker: str
     batch: int
-    """Batch of all cases in hand; 0: none, or of several batches."""
+    """Batch of all cases that the worker holds; 0: none, or of several batches."""
     cases: int
-    """Cases in hand of this campaign."""
+    """Cases of this campaign that the worker holds."""
     cpu_cores: float | None
     """CPU time per wall time of the worker and its children since the sample before [cores]."""
     ram_bytes: int

@@ -22,7 +22,7 @@ MESSAGE_BYTES_MAX = FILES_BYTES_MAX + (1 << 20)
 
 
 Extra = Literal["interventions.jsonl", "judge.json", "realtime.csv"]
-"""Files that an attempt may have besides KPIs and log: what was done to it by hand, what its judge
+"""Files that an attempt may have besides KPIs and log: interventions, what its judge
 needs, and how it went by the wall clock."""
 EXTRAS: tuple[Extra, ...] = get_args(Extra)
 

@@ -134,7 +134,7 @@ class StateSample(Struct, frozen=True):
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
     width, height [m]."""
     hand: str = ""
-    """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
+    """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 
 
 class CameraSample(Struct, frozen=True):
@@ -236,7 +236,7 @@ class Thumbnail(Judged, frozen=True):
     """Empty: the case is running."""
     verdict: str = ""
     hand: str = ""
-    """What somebody has done to the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
+    """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
 
 
 class FeedEnd(Struct, frozen=True):

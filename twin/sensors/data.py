@@ -1,4 +1,4 @@
-"""What a sensor hands over."""
+"""Readings that a sensor gives."""
 
 from __future__ import annotations
 

@@ -160,14 +160,14 @@ Effect = (
 
 @dataclass(slots=True)
 class Held:
-    """A lease in hand."""
+    """Lease that the worker holds."""
 
     lease: Lease
     progress: int = -1
     moved_ns: int = 0
     """When progress was last seen [ns]."""
     touch: Touch | None = None
-    """What a hand last did to it."""
+    """Last intervention in it."""
     told: bool = True
     """The conductor knows."""
     over: bool = False
@@ -333,7 +333,7 @@ class Core:
         return effects
 
     def on_touched(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
-        """A hand has done something to a case; the conductor hears of it at once."""
+        """Somebody has intervened in a case; the conductor hears of it at once."""
         held = self.held.get(token)
         if held is not None:
             held.touch, held.told = touch, False
@@ -341,7 +341,7 @@ class Core:
         return []
 
     def on_steered(self, result: Result, changes: int, now_ns: int) -> list[Effect]:
-        """A case ended that a hand has steered: it goes back uncharged, to be run without."""
+        """A case that an intervention has changed ended: it goes back, uncharged."""
         held = self.held.pop(result.token, None)
         if held is None:
             return []  # abandoned meanwhile

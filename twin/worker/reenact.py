@@ -1,4 +1,4 @@
-"""Run a steered attempt again from its journal, without the hand: the bytes must be the same."""
+"""Attempts with interventions, run again from their journal: the bytes must be the same."""
 
 from __future__ import annotations
 

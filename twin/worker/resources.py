@@ -34,7 +34,7 @@ class ProcessReading:
 
 @dataclass(frozen=True, slots=True)
 class CampaignWork:
-    """Cases in hand that belong to one campaign."""
+    """Cases of one campaign that the worker holds."""
 
     out: str
     """Campaign folder."""
@@ -60,7 +60,8 @@ class Meter:
     def sample(
         self, work: Sequence[CampaignWork], time_ns: int, now_ns: int
     ) -> list[ResourceSample]:
-        """One sample per campaign in hand; without work only the counters are read.
+        """One sample per campaign that the worker holds cases of; without work only the counters
+        are read.
 
         Args:
             work: cases in hand, by campaign.

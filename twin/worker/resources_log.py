@@ -33,7 +33,7 @@ class ResourceLog:
 
     def __init__(self, worker: str, host: str, device: str, say: Callable[[str], None]) -> None:
         self.work: tuple[CampaignWork, ...] = ()
-        """Cases in hand by campaign; set by the worker's loop."""
+        """Cases that the worker holds, by campaign; set by the worker's loop."""
         self._worker = worker
         self._host = host
         self._device = device
@@ -72,7 +72,7 @@ class ResourceLog:
 
 
 def work_of(leases: Iterable[Lease]) -> tuple[CampaignWork, ...]:
-    """Leases in hand, by campaign folder."""
+    """Leases that the worker holds, by campaign folder."""
     batches: dict[str, list[int]] = {}
     for lease in leases:
         batches.setdefault(lease.out, []).append(lease.case.batch)

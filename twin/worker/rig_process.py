@@ -225,7 +225,7 @@ class RigProcess:
         return ("--key", str(self._options.key.path)) if self._options.key else ()
 
     def assign(self, lease: Lease, replay: Sequence[RecordedAction] = ()) -> None:
-        """Hand a lease to the simulator; ``replay``: with what a hand once did to it."""
+        """Hand a lease to the simulator; ``replay``: with the interventions of its journal."""
         self._output.begin(lease.token, lease.case.id)
         self._write(pack(Assign(lease, list(replay))))
 

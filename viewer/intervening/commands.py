@@ -1,4 +1,4 @@
-"""Commands that steer a running case by hand, for :mod:`viewer.cli`."""
+"""Commands that intervene in a running case, for :mod:`viewer.cli`."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def set_(
 ) -> None:
     """Change weather, hour, place, lamps, sensor errors or pace of a running case.
 
-    All but the pace cost the attempt its verdict; the case then runs once more, untouched.
+    All but the pace cost the attempt its verdict; the case then runs once more, unchanged.
     """
     try:
         actions = actions_of(parse_words(settings))
@@ -111,7 +111,7 @@ def takeover(
 ) -> None:
     """Drive a running case by the keyboard of this terminal, in real time, until Q.
 
-    The attempt then gives the case no verdict; the case runs once more, untouched.
+    The attempt then gives the case no verdict; the case runs once more, unchanged.
     """
     from viewer.intervening.command import take_over
 
@@ -125,7 +125,7 @@ _PLAIN: dict[str, tuple[Action, str]] = {
         "Let a running case stand still; others go on, and its values stay the same.",
     ),
     "resume": (Resume(), "Let a case that stands still go on."),
-    "release": (GiveBack(), "Give a car that is driven by hand back to its stack."),
+    "release": (GiveBack(), "Give a car that was taken over back to its stack."),
     "look": (Query(), "Say how a running case stands, with its movable objects."),
 }
 

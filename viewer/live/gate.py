@@ -1,5 +1,5 @@
-"""The hub's door: strangers stay outside, and a viewer that stops reading is shown out while others
-wait for it.
+"""The gate before the hub: other clients stay outside, and a viewer that stops reading is shown out
+while others wait for it.
 
 Rerun's server hands all viewers the same stream and waits for the slowest. No socket shows which
 that is: what a viewer may be sent is limited one layer above. But when the stream stands still,

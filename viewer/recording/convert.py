@@ -124,7 +124,7 @@ class CaseConverter:
         return [(naming.SUMMARY, _document(ended_text(self._start, end, lost)))]
 
     def touched(self) -> list[Logged]:
-        """What stands above the case after a hand has done something to it, static."""
+        """Text above the case after an intervention, static."""
         return [(naming.SUMMARY, _document(running_text(self._start, self.hand)))]
 
     def _has_moved(self, sample: StateSample) -> bool:

@@ -21,8 +21,8 @@ _LANE_SCALARS = {
 
 
 def running_text(start: CaseStart, hand: str = "") -> str:
-    """While the case runs, and for ever if its recorder is killed; ``hand``: what somebody has done
-    to it."""
+    """Text while the case runs, and for ever if its recorder is killed; ``hand``: the intervention
+    in it."""
     state = f"RUNNING, {hand.upper()}" if hand else "RUNNING"
     return f"**{state}**\n\n{_what(start)}\n"
 

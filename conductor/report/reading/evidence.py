@@ -30,7 +30,7 @@ class Evidence:
     """Results that came a second time, with a dead token, and could be compared."""
     disagreements: int
     steered: list[str]
-    """Attempts without a verdict, because a hand has steered them, one line each."""
+    """Attempts without a verdict, because of interventions, one line each."""
 
 
 def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -> Evidence:

@@ -110,8 +110,8 @@ def _check_before(path: Path) -> None:
 
 
 def _check_named(file: Path, path: Path) -> None:
-    """Refuse a file that the mesh ``path`` names and trimesh would read: a device, a pipe, a
-    giant."""
+    """Refuse a file that the mesh ``path`` names and trimesh would read: a device, a pipe, an
+    oversized file."""
     try:
         if not file.exists() or file.is_dir():
             return

@@ -46,10 +46,11 @@ class CaseEnvironment:
         self._hand_weather: WeatherParameters | None = None
         self._hand_minute: float | None = None
         self.shown = case.weather
-        """Name of the weather now; empty: intensities that somebody set by hand."""
+        """Name of the weather now; empty: intensities that an intervention set."""
 
     def override(self, change: SetEnvironment) -> None:
-        """Weather and clock by hand, from now on and whatever the timeline says.
+        """Weather and clock as an intervention sets them, from now on and whatever the timeline
+        says.
 
         Raises:
             ValueError: no such weather; one line.
