@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-train install-bench demo test faults redteam fuzz soak offline planted mutation check lock models clean
+.PHONY: help install install-test install-test-all install-train install-bench demo test test-all faults redteam fuzz soak offline planted mutation check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
-	@echo "make test     install what the tests need, then run them"
+	@echo "make test     install what the quick tests need, then run them: some minutes"
+	@echo "make test-all everything: processes, faults, clusters, browsers, torch (half an hour)"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
 	@echo "make redteam  the table of attacks of docs/security.md, on real processes with two users (root)"
@@ -18,7 +19,7 @@ help:
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
-	@echo "make check    format, lint, types and layers, in under a minute"
+	@echo "make check    format, lint, types, layers and the shape of the code, in under a minute"
 
 install: $(VENV)/.installed
 
@@ -31,8 +32,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 install-test: $(VENV)/.installed-test
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,train,export]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,export]'
 	@touch $@
+
+install-test-all: $(VENV)/.installed-test install-train
 
 install-bench: install
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]'
@@ -47,10 +50,14 @@ $(VENV)/.installed-train: $(VENV)/.installed
 demo: install
 	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
 
+# No torch, browser or scheduler; one real run of every command.
 test: install-test
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses auto --dist loadgroup)
+
+test-all: install-test-all
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--numprocesses auto --dist loadgroup)
 
-# More than a thousand faults; goes on where it was stopped. `make test` injects each once.
+# More than a thousand faults; goes on where it was stopped. `make test-all` injects each once.
 faults: install-test
 	$(BIN)/python tests/faults/run.py --out build/faults --page docs/reliability.md $(ARGS)
 
@@ -65,7 +72,7 @@ fuzz: install-test
 soak: install-test
 	$(BIN)/python tests/soak.py --cases 20000
 
-# Half a gigabyte of wheels and two images, several minutes; `make test` leaves it out.
+# Half a gigabyte of wheels and two images, several minutes; `make test-all` leaves it out.
 offline: install-test
 	OFFLINE=1 PATH="$$(dirname $$(tests/e2e/install_apptainer.sh build/apptainer)):$$PATH" \
 	  $(BIN)/pytest tests/e2e/test_offline.py tests/e2e/test_containers.py $(ARGS)
@@ -83,6 +90,7 @@ check: install-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/python tests/house/shape.py
 
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:

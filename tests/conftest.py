@@ -3,6 +3,7 @@ pytest-xdist runs together in one process."""
 
 import atexit
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -34,11 +35,53 @@ APART = (
 LONG = ("test_viewer", "test_viewer_web", "test_hand_on_a_case", "test_conductor_swarm")
 """Further long files."""
 
+IMPORTS = {"playwright": "browser", "torch": "train"}
+"""Mark of every file of tests that imports a package, which the quick lane does not install."""
+FOLDERS = {"e2e": "e2e", "faults": "faults", "redteam": "faults"}
+"""Mark of every file in a folder of tests."""
+_IMPORT = re.compile(rf"^\s*(?:from|import) ({'|'.join(IMPORTS)})\b", re.MULTILINE)
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+
+def marks_of(path: Path) -> set[str]:
+    """What a file of tests needs beyond Python and a core."""
+    marks = {IMPORTS[package] for package in _IMPORT.findall(path.read_text())}
+    marks |= {mark for folder, mark in FOLDERS.items() if folder in path.parts}
+    return marks | ({"cluster"} if path.stem in CLUSTER else set())
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--lane quick``: what ``make test`` runs."""
+    parser.addoption(
+        "--lane",
+        choices=("quick", "all"),
+        default="all",
+        help="quick: neither processes and clusters nor browsers and torch, but one run of every "
+        "command; all: everything (default)",
+    )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """The quick lane does not even import files of the other, whose packages may be missing."""
+    if config.getoption("lane") == "all" or not collection_path.name.startswith("test_"):
+        return None
+    quick = "pytest.mark.quick" in collection_path.read_text()
+    return True if marks_of(collection_path) and not quick else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
+    if config.getoption("lane") == "quick":
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
     items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
+    marks: dict[Path, set[str]] = {}
+    for item in items:
+        if item.path not in marks:
+            marks[item.path] = marks_of(item.path)
+        for mark in marks[item.path]:
+            item.add_marker(mark)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -108,7 +108,7 @@ def handles(check: Check) -> None:
     there.assign(pictures)
     wp.synchronize_device(check.device)
     child = (
-        "import sys, hashlib, time; from twin.fabric import cuda\n"
+        "import sys, hashlib, time; from twin.base.gpu import cuda\n"
         "h, p, n, d = sys.argv[1:]\n"
         "proved = cuda.proves(bytes.fromhex(p), n, d)\n"
         "m = cuda.DeviceMemory(bytes.fromhex(h), '|u1', [64, 360, 640, 3], d)\n"

@@ -21,7 +21,7 @@ import json, os, sys
 from pathlib import Path
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 from schemas import SCHEMA_VERSION
-from schemas.wire.codec import topics
+from schemas.wire import topics
 from schemas.messages import StatusRequest, Submit
 from schemas.wire.codec import encode
 from twin.fabric.keys.authority import make_keys

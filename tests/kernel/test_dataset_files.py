@@ -19,6 +19,8 @@ from twin.dataset.command import DatasetRequest, run_dataset, show_dataset
 from twin.dataset.crew.making import make_dataset
 from twin.dataset.recipe import SPLITS, DatasetRecipe, Shares, Streets
 
+pytestmark = pytest.mark.slow
+
 RECIPE = DatasetRecipe(
     seed=6,
     count=14,

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgpack
 import msgspec
+import pytest
 from conductor_bench import S, campaign, hello, next_of, result, secret, submit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -211,6 +212,7 @@ def thrown(groups: list[list[dict[str, Any]]], files: list[dict[str, Any]]) -> N
             journal.close()
 
 
+@pytest.mark.slow
 def test_no_request_raises_or_keeps_the_journal_in_a_transaction() -> None:
     TAKEN.clear()
     thrown()

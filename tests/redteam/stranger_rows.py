@@ -82,8 +82,8 @@ def announces_a_command(theatre: Theatre) -> Found:
 FETCHES = """
 import sys
 from pathlib import Path
-from hpc.inputs import Repository, fetch_repository
-fetch_repository(Repository(sys.argv[1], "main"), Path(sys.argv[2]))
+from hpc.inputs import NamedRepository, fetch_repository
+fetch_repository(NamedRepository(sys.argv[1], "main"), Path(sys.argv[2]))
 """
 
 

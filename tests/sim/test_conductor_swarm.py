@@ -39,6 +39,11 @@ def _run(seed: int) -> Swarm:
         raise AssertionError(f"seed {seed}: {error} (SWARM_SEED={seed} runs it alone)") from error
 
 
+def test_every_case_ends_exactly_once_in_the_first_seeds() -> None:
+    assert sum(_run(seed).counts["requests"] for seed in range(100)) > 1000
+
+
+@pytest.mark.slow
 def test_every_case_ends_exactly_once_whatever_fails() -> None:
     counts: Counter[str] = Counter()
     facts: Counter[str] = Counter()

@@ -7,24 +7,22 @@ import numpy as np
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
 from schemas.files.judging import HitRecord, JudgeRecord, LaneRecord
+from twin.kpi.course import Course
 from twin.road.lane import LanePath
-from twin.scenario.surroundings import Surroundings
 from twin.vehicle.columns import COLUMN, TELEMETRY
 from twin.world.things import Thing
 
 
-def judge_record(
-    case: Case, state: np.ndarray, ground: Surroundings, hit: Thing | None
-) -> JudgeRecord:
+def judge_record(case: Case, state: np.ndarray, course: Course, hit: Thing | None) -> JudgeRecord:
     """The record of a case that ends.
 
     Args:
         case: the case.
         state: its vehicle's state [T].
-        ground: the lane and the target.
+        course: the lane and what stands in it.
         hit: what the ego hit first.
     """
-    lane, target = ground.lane, ground.target
+    lane, target = course.lane, course.target
     return JudgeRecord(
         v=SCHEMA_VERSION,
         case=case.id,
@@ -34,9 +32,9 @@ def judge_record(
         impact_step=int(state[COLUMN["impact_step"]]),
         moved=bool(state[COLUMN["moved"]]),
         target=None if target is None else tuple(target.tolist()),
-        centre_offset_m=ground.centre_offset_m,
-        half_length_m=ground.half_length_m,
-        half_width_m=ground.half_width_m,
+        centre_offset_m=course.centre_offset_m,
+        half_length_m=course.half_length_m,
+        half_width_m=course.half_width_m,
         lane=lane_record(lane),
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
     )
@@ -63,8 +61,8 @@ def state_of(record: JudgeRecord) -> np.ndarray:
     return state
 
 
-def surroundings_of(record: JudgeRecord) -> Surroundings:
-    """The lane and the target."""
+def course_of(record: JudgeRecord) -> Course:
+    """The lane and what stands in it."""
     lane = LanePath(
         np.array(record.lane.station_m),
         np.array(record.lane.start),
@@ -73,9 +71,7 @@ def surroundings_of(record: JudgeRecord) -> Surroundings:
         record.lane.closed,
     )
     target = None if record.target is None else np.array(record.target)
-    return Surroundings(
-        lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m
-    )
+    return Course(lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m)
 
 
 def hit_of(record: JudgeRecord) -> Thing | None:

@@ -66,8 +66,6 @@ class SlotRun:
 
     lease: Lease
     recorded: bool
-    target: int | None = None
-    """Collider that its scenario is about; None: there is none."""
     samples: int = 0
     """Running numbers handed out."""
     last_tick: int = -1
@@ -93,9 +91,10 @@ class Began:
     run: SlotRun
     seq: int
     colliders: np.ndarray
-    """float64 [N, 5]: x, y, yaw, half length, half width."""
+    """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first, if
+    there is one."""
     cars: int
-    """How many of the first colliders are cars."""
+    """How many of the colliders are cars, an obstacle included."""
 
 
 @dataclass(frozen=True, slots=True)

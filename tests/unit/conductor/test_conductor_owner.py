@@ -166,8 +166,8 @@ def test_a_crash_on_the_same_host_is_no_obstacle(tmp_path: Path) -> None:
         "import os, signal\n"
         "from pathlib import Path\n"
         "from conductor.journal.store import Journal\n"
-        "from conductor.journal.owner import Owner\n"
-        f"Journal(Path({str(tmp_path)!r}), owner=Owner('a', 'here', 1))\n"
+        "from conductor.journal.owner import FolderOwner\n"
+        f"Journal(Path({str(tmp_path)!r}), owner=FolderOwner('a', 'here', 1))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     assert subprocess.run([sys.executable, "-c", program]).returncode == -signal.SIGKILL

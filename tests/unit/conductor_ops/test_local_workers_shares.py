@@ -24,9 +24,9 @@ RUN = """
 import sys
 from conductor import cli
 from conductor.run import command as run
-from conductor.run.places import Place
+from conductor.run.places import WorkerPlace
 from schemas.messages import Share
-run._places = lambda options, left: [Place("cpu", (), Share(n, 2, 0, 1)) for n in range(2)]
+run._places = lambda options, left: [WorkerPlace("cpu", (), Share(n, 2, 0, 1)) for n in range(2)]
 sys.exit(cli.main())
 """
 

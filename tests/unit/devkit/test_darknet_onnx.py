@@ -58,6 +58,7 @@ def compare(network: DarknetNetwork, *, fold: bool = True, batch: int = 2, seed:
     return len(layers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARCHITECTURES)
 def test_published_architectures_at_full_width_layer_by_layer(name):
     network = architecture_network(name, width=96, height=64)

@@ -182,6 +182,7 @@ def test_expired_keys_are_made_anew(own, state):
     assert load_or_make(state).fabric == again.fabric
 
 
+@pytest.mark.slow
 def test_keys_of_state_folders_that_are_gone_go_in_time(own, tmp_path):
     states = []
     for number in range(2 * SWEPT_MAX):

@@ -249,7 +249,7 @@ def test_two_at_once_run_the_setup_once(bare, cache, tmp_path):
     setup = f"echo run >> {tmp_path}/runs"
     script = (
         "import sys; from pathlib import Path; from hpc.inputs import *; "
-        "print(fetch_repository(Repository(*sys.argv[1:4]), Path(sys.argv[4])).folder)"
+        "print(fetch_repository(NamedRepository(*sys.argv[1:4]), Path(sys.argv[4])).folder)"
     )
     words = [sys.executable, "-c", script, str(bare), "main", setup, str(cache)]
     children = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(4)]
@@ -298,7 +298,7 @@ def test_two_at_once_without_locks(bare, cache, tmp_path, monkeypatch):
 def test_a_fetch_that_was_killed_leaves_no_entry(bare, cache, tmp_path):
     script = (
         "import sys; from pathlib import Path; from hpc.inputs import *; "
-        "fetch_repository(Repository(*sys.argv[1:4]), Path(sys.argv[4]))"
+        "fetch_repository(NamedRepository(*sys.argv[1:4]), Path(sys.argv[4]))"
     )
     ready = tmp_path / "ready"
     os.mkfifo(ready)

@@ -1,1 +1,0 @@
-"""A broken-down car stands in the ego's lane: does the ego stop for it?"""
