@@ -7,7 +7,7 @@ from pathlib import Path
 from hpc.commands import exists, watch
 from twin.base.errors import InfrastructureError, UsageError
 
-LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.journal.owner", "/keys")
+LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.owner", "/keys")
 """What only means something beside its conductor; private keys above all stay where they are."""
 
 

@@ -22,7 +22,7 @@ from schemas.files.json_text import JsonError, decode_json
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.files import write_atomic
 
-FILE_NAME = "conductor.journal.owner"
+FILE_NAME = "conductor.owner"
 BEAT_S = 1.0
 """How often the heartbeat is renewed and the owner's name is read again at least [s]."""
 

@@ -35,6 +35,11 @@ def _some(number: int) -> Fact:
     return CaseEnded(campaign="alpha", case=str(number), outcome="cancelled", reason="")
 
 
+def test_the_file_is_called_as_ever() -> None:
+    """Conductors of other versions look for it."""
+    assert FILE_NAME == "conductor.owner"
+
+
 @pytest.mark.parametrize(("silent_s", "refused"), [(-5.0, True), (45.0, True), (45.1, False)])
 def test_silence_is_waited_for(silent_s: float, refused: bool) -> None:
     assert bool(obstacle(THERE, HERE, silent_s, 45.0)) == refused
