@@ -7,6 +7,7 @@ import twin.base.start  # noqa: F401 - before anything that takes long to load
 # isort: split
 import dataclasses
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,7 @@ import typer
 
 from hpc.options import Options, SchedulerName, own_bin_folder, with_options
 from hpc.software.cli import add_commands
+from schemas.kinds.batch_system import AUTO, batch_systems
 from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import (
     EXIT_FAILED,
@@ -41,6 +43,10 @@ Job = Annotated[str, typer.Argument(help="Run folder, e.g. runs/aeb-256, or a jo
 Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system of a job's id.")]
 
 
+_AUTO = SchedulerName(AUTO)
+_OPENS = ", ".join(f"`{each.opens}`" for each in batch_systems().declared)
+
+
 @app.command()
 @with_options
 def render(
@@ -56,20 +62,12 @@ def render(
 
     The job's exit code is the verdict. Before its time is over it queues itself again and goes on.
     """
-    from hpc.array import render as render_array
-    from hpc.pbs.job_script import render as render_pbs
-    from hpc.slurm.job_script import render as render_slurm
+    from hpc.backends import backend
 
     site = _site(options)
+    system = backend(_scheduler_name(options, site))
     facts, request = _checked(campaign, options, site)
-    if array:
-        if _kind(options, site) is SchedulerName.pbs:
-            raise UsageError("--array: for Slurm only; the comparison needs one of the two")
-        text = render_array(request, facts.cases)
-    elif _kind(options, site) is SchedulerName.pbs:
-        text = render_pbs(request)
-    else:
-        text = render_slurm(request)
+    text = system.render_array(request, facts.cases) if array else system.render(request)
     print(text, end="")
 
 
@@ -81,13 +79,13 @@ def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: 
     Whatever is wrong is said in one line, and then nothing was submitted. The same command again
     goes on with a campaign that has stopped.
     """
-    from hpc.scheduler import scheduler
+    from hpc.backends import scheduler
     from hpc.submit import submit as submit_job
 
     site = _site(options)
-    backend = scheduler(_kind(options, site).value)
+    system = scheduler(_scheduler_name(options, site))
     facts, request = _checked(campaign, options, site)
-    done = submit_job(request, backend, facts.deadline_s)
+    done = submit_job(request, system, facts.deadline_s)
     folder = shlex.quote(_short(done.out))
     commands = {
         "queue": f"hpc status {folder}",
@@ -105,14 +103,12 @@ def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: 
 
 
 @app.command()
-def status(
-    job: Job, which: Which = SchedulerName.auto, output: OutputOption = Output.human
-) -> None:
+def status(job: Job, which: Which = _AUTO, output: OutputOption = Output.human) -> None:
     """Say how a job stands in the queue; what its cases do, `conductor status` tells."""
-    backend, number = _job(job, which)
-    found = backend.status(number)
+    system, number = _job(job, which)
+    found = system.status(number)
     if output is Output.json:
-        print(json.dumps({"scheduler": backend.kind, "job": number, **dataclasses.asdict(found)}))
+        print(json.dumps({"scheduler": system.name, "job": number, **dataclasses.asdict(found)}))
         return
     parts = [
         found.native or "not known any more; see its log",
@@ -123,26 +119,29 @@ def status(
         else "",
         f"{found.restarts} restarts" if found.restarts else "",
     ]
-    print(f"{backend.kind} job {number}: {', '.join(part for part in parts if part)}")
+    print(f"{system.name} job {number}: {', '.join(part for part in parts if part)}")
 
 
 @app.command()
-def cancel(job: Job, which: Which = SchedulerName.auto) -> None:
+def cancel(job: Job, which: Which = _AUTO) -> None:
     """End a job for good. Committed cases stay; `hpc submit` goes on where it stopped."""
-    backend, number = _job(job, which)
-    backend.cancel(number)
-    print(f"{backend.kind} job {number}: told to end; the same `hpc submit` goes on later")
+    system, number = _job(job, which)
+    system.cancel(number)
+    print(f"{system.name} job {number}: told to end; the same `hpc submit` goes on later")
 
 
 @app.command()
-def requeue(job: Job, which: Which = SchedulerName.auto) -> None:
+def requeue(job: Job, which: Which = _AUTO) -> None:
     """Let a running job stop cleanly now and queue itself again, as before the end of its time."""
-    backend, number = _job(job, which)
-    backend.requeue(number)
-    print(f"{backend.kind} job {number}: told to stop and to queue itself again")
+    system, number = _job(job, which)
+    system.requeue(number)
+    print(f"{system.name} job {number}: told to stop and to queue itself again")
 
 
-@app.command(context_settings={"allow_interspersed_args": False})
+@app.command(
+    help=f"Open an interactive allocation ({_OPENS}) with the set-up that jobs have.",
+    context_settings={"allow_interspersed_args": False},
+)
 @with_options
 def shell(
     command: Annotated[
@@ -154,15 +153,15 @@ def shell(
     *,
     options: Options,
 ) -> None:
-    """Open an interactive allocation (`salloc`, `qsub -I`) with the set-up that jobs have."""
+    """Open an interactive allocation with the set-up that jobs have."""
+    from hpc.backends import scheduler
     from hpc.commands import become
     from hpc.interactive import shell_command
-    from hpc.scheduler import scheduler
 
     site = _site(options)
     request = _request("interactive", options, site, remote_stacks=False)
-    backend = scheduler(_kind(options, site).value)
-    words = backend.interactive(request, shell_command(request, command or []))
+    system = scheduler(_scheduler_name(options, site))
+    words = system.interactive(request, shell_command(request, command or []))
     if show:
         print(shlex.join(words))
         return
@@ -224,8 +223,8 @@ def _site(options: Options) -> Site:
     return load_site(options.site)
 
 
-def _kind(options: Options, site: Site) -> SchedulerName:
-    return options.scheduler or SchedulerName(site.scheduler)
+def _scheduler_name(options: Options, site: Site) -> str:
+    return str(options.scheduler or site.scheduler)
 
 
 def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts, JobRequest]:
@@ -287,18 +286,19 @@ def _image(options: Options) -> str:
 
 def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
     """A run folder's job, or the job with this id."""
-    from hpc.scheduler import scheduler
+    from hpc.backends import scheduler
     from hpc.submit import JOB_FILE, job_of
 
     found = job_of(Path(job))
     if found is not None:
-        return scheduler(found[0]), found[1]  # type: ignore[arg-type]
-    if not job[:1].isdigit():
+        return scheduler(found[0]), found[1]
+    systems = [each for each in batch_systems().declared if which in (AUTO, each.name)]
+    if not any(re.fullmatch(each.job_ids, job) for each in systems):
         raise UsageError(
             f"{job}: no run folder with a {JOB_FILE}; give a folder that `hpc submit` has used, "
             "or a job's id"
         )
-    return scheduler(which.value), job
+    return scheduler(which), job
 
 
 def _meaning(code: int) -> str:

@@ -8,6 +8,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from hpc.scheduler import Partition
+from schemas.words import none_of
+
 Level = Literal["ok", "note", "bad"]
 
 SPACE_MIN_BYTES = 1 << 30
@@ -28,19 +31,6 @@ SHARED_MORE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Partition:
-    """A partition or queue."""
-
-    name: str
-    limit: str = ""
-    """Longest time of a job, in the scheduler's words."""
-    nodes: str = ""
-    gpus: str = ""
-    """Generic resources, in the scheduler's words."""
-    state: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Address:
     """One address of this host."""
 
@@ -53,7 +43,11 @@ class Facts:
     """What was found; empty where there is nothing."""
 
     scheduler: str
-    """``slurm``, ``pbs`` or empty."""
+    """Name of the batch system, e.g. ``slurm``, or empty."""
+    looked_for: tuple[str, ...]
+    """Commands of batch systems that were looked for."""
+    unusable: tuple[str, ...]
+    """Batch systems of other distributions that are broken, a line each."""
     version: str
     answers: str
     """Empty, or why the scheduler's controller cannot be used."""
@@ -108,6 +102,7 @@ def judge(facts: Facts) -> Diagnosis:
     """What works, what does not, what to do."""
     lines = [
         *_scheduler(facts),
+        *(DoctorLine("plug-in", "note", line, "repair or uninstall it") for line in facts.unusable),
         *_partitions(facts),
         _gpus(facts),
         _containers(facts),
@@ -129,7 +124,7 @@ def _scheduler(facts: Facts) -> list[DoctorLine]:
             DoctorLine(
                 "scheduler",
                 "bad",
-                "neither sbatch nor qsub",
+                none_of(facts.looked_for),
                 "log in to a login node, or `hpc render` here and submit there",
             )
         ]

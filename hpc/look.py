@@ -12,11 +12,13 @@ from pathlib import Path
 
 import psutil
 
+from hpc.backends import backend, present
 from hpc.commands import call, exists
-from hpc.doctor import Address, Facts, Partition
-from hpc.pbs.commands import attributes
+from hpc.doctor import Address, Facts
+from hpc.scheduler import Partitions
 from hpc.site import usual_path
 from hpc.submit import probe
+from schemas.kinds.batch_system import BatchSystemKind, batch_systems
 from twin.base.errors import TwinError
 
 WAIT_S = 20.0
@@ -25,19 +27,18 @@ WAIT_S = 20.0
 
 def look(folder: Path, site: Path | None) -> Facts:
     """Everything about this host; ``folder`` is where runs would be kept."""
-    scheduler = "slurm" if exists("sbatch") else "pbs" if exists("qsub") else ""
-    answers: str = ""
-    partitions: tuple[Partition, ...] = ()
-    if scheduler:
-        answers, partitions = _slurm() if scheduler == "slurm" else _pbs()
+    system = present()
+    offered = backend(system.name).partitions(WAIT_S) if system is not None else Partitions()
     there = _existing(folder)
     beside = Path(sys.executable).parent
     used = site or usual_path()
     return Facts(
-        scheduler=scheduler,
-        version=_version(scheduler),
-        answers=answers,
-        partitions=partitions,
+        scheduler=system.name if system is not None else "",
+        looked_for=tuple(each.submits for each in batch_systems().declared),
+        unusable=tuple(batch_systems().broken.values()),
+        version=_version(system),
+        answers=offered.trouble,
+        partitions=offered.partitions,
         gpus=_gpus(),
         containers=_containers(),
         folder=str(folder),
@@ -53,57 +54,12 @@ def look(folder: Path, site: Path | None) -> Facts:
     )
 
 
-def _version(scheduler: str) -> str:
-    if not scheduler:
+def _version(system: BatchSystemKind | None) -> str:
+    if system is None:
         return ""
-    done = call("sbatch" if scheduler == "slurm" else "qsub", "--version", wait_s=WAIT_S)
+    done = call(*system.version, wait_s=WAIT_S)
     line = done.out or done.err if not done.code else ""
-    return line.strip().splitlines()[0] if line.strip() else f"{scheduler}, version unknown"
-
-
-def _slurm() -> tuple[str, tuple[Partition, ...]]:
-    done = call("sinfo", "--noheader", "--format=%P|%l|%D|%G|%a", wait_s=WAIT_S)
-    if done.code:
-        return done.last_words, ()
-    return "", parse_sinfo(done.out)
-
-
-def parse_sinfo(text: str) -> tuple[Partition, ...]:
-    """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node."""
-    found: dict[str, Partition] = {}
-    for line in text.splitlines():
-        name, limit, count, gres, state = line.strip().split("|")
-        gpus = "" if gres == "(null)" else f"{count} x {gres}"
-        before = found.get(name)
-        if before is not None:
-            gpus = " + ".join(part for part in (before.gpus, gpus) if part)
-            count = str(int(before.nodes.split()[0]) + int(count))
-        found[name] = Partition(name, limit, f"{count} nodes", gpus, state)
-    return tuple(found.values())
-
-
-def _pbs() -> tuple[str, tuple[Partition, ...]]:
-    done = call("qstat", "-Q", "-f", wait_s=WAIT_S)
-    if done.code:
-        return done.last_words, ()
-    return "", parse_queues(done.out)
-
-
-def parse_queues(text: str) -> tuple[Partition, ...]:
-    """What ``qstat -Qf`` prints."""
-    queues = [
-        {"name": part.splitlines()[0].strip(), **attributes(part)}
-        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1:]
-    ]
-    return tuple(
-        Partition(
-            queue["name"],
-            queue.get("resources_max.walltime", ""),
-            gpus=f"{n} GPUs" if (n := queue.get("resources_available.ngpus", "")) else "",
-            state="up" if queue.get("started", "True") == "True" else "stopped",
-        )
-        for queue in queues
-    )
+    return line.strip().splitlines()[0] if line.strip() else f"{system.name}, version unknown"
 
 
 def _gpus() -> tuple[str, ...]:

@@ -10,19 +10,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from schemas.kinds.batch_system import AUTO, batch_systems
 from twin.base.errors import UsageError
 
+if TYPE_CHECKING:
+    SchedulerName = str
+else:
+    SchedulerName = StrEnum(
+        "SchedulerName", {name: name for name in (AUTO, *batch_systems().names())}
+    )
+    SchedulerName.__doc__ = "Names of batch systems, as the command line takes them."
 
-class SchedulerName(StrEnum):
-    """Batch systems."""
-
-    auto = "auto"
-    slurm = "slurm"
-    pbs = "pbs"
+_CONSTRAINTS = ", ".join(f"{each.constraint} ({each.title})" for each in batch_systems().declared)
 
 
 class ContainerRuntime(StrEnum):
@@ -48,9 +51,7 @@ class Options:
     )
     partition: Annotated[str, typer.Option(help="Partition (queue).")] = ""
     account: Annotated[str, typer.Option(help="Account to charge.")] = ""
-    constraint: Annotated[
-        str, typer.Option(help="Kind of node: a feature (Slurm), name=value (PBS).")
-    ] = ""
+    constraint: Annotated[str, typer.Option(help=f"Kind of node: {_CONSTRAINTS}.")] = ""
     out: Annotated[
         Path | None,
         typer.Option(help="Campaign folder that all nodes see; default runs/CAMPAIGN, here."),

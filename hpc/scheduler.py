@@ -1,17 +1,15 @@
-"""What is asked of a batch system, whichever it is."""
+"""What is asked of a batch system, whichever it is. :mod:`hpc.backends` says which it is."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from hpc.commands import exists
 from hpc.request import JobRequest
-from twin.base.errors import InfrastructureError
 
 State = Literal["pending", "running", "ended", "unknown"]
-Kind = Literal["slurm", "pbs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +27,39 @@ class JobStatus:
     restarts: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """A partition or queue."""
+
+    name: str
+    limit: str = ""
+    """Longest time of a job, in the scheduler's words."""
+    nodes: str = ""
+    gpus: str = ""
+    """Generic resources, in the scheduler's words."""
+    state: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Partitions:
+    """What a batch system offers on this host."""
+
+    partitions: tuple[Partition, ...] = ()
+    trouble: str = ""
+    """Empty, or why its controller cannot be used."""
+
+
 class Scheduler(Protocol):
     """A batch system. Refusals are UsageError, a batch system in trouble is InfrastructureError."""
 
-    kind: Kind
+    name: str
+    """Name of its declaration, a :class:`schemas.kinds.batch_system.BatchSystemKind`."""
 
     def render(self, request: JobRequest) -> str:
         """The job script."""
+
+    def render_array(self, request: JobRequest, cases: Sequence[str], /) -> str:
+        """A job array over ``cases``, for comparison."""
 
     def check(self, text: str, request: JobRequest, /) -> None:
         """Raise unless the script would be accepted; nothing is submitted."""
@@ -61,22 +85,5 @@ class Scheduler(Protocol):
     def log(self, job: str, request: JobRequest, /) -> str:
         """Name of the job's log in its folder."""
 
-
-def scheduler(kind: Literal["auto", "slurm", "pbs"]) -> Scheduler:
-    """The backend for a batch system; ``auto`` looks which commands are there.
-
-    Raises:
-        InfrastructureError: they are not.
-    """
-    from hpc.pbs.commands import Pbs
-    from hpc.slurm.commands import Slurm
-
-    if kind in ("auto", "slurm") and exists("sbatch"):
-        return Slurm()
-    if kind in ("auto", "pbs") and exists("qsub"):
-        return Pbs()
-    wanted = {"auto": "neither sbatch nor qsub", "slurm": "no sbatch", "pbs": "no qsub"}[kind]
-    raise InfrastructureError(
-        f"{wanted} on this host, so nothing can be submitted from here; log in to a login node of "
-        "the cluster, or write the script with `hpc render` and submit it there"
-    )
+    def partitions(self, wait_s: float) -> Partitions:
+        """What may be asked for here; ``wait_s``: longest wait for a program [s]."""

@@ -16,11 +16,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta, Struct
 
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.kinds.batch_system import AUTO, SchedulerChoice
 from schemas.validation import convert_all
 from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
@@ -29,10 +30,10 @@ from twin.base.own_folder import own_folder
 class Site(Struct, frozen=True, forbid_unknown_fields=True):
     """One site file; what is left out is left to the scheduler."""
 
-    scheduler: Literal["auto", "slurm", "pbs"] = "auto"
+    scheduler: SchedulerChoice = AUTO
     """Batch system; ``auto``: the one whose commands are there."""
     partition: str = ""
-    """Partition of Slurm, queue of PBS."""
+    """Partition or queue."""
     account: str = ""
     """Account to charge."""
     constraint: str = ""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hpc.request import SIGNAL_SLACK_S, JobRequest, hours_minutes
 from hpc.scheduler import Scheduler
+from schemas.kinds.batch_system import batch_systems
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.files import write_atomic
 
@@ -53,12 +54,12 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
         _write(script, text)
         job = scheduler.submit(script, folder)
         try:
-            _write(folder / JOB_FILE, f"{scheduler.kind} {job}\n")
+            _write(folder / JOB_FILE, f"{scheduler.name} {job}\n")
         except TwinError as error:
             scheduler.cancel(job)
             raise type(error)(f"{error}; job {job} was cancelled again") from None
     log = folder / scheduler.log(job, request)
-    return SubmittedJob(scheduler.kind, job, str(folder), str(script), str(log))
+    return SubmittedJob(scheduler.name, job, str(folder), str(script), str(log))
 
 
 def check_walltime(request: JobRequest, deadline_s: float, case_s: float | None) -> None:
@@ -103,7 +104,7 @@ def check_free(folder: Path, scheduler: Scheduler) -> None:
         UsageError: an earlier job is still there.
     """
     found = job_of(folder)
-    if found is None or found[0] != scheduler.kind:
+    if found is None or found[0] != scheduler.name:
         return
     status = scheduler.status(found[1])
     if status.state in ("pending", "running"):
@@ -119,7 +120,7 @@ def job_of(folder: Path) -> tuple[str, str] | None:
         words = (folder / JOB_FILE).read_text(encoding="utf-8").split()
     except (OSError, UnicodeDecodeError):
         return None
-    return (words[0], words[1]) if len(words) == 2 and words[0] in ("slurm", "pbs") else None
+    return (words[0], words[1]) if len(words) == 2 and words[0] in batch_systems().names() else None
 
 
 def probe(folder: Path) -> None:

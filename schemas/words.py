@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 WORDS_MAX = 1000
 """Longest line made of them [characters]."""
 
@@ -29,3 +31,12 @@ def agree(number: int, one: str, many: str) -> str:
 def unended(left: int, cases: int) -> str:
     """``1 of 16 cases has not ended``."""
     return f"{left} of {counted(cases, 'case')} {agree(left, 'has', 'have')} not ended"
+
+
+def none_of(words: Sequence[str]) -> str:
+    """``no a``, ``neither a nor b``, ``none of a, b, c``."""
+    if len(words) == 1:
+        return f"no {words[0]}"
+    if len(words) == 2:
+        return f"neither {words[0]} nor {words[1]}"
+    return f"none of {', '.join(words)}"

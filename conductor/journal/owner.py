@@ -19,6 +19,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.files.json_text import JsonError, decode_json
+from schemas.kinds.batch_system import batch_systems
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.files import write_atomic
 
@@ -54,14 +55,17 @@ class FolderOwner(msgspec.Struct, frozen=True):
 
 def this_process(environment: Mapping[str, str] = os.environ) -> FolderOwner:
     """The owner that this process would be."""
-    job = environment.get("SLURM_JOB_ID", "")
-    pbs = environment.get("PBS_JOBID", "")
-    restarts = environment.get("SLURM_RESTART_COUNT", "0")
+    job, restarts = "", "0"
+    for system in batch_systems().declared:
+        if number := environment.get(system.job_variable, ""):
+            job = f"{system.name} {number}"
+            restarts = environment.get(system.restarts_variable, "0")
+            break
     return FolderOwner(
         id=secrets.token_hex(8),
         host=socket.gethostname(),
         pid=os.getpid(),
-        job=f"slurm {job}" if job else f"pbs {pbs}" if pbs else "",
+        job=job,
         restarts=int(restarts) if restarts.isdecimal() else 0,
     )
 

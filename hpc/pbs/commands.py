@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from hpc.commands import ProgramEnd, call
 from hpc.pbs.job_script import options, render
 from hpc.pbs.lint import lint
 from hpc.request import JobRequest
-from hpc.scheduler import JobStatus, Kind, State
+from hpc.scheduler import JobStatus, Partition, Partitions, State
 from hpc.script import job_name
+from schemas.kinds.batch_system import PBS
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
 _STATES: dict[str, State] = {
@@ -25,11 +27,15 @@ _NOT_ANSWERING = ("cannot connect to server", "Connection refused", "No Permissi
 class Pbs:
     """See :class:`hpc.scheduler.Scheduler`."""
 
-    kind: Kind = "pbs"
+    name = PBS.name
 
     def render(self, request: JobRequest) -> str:
         """The job script."""
         return render(request)
+
+    def render_array(self, _request: JobRequest, _cases: Sequence[str], /) -> str:
+        """Not written: the array way is measured on Slurm alone."""
+        raise UsageError("--array: for Slurm only; the comparison needs one of the two")
 
     def check(self, text: str, _request: JobRequest, /) -> None:
         """PBS has no trial run: the lines are checked against the reference."""
@@ -79,6 +85,30 @@ class Pbs:
     def log(self, job: str, request: JobRequest, /) -> str:
         """PBS's default name; it appears there when the job ends."""
         return f"{job_name(request.campaign)}.o{job.split('.')[0]}"
+
+    def partitions(self, wait_s: float) -> Partitions:
+        """``qstat -Qf``: every queue that the user may see."""
+        done = call("qstat", "-Q", "-f", wait_s=wait_s)
+        if done.code:
+            return Partitions(trouble=done.last_words)
+        return Partitions(parse_queues(done.out))
+
+
+def parse_queues(text: str) -> tuple[Partition, ...]:
+    """What ``qstat -Qf`` prints."""
+    queues = [
+        {"name": part.splitlines()[0].strip(), **attributes(part)}
+        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1:]
+    ]
+    return tuple(
+        Partition(
+            queue["name"],
+            queue.get("resources_max.walltime", ""),
+            gpus=f"{n} GPUs" if (n := queue.get("resources_available.ngpus", "")) else "",
+            state="up" if queue.get("started", "True") == "True" else "stopped",
+        )
+        for queue in queues
+    )
 
 
 def parse_job(text: str) -> JobStatus:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from hpc.commands import ProgramEnd, call, exists
 from hpc.request import JobRequest, hours_minutes
-from hpc.scheduler import JobStatus, Kind, State
+from hpc.scheduler import JobStatus, Partition, Partitions, State
+from hpc.slurm import array
 from hpc.slurm.job_script import options, render
+from schemas.kinds.batch_system import SLURM
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
 _RUNNING = ("RUNNING", "COMPLETING", "CONFIGURING", "STAGE_OUT", "SIGNALING", "SUSPENDED")
@@ -22,11 +25,15 @@ _NO_SUCH_JOB = "Invalid job id"
 class Slurm:
     """See :class:`hpc.scheduler.Scheduler`."""
 
-    kind: Kind = "slurm"
+    name = SLURM.name
 
     def render(self, request: JobRequest) -> str:
         """The job script."""
         return render(request)
+
+    def render_array(self, request: JobRequest, cases: Sequence[str], /) -> str:
+        """One index per case."""
+        return array.render(request, cases)
 
     def check(self, text: str, request: JobRequest, /) -> None:
         """``sbatch --test-only``: partition, account and resources; then the partition's time.
@@ -96,6 +103,13 @@ class Slurm:
         """Slurm's default name."""
         return f"slurm-{job}.out"
 
+    def partitions(self, wait_s: float) -> Partitions:
+        """``sinfo``: every partition that the user may see."""
+        done = call("sinfo", "--noheader", "--format=%P|%l|%D|%G|%a", wait_s=wait_s)
+        if done.code:
+            return Partitions(trouble=done.last_words)
+        return Partitions(parse_sinfo(done.out))
+
     def _refusal(self, what: str, done: ProgramEnd) -> TwinError:
         if any(words in done.err for words in _NOT_ANSWERING):
             return InfrastructureError(f"{what}: the Slurm controller does not answer; try later")
@@ -137,6 +151,20 @@ def parse_account(lines: str) -> JobStatus:
         exit_code=_exit_code(code) if _state(native) == "ended" else None,
         restarts=int(restarts or 0),
     )
+
+
+def parse_sinfo(text: str) -> tuple[Partition, ...]:
+    """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node."""
+    found: dict[str, Partition] = {}
+    for line in text.splitlines():
+        name, limit, count, gres, state = line.strip().split("|")
+        gpus = "" if gres == "(null)" else f"{count} x {gres}"
+        before = found.get(name)
+        if before is not None:
+            gpus = " + ".join(part for part in (before.gpus, gpus) if part)
+            count = str(int(before.nodes.split()[0]) + int(count))
+        found[name] = Partition(name, limit, f"{count} nodes", gpus, state)
+    return tuple(found.values())
 
 
 def minutes(limit: str) -> int | None:

@@ -39,6 +39,27 @@ class Kinds(Generic[D]):
     broken: Mapping[str, str]
     """Entry point that cannot be used -> one line that names its distribution and the reason."""
 
+    def names(self) -> tuple[str, ...]:
+        """The names of the declarations, then those of what cannot be used: whoever asks for one
+        of these is told why."""
+        return (*(kind.name for kind in self.declared), *self.broken)
+
+    def get(self, name: str) -> D | None:
+        """The declaration called ``name``, or None."""
+        return next((kind for kind in self.declared if kind.name == name), None)
+
+    def find(self, name: str) -> D:
+        """The declaration called ``name``.
+
+        Raises:
+            ValueError: there is none, or it cannot be used; one line.
+        """
+        kind = self.get(name)
+        if kind is None:
+            known = ", ".join(each.name for each in self.declared)
+            raise ValueError(self.broken.get(name, f"no '{name}'; there: {known}"))
+        return kind
+
 
 def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
     """The declarations of ``group``.

@@ -24,7 +24,7 @@ FILE = re.compile(
 FOLDER = re.compile(rf"`((?:{'|'.join(PACKAGES)}|tests|docs)(?:/[a-z_]+)+)/?`")
 DOTTED = re.compile(rf"`((?:{'|'.join(PACKAGES)})(?:\.\w+)+)(?:\(\))?`")
 IMPORT = re.compile(rf"^(?:from|import) ((?:{'|'.join(PACKAGES)})(?:\.\w+)*)", re.MULTILINE)
-NO_MODULES = (".db", ".json", ".key", ".yaml", ".service", ".sif", ".whl")
+NO_MODULES = ("conductor.owner", ".db", ".json", ".key", ".yaml", ".service", ".sif", ".whl")
 """Ends of files that begin like a module, ``conductor.db``."""
 
 HEADINGS = {"Context", "Decision", "Measurement", "Consequence"}

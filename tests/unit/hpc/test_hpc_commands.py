@@ -11,19 +11,21 @@ import pytest
 from test_hpc_slurm import REQUESTS
 from waiting import PATIENCE_S
 
-from hpc.array import render as render_array
-from hpc.doctor import Address, Facts, Partition, judge
+from hpc.doctor import Address, Facts, judge
 from hpc.interactive import shell_command
-from hpc.look import filesystem, parse_queues, parse_sinfo
-from hpc.pbs.commands import Pbs
+from hpc.look import filesystem
+from hpc.pbs.commands import Pbs, parse_queues
 from hpc.pbs.commands import parse_job as parse_pbs
 from hpc.pull import pull_command
-from hpc.scheduler import JobStatus
-from hpc.slurm.commands import Slurm, minutes, parse_account, parse_job
+from hpc.scheduler import JobStatus, Partition
+from hpc.slurm.array import render as render_array
+from hpc.slurm.commands import Slurm, minutes, parse_account, parse_job, parse_sinfo
 from twin.base.errors import UsageError
 
 FACTS = Facts(
     scheduler="slurm",
+    looked_for=("sbatch", "qsub"),
+    unusable=(),
     version="slurm 22.05.8",
     answers="",
     partitions=(Partition("gpu*", "1-00:00:00", "2 nodes", "2 x gpu:a100:4", "up"),),

@@ -10,7 +10,8 @@ import pytest
 from test_hpc_slurm import REQUESTS
 
 import hpc.submit
-from hpc.scheduler import JobStatus, scheduler
+from hpc.backends import scheduler
+from hpc.scheduler import JobStatus
 from hpc.slurm.job_script import render
 from hpc.submit import check_walltime, job_of, p95_s, submit
 from twin.base.errors import InfrastructureError, UsageError
@@ -19,7 +20,7 @@ from twin.base.errors import InfrastructureError, UsageError
 class Ledger:
     """A batch system that keeps a list, and refuses at the point it is told to."""
 
-    kind = "slurm"
+    name = "slurm"
 
     def __init__(self, refuses=""):
         self.refuses = refuses

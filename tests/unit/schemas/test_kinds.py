@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import schemas.kinds.batch_system
 import schemas.kinds.kpi
 import schemas.kinds.scenario
 from schemas.kinds.kpi import kpi_kinds, scalars_by_name, shipped
@@ -14,7 +15,7 @@ from schemas.kinds.scenario import kind_of, scenario_kinds
 from schemas.sections.scenario import Scenario
 
 ROOT = Path(__file__).parents[3]
-TABLES = (schemas.kinds.scenario, schemas.kinds.kpi)
+TABLES = (schemas.kinds.scenario, schemas.kinds.kpi, schemas.kinds.batch_system)
 
 SCENARIO = '''
 from msgspec import Struct

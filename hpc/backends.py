@@ -1,0 +1,59 @@
+"""Which batch system is meant: one that is named, or the one whose commands are here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from hpc.commands import exists
+from schemas.kinds.batch_system import AUTO, BatchSystemKind, batch_systems
+from schemas.kinds.registry import implementation
+from schemas.words import none_of
+from twin.base.errors import InfrastructureError, UsageError
+
+if TYPE_CHECKING:
+    from hpc.scheduler import Scheduler
+
+
+def backend(name: str) -> Scheduler:
+    """The batch system called ``name``; ``auto``: the first of all, for scripts that are printed.
+
+    Raises:
+        UsageError: there is none, or its distribution is broken.
+    """
+    declared = batch_systems().declared[0] if name == AUTO else _declared(name)
+    try:
+        return cast("Scheduler", implementation(declared.implementation)())
+    except ValueError as error:
+        raise UsageError(f"scheduler {declared.name}: {error}") from None
+
+
+def present() -> BatchSystemKind | None:
+    """The first batch system whose commands are on this host, or None."""
+    return next((each for each in batch_systems().declared if exists(each.submits)), None)
+
+
+def scheduler(name: str) -> Scheduler:
+    """The batch system called ``name``; ``auto`` looks which commands are there.
+
+    Raises:
+        UsageError: there is none of that name.
+        InfrastructureError: its commands are not there.
+    """
+    if name == AUTO:
+        found, submits = present(), [each.submits for each in batch_systems().declared]
+    else:
+        declared = _declared(name)
+        found, submits = declared if exists(declared.submits) else None, [declared.submits]
+    if found is None:
+        raise InfrastructureError(
+            f"{none_of(submits)} on this host, so nothing can be submitted from here; log in to a "
+            "login node of the cluster, or write the script with `hpc render` and submit it there"
+        )
+    return backend(found.name)
+
+
+def _declared(name: str) -> BatchSystemKind:
+    try:
+        return batch_systems().find(name)
+    except ValueError as error:
+        raise UsageError(f"scheduler {name}: {error}") from None

@@ -1,0 +1,86 @@
+"""The table of batch systems: what submits jobs to a cluster, and how to tell which one is here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Literal
+
+from schemas.kinds.registry import Kinds, read_kinds
+
+GROUP = "drivetwin.schedulers"
+"""Entry points that bring batch systems."""
+
+OURS = {
+    "slurm": "schemas.kinds.batch_system:SLURM",
+    "pbs": "schemas.kinds.batch_system:PBS",
+}
+"""Those that are shipped, in the order in which they are looked for; the same as in pyproject.toml.
+The first is the one that `hpc render` writes for where nothing else is said."""
+
+AUTO = "auto"
+"""In place of a name: the batch system whose commands are here."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchSystemKind:
+    """Declaration of a batch system."""
+
+    name: str
+    """The word for `--scheduler` and site files, e.g. ``slurm``."""
+    title: str
+    """The name in sentences, e.g. ``Slurm``."""
+    implementation: str
+    """``module:attribute`` of its :class:`hpc.scheduler.Scheduler`, a class without arguments."""
+    submits: str
+    """Program that submits a job; where it is on the PATH, the batch system is here."""
+    version: tuple[str, ...]
+    """Command that prints its version in one line."""
+    opens: str
+    """Command that opens an interactive allocation, for ``--help``."""
+    constraint: str
+    """What ``--constraint`` means, for ``--help``."""
+    job_variable: str
+    """Environment variable that holds a job's id inside the job."""
+    restarts_variable: str = ""
+    """Environment variable that holds how often the job was started again; empty: none does."""
+    job_ids: str = r"[0-9].*"
+    """Pattern of its jobs' ids."""
+
+
+SLURM = BatchSystemKind(
+    name="slurm",
+    title="Slurm",
+    implementation="hpc.slurm.commands:Slurm",
+    submits="sbatch",
+    version=("sbatch", "--version"),
+    opens="salloc",
+    constraint="a feature",
+    job_variable="SLURM_JOB_ID",
+    restarts_variable="SLURM_RESTART_COUNT",
+)
+"""Slurm."""
+
+PBS = BatchSystemKind(
+    name="pbs",
+    title="PBS",
+    implementation="hpc.pbs.commands:Pbs",
+    submits="qsub",
+    version=("qsub", "--version"),
+    opens="qsub -I",
+    constraint="name=value",
+    job_variable="PBS_JOBID",
+)
+"""PBS Pro and OpenPBS."""
+
+
+@cache
+def batch_systems() -> Kinds[BatchSystemKind]:
+    """All batch systems, the shipped ones first."""
+    return read_kinds(GROUP, BatchSystemKind, OURS)
+
+
+if TYPE_CHECKING:
+    SchedulerChoice = str
+else:
+    SchedulerChoice = Literal[(AUTO, *batch_systems().names())]

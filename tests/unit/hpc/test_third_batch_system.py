@@ -1,0 +1,225 @@
+"""A batch system of another distribution: its declaration and its folder are all that it takes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from waiting import PATIENCE_S
+
+ROOT = Path(__file__).resolve().parents[3]
+
+DECLARATION = """
+from schemas.kinds.batch_system import BatchSystemKind
+
+HUT = BatchSystemKind(
+    name="hut",
+    title="Hut",
+    implementation="hut.backend:Hut",
+    submits="hutsub",
+    version=("hutsub", "--version"),
+    opens="hutsub --shell",
+    constraint="a floor",
+    job_variable="HUT_JOB",
+    job_ids="hut-[0-9]+",
+)
+"""
+
+BACKEND = """
+from pathlib import Path
+
+from hpc import script
+from hpc.commands import call
+from hpc.scheduler import JobStatus, Partition, Partitions
+from twin.base.errors import UsageError
+
+
+class Hut:
+    name = "hut"
+
+    def render(self, request):
+        head = f"#!/bin/bash\\n#HUT {script.job_name(request.campaign)}"
+        return "\\n\\n".join((head, script.names(request), "sleep 1\\n"))
+
+    def render_array(self, request, cases, /):
+        raise UsageError("--array: not in a hut")
+
+    def check(self, text, request, /):
+        done = call("hutsub", "--dry-run", request.partition or "ground", text=text)
+        if done.code:
+            raise UsageError(f"Hut refuses this job: {done.last_words}")
+
+    def submit(self, path, folder):
+        return call("hutsub", str(path), folder=folder).out.strip()
+
+    def status(self, job):
+        return JobStatus("pending", "KNOCKING", reason="nobody opens")
+
+    def cancel(self, job):
+        call("hutsub", "--cancel", job)
+
+    def requeue(self, job):
+        self.cancel(job)
+
+    def signal(self, job, name):
+        raise UsageError("a hut hears no signals")
+
+    def interactive(self, request, command):
+        return ["hutsub", "--shell", *command]
+
+    def log(self, job, request, /):
+        return f"{job}.log"
+
+    def partitions(self, wait_s):
+        return Partitions((Partition("ground", state="up"),))
+"""
+
+HUTSUB = """#!/bin/bash
+case $1 in
+  --version) echo "hut 1" ;;
+  --dry-run) grep -q '^#HUT ' && [ "$2" = ground ] || { echo "no floor $2" >&2; exit 1; } ;;
+  --cancel) echo "$2" >> "$HUT_FOLDER/cancelled" ;;
+  *) cp "$1" "$HUT_FOLDER/queued" && echo hut-7 ;;
+esac
+"""
+
+
+class Installed:
+    """A distribution ``hut`` beside ours, and its command; nothing of it is in the tree."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.packages = folder / "site"
+        self.program("hutsub", HUTSUB)
+        for name, text in (("declared", DECLARATION), ("backend", BACKEND), ("__init__", "")):
+            self.file(f"hut/{name}.py", text)
+        self.distribution("hut", "hut = hut.declared:HUT")
+
+    def file(self, name: str, text: str) -> None:
+        path = self.packages / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+    def program(self, name: str, text: str) -> None:
+        path = self.folder / "bin" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def distribution(self, name: str, *points: str) -> None:
+        lines = "\n".join(("[drivetwin.schedulers]", *points))
+        self.file(f"{name}-1.0.dist-info/METADATA", f"Name: {name}\nVersion: 1.0\n")
+        self.file(f"{name}-1.0.dist-info/entry_points.txt", lines)
+
+    def hpc(
+        self, *words: str, path: str | None = os.environ["PATH"]
+    ) -> subprocess.CompletedProcess[str]:
+        own = {
+            "PYTHONPATH": f"{ROOT}:{self.packages}",
+            # Other batch systems of this machine would be found first.
+            "PATH": ":".join(part for part in (str(self.folder / "bin"), path) if part),
+            "HUT_FOLDER": str(self.folder),
+            "XDG_CONFIG_HOME": str(self.folder),
+        }
+        return subprocess.run(
+            [sys.executable, "-m", "hpc", *words],
+            cwd=self.folder,
+            env={**os.environ, **own},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+
+
+JOB = ("aeb-demo", "--workers", "2", "--time", "00:10", "--bin", "/opt/bin")
+
+
+@pytest.fixture
+def hut(tmp_path):
+    return Installed(tmp_path)
+
+
+def test_help_names_it(hut):
+    shown = " ".join(hut.hpc("render", "--help").stdout.split())
+    assert "--scheduler <auto|slurm|pbs|hut>" in shown
+    assert "a feature (Slurm), name=value (PBS), a floor (Hut)" in shown
+    assert "(`salloc`, `qsub -I`, `hutsub --shell`)" in " ".join(
+        hut.hpc("shell", "--help").stdout.split()
+    )
+
+
+def test_a_script_is_rendered(hut):
+    done = hut.hpc("render", *JOB, "--scheduler", "hut")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("#!/bin/bash\n#HUT aeb-demo\n")
+    assert "campaign=aeb-demo\n" in done.stdout
+    done = hut.hpc("render", *JOB, "--scheduler", "hut", "--array")
+    assert (done.returncode, done.stderr) == (2, "hpc: --array: not in a hut\n")
+
+
+def test_a_job_is_tried_submitted_shown_and_cancelled(hut):
+    (hut.folder / "site.yaml").write_text("scheduler: hut\n")
+    job = (*JOB, "--site", "site.yaml")
+    done = hut.hpc("submit", *job, "--partition", "attic")
+    assert (done.returncode, done.stderr) == (2, "hpc: Hut refuses this job: no floor attic\n")
+    assert not (hut.folder / "runs").exists()
+    done = hut.hpc("submit", *job, "--output", "json")
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(done.stdout)
+    assert (told["scheduler"], told["job"]) == ("hut", "hut-7")
+    assert (hut.folder / "queued").read_text().startswith("#!/bin/bash\n#HUT aeb-demo\n")
+    assert (hut.folder / "runs/aeb-demo/job.id").read_text() == "hut hut-7\n"
+    line = "hut job hut-7: KNOCKING, waits for: nobody opens\n"
+    for place in (["runs/aeb-demo"], ["hut-7", "--scheduler", "hut"]):
+        assert hut.hpc("status", *place).stdout == line
+    assert hut.hpc("cancel", "runs/aeb-demo").returncode == 0
+    assert (hut.folder / "cancelled").read_text() == "hut-7\n"
+    done = hut.hpc("status", "7", "--scheduler", "hut")
+    assert done.returncode == 2
+    assert "no run folder with a job.id" in done.stderr
+
+
+def test_an_interactive_allocation(hut):
+    words = ("shell", "--gpus", "1", "--time", "1:00", "--bin", "/opt/bin", "--scheduler", "hut")
+    done = hut.hpc(*words, "--print", "--", "nvidia-smi")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("hutsub --shell bash -c ")
+
+
+def test_what_doctor_says(hut):
+    facts = json.loads(hut.hpc("doctor", "--output", "json", path=None).stdout)["facts"]
+    assert (facts["scheduler"], facts["version"]) == ("hut", "hut 1")
+    assert facts["looked_for"] == ["sbatch", "qsub", "hutsub"]
+    assert [each["name"] for each in facts["partitions"]] == ["ground"]
+
+
+@pytest.mark.parametrize(
+    ("points", "why"),
+    [
+        ("cave = cave_that_is_missing:CAVE", "No module named 'cave_that_is_missing'"),
+        ("cave = hut.backend:Hut", "not a BatchSystemKind"),
+    ],
+)
+def test_a_broken_distribution_is_named_and_stops_nobody_else(hut, points, why):
+    hut.distribution("spelunking", points)
+    done = hut.hpc("render", *JOB)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = json.loads(hut.hpc("doctor", "--output", "json").stdout)["lines"]
+    found = next(line["found"] for line in lines if line["what"] == "plug-in")
+    assert found.startswith("spelunking 1.0: entry point 'cave'")
+    (hut.folder / "site.yaml").write_text("scheduler: cave\n")
+    done = hut.hpc("render", *JOB, "--site", "site.yaml")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "scheduler cave: spelunking 1.0: entry point 'cave'" in done.stderr
+    assert why in done.stderr
+
+
+def test_a_name_that_is_taken(hut):
+    hut.distribution("again", "slurm = hut.slurm:SLURM")
+    hut.file("hut/slurm.py", DECLARATION.replace('"hut"', '"slurm"').replace("HUT =", "SLURM ="))
+    assert "the name 'slurm' is taken" in hut.hpc("doctor", "--output", "json").stdout
+    assert "#SBATCH" in hut.hpc("render", *JOB).stdout
