@@ -20,6 +20,7 @@ from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.trace.geometry import Geometry
+from twin.scenario.surroundings import place_before
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.scene import load_scene
@@ -192,7 +193,9 @@ class _Street:
     def stand(self, distance_m: float, at_m: float | None) -> None:
         """Put the ego ``distance_m`` before the obstacle (without one, where the lane begins), or
         with its reference point at the station ``at_m`` of its lane."""
-        pose = self._world.before_obstacle(distance_m + self._front_m)
+        obstacle = self._world.obstacle
+        hull = None if obstacle is None else self._world.colliders[obstacle]
+        pose = place_before(self._world.lane, hull, distance_m + self._front_m)
         if at_m is not None:
             length = self._world.lane.length_m
             if not 0.0 <= at_m <= length:

@@ -249,6 +249,7 @@ def test_stop_at_impact_freezes_at_the_first_contact():
     gap_m = 1.0
     wall = np.array([[CAR_FILE.front_offset_m + gap_m + 2.0, 0.0, 0.0, 2.0, 1.0]])
     made = fleet(colliders=wall, stop_at_impact=True)
+    made.targets[0] = 0
     made.place(0, 0.0, 10.0, ICE)
     assert made.state[0, 0, COLUMN["dtc_m"]] == pytest.approx(gap_m, abs=1e-9)
     assert made.state[0, 0, COLUMN["closing_mps"]] == pytest.approx(10.0)
@@ -262,15 +263,29 @@ def test_stop_at_impact_freezes_at_the_first_contact():
     assert state[COLUMN["closing_mps"]] == 0.0
 
 
-def test_any_collider_counts_but_distance_is_to_the_first():
-    posts = np.array([[500.0, 0.0, 0.0, 2.0, 1.0], [30.0, 1.0, 0.4, 0.2, 0.2]])
+@pytest.mark.parametrize(("target", "least_m"), [(0, 400.0), (2, 600.0)])
+def test_any_collider_counts_but_distance_is_to_the_target(target, least_m):
+    posts = np.array(
+        [
+            [500.0, 0.0, 0.0, 2.0, 1.0],
+            [30.0, 1.0, 0.4, 0.2, 0.2],
+            [700.0, 0.0, 0.0, 2.0, 1.0],
+        ]
+    )
     made = fleet(colliders=posts, stop_at_impact=True)
+    made.targets[0] = target
     made.place(0, 0.0, 20.0, 0.85)
     advance(made, 2000)
     assert made.state[0, 0, COLUMN["collisions"]] == 1.0
-    assert made.state[0, 0, COLUMN["dtc_m"]] > 400.0
+    assert least_m < made.state[0, 0, COLUMN["dtc_m"]] < least_m + 100.0
     event = dict(zip(EVENT, made.events[0, 0], strict=True))
     assert event["partner"] == 1
+
+
+def test_without_a_target_nothing_is_measured():
+    made = fleet(colliders=np.array([[50.0, 0.0, 0.0, 2.0, 1.0]]))
+    made.place(0, 0.0, 20.0, 0.85)
+    assert made.state[0, 0, COLUMN["closing_mps"]] == made.state[0, 0, COLUMN["dtc_m"]] == 0.0
 
 
 def test_a_scripted_object_hits_a_standing_car_between_two_ticks():

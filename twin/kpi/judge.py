@@ -26,9 +26,9 @@ from schemas.sections.scenario import Scenario
 from schemas.words import plain
 from twin.base.errors import InfrastructureError
 from twin.kpi import verdict as judging
-from twin.kpi.judge_record import course_of, hit_of, state_of
-from twin.kpi.lane_progress import LaneProgress
+from twin.kpi.judge_record import hit_of, state_of, surroundings_of
 from twin.records.kpi_file import kpi_sha256, read_kpi
+from twin.scenario.families import replay
 
 LOG_BYTES_MAX = 1 << 30
 _NUMBER = re.compile(r"\d+\.\d+")
@@ -109,15 +109,13 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
     seen = int(rows.column("collisions")[-1])
     if record.collisions != seen:
         differences.append(f"{RECORD_FILE} counts {record.collisions} collisions, the rows {seen}")
-    state, course, hit = state_of(record), course_of(record), hit_of(record)
-    lane = None
-    if record.scenario.type == "lane_keeping":
-        lane = LaneProgress.along(course.lane, rows.column("x_m"), rows.column("y_m"))
-    differences += _of_values("scalar", claim.scalars, judging.scalars(rows, state, lane, hit))
+    state, hit = state_of(record), hit_of(record)
+    run = replay(record.scenario, surroundings_of(record), rows)
+    differences += _of_values("scalar", claim.scalars, judging.scalars(rows, state, run, hit))
     if claim.outcome != "verdict":
         return differences
     differences += _of_values("name", claim.names, judging.names(rows, state, hit))
-    mine = judging.judge(record.scenario, rows, state, lane, course, hit)
+    mine = judging.judge(rows, state, run, hit)
     if mine.verdict != claim.verdict:
         reason = mine.reasons[0] if mine.reasons else ""
         differences.insert(

@@ -7,22 +7,24 @@ import numpy as np
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Case
 from schemas.files.judging import HitRecord, JudgeRecord, LaneRecord
-from twin.kpi.course import Course
 from twin.road.lane import LanePath
+from twin.scenario.surroundings import Surroundings
 from twin.vehicle.columns import COLUMN, TELEMETRY
 from twin.world.things import Thing
 
 
-def judge_record(case: Case, state: np.ndarray, course: Course, hit: Thing | None) -> JudgeRecord:
+def judge_record(
+    case: Case, state: np.ndarray, ground: Surroundings, hit: Thing | None
+) -> JudgeRecord:
     """The record of a case that ends.
 
     Args:
         case: the case.
         state: its vehicle's state [T].
-        course: the lane and what stands in it.
+        ground: the lane and the target.
         hit: what the ego hit first.
     """
-    lane, target = course.lane, course.target
+    lane, target = ground.lane, ground.target
     return JudgeRecord(
         v=SCHEMA_VERSION,
         case=case.id,
@@ -32,9 +34,9 @@ def judge_record(case: Case, state: np.ndarray, course: Course, hit: Thing | Non
         impact_step=int(state[COLUMN["impact_step"]]),
         moved=bool(state[COLUMN["moved"]]),
         target=None if target is None else tuple(target.tolist()),
-        centre_offset_m=course.centre_offset_m,
-        half_length_m=course.half_length_m,
-        half_width_m=course.half_width_m,
+        centre_offset_m=ground.centre_offset_m,
+        half_length_m=ground.half_length_m,
+        half_width_m=ground.half_width_m,
         lane=lane_record(lane),
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
     )
@@ -61,8 +63,8 @@ def state_of(record: JudgeRecord) -> np.ndarray:
     return state
 
 
-def course_of(record: JudgeRecord) -> Course:
-    """The lane and what stands in it."""
+def surroundings_of(record: JudgeRecord) -> Surroundings:
+    """The lane and the target."""
     lane = LanePath(
         np.array(record.lane.station_m),
         np.array(record.lane.start),
@@ -71,7 +73,9 @@ def course_of(record: JudgeRecord) -> Course:
         record.lane.closed,
     )
     target = None if record.target is None else np.array(record.target)
-    return Course(lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m)
+    return Surroundings(
+        lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m
+    )
 
 
 def hit_of(record: JudgeRecord) -> Thing | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -28,6 +28,7 @@ _FIRST_ROWS = 256
 _PLAIN = [column for column in KPI_COLUMNS if column.type != "detections"]
 _NULLABLE = frozenset(column.name for column in KPI_COLUMNS if column.nullable)
 _NAMES = frozenset(column.name for column in KPI_COLUMNS if column.type == "name")
+_BY_SCENARIO = tuple(column.name for column in KPI_COLUMNS if column.by_scenario)
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "collisions")
 
 
@@ -37,16 +38,16 @@ class KpiRecorder:
     What a row costs hardly depends on the number of slots.
     """
 
-    def __init__(self, slots: int, names: Sequence[str] = (), *, target: bool = True) -> None:
+    def __init__(self, slots: int, names: Sequence[str] = ()) -> None:
         """Rows for so many slots.
 
         Args:
             slots: S.
             names: of the objects that ``nearest`` of :meth:`add` counts.
-            target: something stands in the lane, to which ``dtc_m`` is measured.
         """
         self._names = np.array(["", *names])
-        self._target = target
+        self._target = np.ones(slots, np.bool_)
+        """There is something to which ``dtc_m`` is measured."""
         self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _PLAIN}
         self._valid = {
             c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _PLAIN if c.nullable
@@ -56,8 +57,10 @@ class KpiRecorder:
         self._offsets: list[list[int]] = [[0] for _ in range(slots)]
         self._commanded: list[list[bool]] = [[] for _ in range(slots)]
 
-    def begin(self, slot: int) -> None:
-        """Forget the rows of a slot: a case begins."""
+    def begin(self, slot: int, *, target: bool = True) -> None:
+        """Forget the rows of a slot: a case begins; ``target``: its scenario's target is there, so
+        it has a distance to collision."""
+        self._target[slot] = target
         self._rows[slot] = 0
         self._detected[slot], self._offsets[slot], self._commanded[slot] = [], [0], []
 
@@ -68,7 +71,7 @@ class KpiRecorder:
         sim_time_ns: np.ndarray,
         state: np.ndarray,
         commands: Sequence[Command | None],
-        lateral_error_m: Sequence[float | None],
+        by_scenario: Sequence[Mapping[str, float]],
         nearest: np.ndarray | None = None,
     ) -> None:
         """Append a row to every one of ``slots``.
@@ -79,7 +82,7 @@ class KpiRecorder:
             sim_time_ns: sim times of all slots [S].
             state: vehicle states of all slots [S, T].
             commands: n, given for this tick.
-            lateral_error_m: n; None: not a case of lane keeping.
+            by_scenario: n, columns that the scenario gives; those not named are missing.
             nearest: what all slots are nearest to [S, 4], columns
                 :data:`twin.vehicle.nearest.NEAREST`; None: nothing was measured.
         """
@@ -93,15 +96,16 @@ class KpiRecorder:
         self._set("sim_time_ns", which, row, sim_time_ns[which])
         for name in _STATE:
             self._set(name, which, row, state[which, COLUMN[name]])
-        here = np.full(len(which), self._target)
+        here = self._target[which]
         self._set("dtc_m", which, row, state[which, COLUMN["dtc_m"]], here)
         closing = state[which, COLUMN["closing_mps"]]
         closes = here & (closing > CLOSING_MIN_MPS)
         ttc_s = np.divide(state[which, COLUMN["dtc_m"]], closing, where=closes, out=closing.copy())
         self._set("ttc_s", which, row, ttc_s, closes)
-        along = np.array([error is not None for error in lateral_error_m], np.bool_)
-        error_m = np.array([error or 0.0 for error in lateral_error_m])
-        self._set("lateral_error_m", which, row, error_m, along)
+        for name in _BY_SCENARIO:
+            given = np.array([name in values for values in by_scenario], np.bool_)
+            values = np.array([values.get(name, 0.0) for values in by_scenario])
+            self._set(name, which, row, values, given)
         self._set_nearest(which, row, nearest)
         self._set_commands(which, row, commands)
         self._rows[which] += 1

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case, Scenario
+from schemas.campaign import Case
 from schemas.files.assets import asset_digest
 from schemas.files.judging import JudgeRecord
 from schemas.files.yaml_file import YamlError
 from schemas.identity import stream_key
+from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, command_mistake
 from schemas.verdict import is_pass
 from twin.actors.intervention_motion import HandMotion
@@ -25,13 +26,14 @@ from twin.base.errors import RefusedError
 from twin.base.stopwatch import Stopwatch
 from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
-from twin.kpi.course import Course
 from twin.kpi.judge_record import judge_record
-from twin.kpi.lane_progress import LaneProgress
 from twin.kpi.recorder import KpiRecorder
 from twin.kpi.table import KpiTable
 from twin.rig.command_delay import Delays
 from twin.rig.interventions.steerable import Steerable
+from twin.scenario import families
+from twin.scenario.protocol import ScenarioRun
+from twin.scenario.surroundings import Surroundings
 from twin.sensors import exteroceptive
 from twin.sensors.data import SensorData
 from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
@@ -53,6 +55,7 @@ from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
 _NO_LIGHTS = Lights()
+_PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
 """Reason beside the verdict of a case whose car the simulator's own model did not move."""
@@ -87,14 +90,14 @@ class _Run:
 
     case: Case
     environment: CaseEnvironment
+    scenario: ScenarioRun
+    ground: Surroundings
     pending: deque[tuple[int, Command]] = field(default_factory=deque)
     """Commands with the physics step from which they are in force."""
     delays: Delays = field(init=False)
     """Between command and effect."""
     lights: Lights = _NO_LIGHTS
     """Lamps in force."""
-    lane: LaneProgress | None = None
-    """Of a case of lane keeping."""
     carried: bool = False
     """The stack has commanded a pose."""
 
@@ -183,9 +186,8 @@ class Engine(Steerable):
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
         names = [thing.name for thing in self._world.things]
-        self._recorder = KpiRecorder(slots, names, target=self._world.target is not None)
+        self._recorder = KpiRecorder(slots, names)
         self._limits = judging.Limits.of(slots)
-        self._course = Course.of(self._world, vehicle)
         self._nearest = np.zeros((slots, len(NEAREST)))
         self._surveyed = False
         """What egos are nearest to is being measured at the current ticks."""
@@ -218,8 +220,7 @@ class Engine(Steerable):
 
     @property
     def colliders(self) -> np.ndarray:
-        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; first ``cars`` cars,
-        the obstacle before all, if there is one."""
+        """Hulls one can hit [N, 5]: x, y, yaw, half length, half width; first ``cars`` cars."""
         return self._world.colliders
 
     @property
@@ -227,11 +228,17 @@ class Engine(Steerable):
         """How many of the colliders are cars."""
         return self._world.cars
 
+    def target(self, slot: int) -> int | None:
+        """Collider that the scenario of a slot's case is about; None: there is none."""
+        index = int(self._vehicles.targets[slot])
+        return index if index >= 0 else None
+
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
         self._motion.begin(slot, case.objects)
-        x_m, y_m, yaw_rad = self._start(case.scenario)
+        ground = self._ground(slot, case)
+        x_m, y_m, yaw_rad = families.start_of(case.scenario, ground)
         speed_mps = case.scenario.ego_speed_mps
         self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
         self._unmeasured = True  # once for all that begin together
@@ -241,46 +248,22 @@ class Engine(Steerable):
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
         self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
-        self._runs[slot] = _Run(case, environment)
-        self._recorder.begin(slot)
+        run = families.begin(case.scenario, ground, x_m, y_m)
+        self._runs[slot] = _Run(case, environment, run, ground)
+        self._recorder.begin(slot, target=ground.target is not None)
         self._limits.begin(slot, case.scenario)
-        if case.scenario.type == "lane_keeping":
-            self._runs[slot].lane = LaneProgress(self._world.lane, x_m, y_m)
         self.active[slot] = True
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
 
-    def _start(self, scenario: Scenario) -> tuple[float, float, float]:
-        """World x, y [m] and heading [rad] of the ego at the start."""
-        if scenario.type == "jump_scare":
-            return self._world.before_obstacle(scenario.ego_start_m + self._vehicle.front_offset_m)
-        self._check_lane(scenario)
-        pose = self._world.lane.at(0.0)
-        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
-
-    def _check_lane(self, scenario: Scenario) -> None:
-        """Lane keeping needs a lane that is long enough and free.
-
-        Raises:
-            ValueError: this scene has none; one line.
-        """
-        world, lane = self._world, self._world.lane
-        name = f"scene {scenario.scene}: lane_keeping"
-        if not self._street:
-            raise ValueError(f"{name} needs a street, and this scene has none of its own")
-        if not lane.closed and lane.length_m < scenario.distance_m:
-            raise ValueError(
-                f"{name} over {scenario.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
-                "set scenario.distance_m, or take a closed road such as downtown-loop"
-            )
-        if world.target is None:
-            return
-        x_m, y_m, _, half_length_m, half_width_m = world.target
-        place = lane.locate(x_m, y_m)
-        gap_m = abs(float(place.lateral_m)) - half_width_m - 0.5 * self._vehicle.width_m
-        free_m = float(place.s_m) - half_length_m - self._vehicle.front_offset_m
-        if gap_m <= 0.0 and (lane.closed or free_m < scenario.distance_m):
-            raise ValueError(f"{name}: the broken-down car stands in the lane; set obstacle.y_m")
+    def _ground(self, slot: int, case: Case) -> Surroundings:
+        """What the scenario of a case looks at; distances of its slot are to its target."""
+        scenario = case.scenario
+        target = self._world.collider_of(kind_of(scenario).target)
+        self._vehicles.targets[slot] = -1 if target is None else target
+        return Surroundings.of(
+            self._world, self._vehicle, target, scenario.scene, street=self._street
+        )
 
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
@@ -291,6 +274,7 @@ class Engine(Steerable):
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
+        self._vehicles.targets[slot] = -1
         self._winds.clear(slot)
         self._vehicles.state[slot] = 0.0
         self._eyes.clear(slot)
@@ -463,12 +447,9 @@ class Engine(Steerable):
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        lateral_m = []
-        for slot in slots:
-            run = self._runs[slot]
-            lateral_m.append(run.lane.lateral_m if run is not None and run.lane else None)
+        given = [run.scenario.columns() if (run := self._runs[slot]) else {} for slot in slots]
         self._recorder.add(
-            slots, self.tick, self.sim_time_ns, self.state, commands, lateral_m, self._nearest
+            slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
 
     def _survey(self) -> None:
@@ -486,10 +467,11 @@ class Engine(Steerable):
         state = self.state
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
         faulty = self._vehicles.faulty()
+        places = state[:, _PLACE]
         for slot, run in enumerate(self._runs):
-            if run is not None and run.lane is not None and not faulty[slot]:
-                run.lane.move(float(state[slot, COLUMN["x_m"]]), float(state[slot, COLUMN["y_m"]]))
-                over[slot] |= judging.has_left(run.case.scenario, run.lane)
+            if run is not None and not faulty[slot]:
+                run.scenario.observe(places[slot, :1], places[slot, 1:])
+                over[slot] |= run.scenario.ended()
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
@@ -511,12 +493,12 @@ class Engine(Steerable):
         self._record([slot], [None])
         rows = self._recorder.of(slot)
         hit = self._hit(slot)
-        result = judging.judge(run.case.scenario, rows, state, run.lane, self._course, hit)
+        result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        scalars = judging.scalars(rows, state, run.lane, hit)
+        scalars = judging.scalars(rows, state, run.scenario, hit)
         names = judging.names(rows, state, hit)
         table = rows.table()
-        record = judge_record(run.case, state, self._course, hit)
+        record = judge_record(run.case, state, run.ground, hit)
         self.clear(slot)
         return Finished(slot, "verdict", result.verdict, reasons, scalars, table, names, record)
 
@@ -533,9 +515,9 @@ class Engine(Steerable):
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._runs[slot], self._recorder.of(slot)
         assert run is not None
-        scalars = judging.scalars(rows, self.state[slot], run.lane)
+        scalars = judging.scalars(rows, self.state[slot], run.scenario)
         table = rows.table()
-        record = judge_record(run.case, self.state[slot], self._course, None)
+        record = judge_record(run.case, self.state[slot], run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
 

@@ -61,6 +61,7 @@ def carry_kernel(
     carried: wp.array(dtype=wp.int32),
     com: wp.array(dtype=wp.vec3d),
     turn: wp.array(dtype=wp.quatd),
+    targets: wp.array(dtype=wp.int32),
     movers: wp.array3d(dtype=wp.float64),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
@@ -121,4 +122,4 @@ def carry_kernel(
             vehicle_contacts(models, scene, states, props, events, counts, slot, 0, now)
             since = wp.float64(k + 1) * _STEP_S
             mover_contacts(m, scene, states, movers, events, counts, slot, 0, now, since)
-    states[slot, 0] = measure(m, scene, states[slot, 0])
+    states[slot, 0] = measure(m, scene, states[slot, 0], targets[slot])

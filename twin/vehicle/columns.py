@@ -28,8 +28,8 @@ UNITS: dict[str, str] = {
     "throttle": "throttle",
     "brake": "brake",
     "handbrake": "handbrake",
-    # Distance to collider 0 and closing speed; the first collision; steps count physics steps
-    # since reset, -1: never.
+    # Distance to the scenario's target and closing speed; the first collision; steps count physics
+    # steps since reset, -1: never.
     "dtc": "dtc_m",
     "closing": "closing_mps",
     "collisions": "collisions",

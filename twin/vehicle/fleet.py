@@ -33,7 +33,8 @@ class Fleet:
     Host arrays, written before :meth:`advance`: ``friction`` [S], ``wind`` [S, 2]
     (world x and y [m/s], 0 after :meth:`place`), ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
-    ``active`` [S], ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
+    ``active`` [S], ``targets`` [S] (collider to which distances are measured; -1: none),
+    ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
     [S, V, T] and ``props`` [S, P, 6] are valid after each call.
     """
 
@@ -52,8 +53,7 @@ class Fleet:
         """Every slot has the same ``vehicles`` and ``props``.
 
         Args:
-            colliders: static hulls [K, 5]: x, y, yaw, half length, half width; distances are
-                measured to the first.
+            colliders: static hulls [K, 5]: x, y, yaw, half length, half width.
             ground: the plane z = 0 by default.
             movers: scripted objects M of every slot; their hulls stand in ``movers``.
             stop_at_impact: a vehicle's first collision freezes it.
@@ -91,6 +91,7 @@ class Fleet:
         self._switch_step = Mirror((slots,), wp.int32, device)
         self._first_step = Mirror((slots,), wp.int32, device)
         self._active = Mirror((slots,), wp.int32, device)
+        self._targets = Mirror((slots,), wp.int32, device)
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._scene_movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._nearest = Mirror((slots, len(NEAREST)), wp.float64, device)
@@ -108,6 +109,8 @@ class Fleet:
         self.switch_step = self._switch_step.host
         self.first_step = self._first_step.host
         self.active = self._active.host
+        self.targets = self._targets.host
+        self.targets[...] = -1
         self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
         wp.load_module(nearest, device=device, block_dim=_BLOCK)
@@ -225,12 +228,12 @@ class Fleet:
         self._events.host[self._placed] = 0.0
         self._event_count.host[self._placed] = 0
         self._placed.clear()
-        for mirror in (self._state, self._events, self._event_count):
+        for mirror in (self._state, self._events, self._event_count, self._targets):
             mirror.push()
         wp.launch(
             kernel.measure_kernel,
             (self.slots, len(self.vehicles)),
-            inputs=[self._models, self._scene],
+            inputs=[self._models, self._scene, self._targets.device],
             outputs=[self._rows],
             device=self._device,
             block_dim=_BLOCK,
@@ -254,6 +257,7 @@ class Fleet:
             self._switch_step,
             self._first_step,
             self._active,
+            self._targets,
             self._movers,
         ):
             mirror.push()
@@ -273,6 +277,7 @@ class Fleet:
                 self._switch_step.device,
                 self._first_step.device,
                 self._active.device,
+                self._targets.device,
                 self._movers.device,
             ],
             outputs=[
@@ -306,6 +311,7 @@ class Fleet:
                 wp.array(carried, dtype=wp.int32, device=self._device),
                 wp.array(com, dtype=wp.vec3d, device=self._device),
                 wp.array(turn, dtype=wp.quatd, device=self._device),
+                self._targets.device,
                 self._movers.device,
             ],
             outputs=[

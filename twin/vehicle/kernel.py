@@ -302,14 +302,17 @@ def _prop_contacts(scene: VehicleScene, props: wp.array3d(dtype=wp.float64), slo
 
 
 @wp.func
-def measure(m: VehicleModel, scene: VehicleScene, state: VehicleState) -> VehicleState:
-    """Distance to the obstacle (collider 0) and closing speed."""
+def measure(
+    m: VehicleModel, scene: VehicleScene, state: VehicleState, target: wp.int32
+) -> VehicleState:
+    """Distance to the collider ``target`` and closing speed; -1: there is no target."""
     s = state
     k = scene.colliders
-    if k.shape[0] == 0:
+    if target < 0:
         return s
     way = separation(
-        hull_of(_vehicle_box(m, s)), hull_at(k[0, 0], k[0, 1], k[0, 2], k[0, 3], k[0, 4])
+        hull_of(_vehicle_box(m, s)),
+        hull_at(k[target, 0], k[target, 1], k[target, 2], k[target, 3], k[target, 4]),
     )
     s.dtc = way[2]
     s.closing = _ZERO
@@ -323,6 +326,8 @@ def measure_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
     scene: VehicleScene,
+    # args
+    targets: wp.array(dtype=wp.int32),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
 ):
@@ -330,7 +335,9 @@ def measure_kernel(
     slot, v = wp.tid()
     q = states[slot, v].orientation
     if wp.dot(q, q) > _ZERO:
-        states[slot, v] = measure(models[v], scene, observe(models[v], states[slot, v]))
+        states[slot, v] = measure(
+            models[v], scene, observe(models[v], states[slot, v]), targets[slot]
+        )
 
 
 @wp.kernel
@@ -346,6 +353,7 @@ def drive_kernel(
     switch_step: wp.array(dtype=wp.int32),
     first_step: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
+    targets: wp.array(dtype=wp.int32),
     movers: wp.array3d(dtype=wp.float64),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
@@ -356,7 +364,8 @@ def drive_kernel(
     """Advance all active slots by ``steps`` physics steps.
 
     ``commands`` [S, V, 2, 5]: in force before and from ``switch_step``. ``first_step`` [S]: physics
-    steps since reset at the start. ``movers`` [S, M, 8]: hulls at the start, MOVER_COLUMNS.
+    steps since reset at the start. ``targets`` [S]: collider that distances are measured to, -1:
+    none. ``movers`` [S, M, 8]: hulls at the start, MOVER_COLUMNS.
     """
     slot = wp.tid()
     if active[slot] == 0:
@@ -401,4 +410,4 @@ def drive_kernel(
         for p in range(props.shape[1]):
             _prop_contacts(scene, props, slot, p)
     for v in range(vehicles):
-        states[slot, v] = measure(models[v], scene, states[slot, v])
+        states[slot, v] = measure(models[v], scene, states[slot, v], targets[slot])

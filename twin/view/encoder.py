@@ -56,7 +56,7 @@ class Encoder:
     """Items of the feed's queue -> messages; remembers what an attempt has shown."""
 
     def __init__(self) -> None:
-        self._stages: dict[tuple[str, str], Stage] = {}
+        self._stages: dict[tuple[str, str, int | None], Stage] = {}
         self._scene: SceneMesh | None = None
         self._shown: dict[int, _Shown] = {}
         """By token."""
@@ -71,7 +71,7 @@ class Encoder:
         """What the recorder gets of one item, in the order of its running numbers, and viewers."""
         match item:
             case Began():
-                stage = self._stage(item.run.lease, item.colliders, item.cars)
+                stage = self._stage(item.run, item.colliders, item.cars)
                 return [RecorderSample(start=start_of(item.run.lease, stage, item.seq))], []
             case Scenery():
                 return [], [ViewMessage(topics.VIEW_LIVE_START, encode(self._live_start(item)))]
@@ -85,15 +85,16 @@ class Encoder:
             self._scene = pack_scene(world)
         return self._scene
 
-    def _stage(self, lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
-        key = (lease.case.scenario.scene, lease.case.scenario.vehicle)
+    def _stage(self, run: SlotRun, colliders: np.ndarray, cars: int) -> Stage:
+        scenario = run.lease.case.scenario
+        key = (scenario.scene, scenario.vehicle, run.target)
         if key not in self._stages:
-            self._stages[key] = stage_of(lease, colliders, cars)
+            self._stages[key] = stage_of(run.lease, colliders, cars, run.target)
         return self._stages[key]
 
     def _live_start(self, item: Scenery) -> CaseStart:
         lease, world = item.run.lease, item.world
-        stage = self._stage(lease, world.colliders, world.cars)
+        stage = self._stage(item.run, world.colliders, world.cars)
         return msgspec.structs.replace(
             start_of(lease, stage, UNNUMBERED),
             cameras=item.cameras,

@@ -127,7 +127,8 @@ class ViewFeed:
     def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
         """See :class:`Feed`."""
         self._engine = engine
-        run = self._runs[slot] = SlotRun(lease, recorded=not self._recorder_gone)
+        recorded, target = not self._recorder_gone, engine.target(slot)
+        run = self._runs[slot] = SlotRun(lease, recorded=recorded, target=target)
         if run.recorded:
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
         ask = self._ask
@@ -248,6 +249,7 @@ class ViewFeed:
             np.copyto(image, source)
         if "boxes" in sensed and sensed["boxes"].count is not None:
             boxes = sensed["boxes"].values[slot, : sensed["boxes"].count[slot]].copy()
+        run = self._runs[slot]
         return SlotSeen(
             tick=int(engine.tick[slot]),
             sim_time_ns=int(engine.sim_time_ns[slot]),
@@ -257,8 +259,8 @@ class ViewFeed:
             boxes=boxes,
             pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
-            hand=run.hand if (run := self._runs[slot]) else "",
-            target=engine.world.target is not None,
+            hand=run.hand if run else "",
+            target=run is not None and run.target is not None,
             movers=_movers(engine, slot) if recorded or "state" in due else None,
         )
 

@@ -66,6 +66,8 @@ class SlotRun:
 
     lease: Lease
     recorded: bool
+    target: int | None = None
+    """Collider that its scenario is about; None: there is none."""
     samples: int = 0
     """Running numbers handed out."""
     last_tick: int = -1
@@ -91,10 +93,9 @@ class Began:
     run: SlotRun
     seq: int
     colliders: np.ndarray
-    """float64 [N, 5]: x, y, yaw, half length, half width; the obstacle comes first, if
-    there is one."""
+    """float64 [N, 5]: x, y, yaw, half length, half width."""
     cars: int
-    """How many of the colliders are cars, an obstacle included."""
+    """How many of the first colliders are cars."""
 
 
 @dataclass(frozen=True, slots=True)

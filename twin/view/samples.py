@@ -49,12 +49,13 @@ def points_of(cloud: Cloud) -> np.ndarray:
     return rows
 
 
-def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
-    """The standing world of a lease's case; ``colliders`` [N, 5], the obstacle first, if there is
-    one."""
+def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None) -> Stage:
+    """The standing world of a lease's case: ``colliders`` [N, 5], of which the first ``cars`` are
+    cars and ``target`` is what the scenario is about."""
     scene = load_scene(lease.case.scenario.scene)
-    standing = colliders[: 0 if scene.obstacle is None else 1].tolist()
-    others = colliders[len(standing) :].tolist()
+    hulls = colliders.tolist()
+    standing = [] if target is None else [hulls.pop(target)]
+    size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]
     vehicle = load_vehicle(lease.case.scenario.vehicle)
     road = scene.road
     return Stage(
@@ -64,12 +65,12 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int) -> Stage:
         sidewalk_width_m=road.sidewalk_width_m,
         obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],
         obstacle_yaw_rad=standing[0][2] if standing else 0.0,
-        obstacle_size_m=[LENGTH_M, WIDTH_M, HEIGHT_M],
+        obstacle_size_m=[*size_m, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
         camera_m=list(vehicle.camera(lease.case.camera.name).position_m),
-        hulls=others,
-        cars=cars - len(standing),
+        hulls=hulls,
+        cars=cars - (target is not None and target < cars),
     )
 
 

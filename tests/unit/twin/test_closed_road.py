@@ -12,6 +12,7 @@ from twin.base.errors import UsageError
 from twin.dataset.images.cast import streets_of
 from twin.dataset.recipe import DatasetRecipe
 from twin.render.light.street_lamps import LAMP_CELL_M, nearest_lamps
+from twin.scenario.surroundings import place_before
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
 from twin.vehicle.state import COLUMN
@@ -62,7 +63,8 @@ def test_straight_streets_are_what_they_were(name):
         digest.update(np.ascontiguousarray(values).tobytes())
     assert digest.hexdigest()[:16] == STRAIGHT[name]
     assert not world.lane.closed
-    assert world.before_obstacle(100.0) == (world.obstacle_rear_m - 100.0, 0.0, 0.0)
+    pose = place_before(world.lane, world.colliders[world.obstacle], 100.0)
+    assert pose == (world.obstacle_rear_m - 100.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +200,7 @@ def test_nothing_stands_in_its_lanes(loop):
     x, y = world.colliders[0, :2]
     place = world.lane.locate(x, y)
     assert place.lateral_m == pytest.approx(scene.obstacle.y_m, abs=1e-6)
-    pose = world.before_obstacle(200.0)  # round the last curve
+    pose = place_before(world.lane, world.colliders[world.obstacle], 200.0)  # round the last curve
     behind = world.lane.locate(*pose[:2])
     rear = world.lane.locate(*world.lane.at(scene.obstacle.x_m)[:2]).s_m
     assert behind.s_m == pytest.approx((rear - 200.0) % world.lane.length_m, abs=1e-6)

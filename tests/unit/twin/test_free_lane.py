@@ -71,7 +71,7 @@ def test_objects_are_numbered_from_the_first_parked_car(tmp_path):
     path = tmp_path / "free.yaml"
     path.write_text(yaml.safe_dump({**STREET, "furniture": {"parked_cars": 1.0}}))
     world = build_world(load_scene(str(path)))
-    assert world.target is None
+    assert world.obstacle is None
     assert world.cars > 10
     for instance, (x_m, y_m, *_) in enumerate(world.colliders[: world.cars]):
         points = world.mesh.points_m[world.mesh.faces[world.mesh.instance == instance]]
@@ -84,7 +84,7 @@ def test_the_street_of_a_recording_has_no_obstacle(tmp_path):
     path.write_text(yaml.safe_dump(STREET))
     one = case_of(str(path))
     world = build_world(load_scene(str(path)))
-    stage = stage_of(Lease(1, 1, "", one), world.colliders, world.cars)
+    stage = stage_of(Lease(1, 1, "", one), world.colliders, world.cars, world.obstacle)
     assert stage.obstacle_center_m == []
     assert len(stage.hulls) == len(world.colliders)
     assert stage.cars == world.cars

@@ -24,7 +24,7 @@ def drive(slots, ticks, case_of_slot, recorder=None):
             lights = Lights(high=bool(rng.integers(2)), fog=True, indicators=3)
             command = Command(slot, 0, tick, *rng.random(3).tolist(), True, lights, seen)
             commands.append(None if tick == ticks - 1 else command)
-            lateral.append(float(rng.random()) if case % 2 else None)
+            lateral.append({"lateral_error_m": float(rng.random())} if case % 2 else {})
         now = np.full(slots, tick)
         recorder.add(list(case_of_slot), now, now * 50, state, commands, lateral)
     return recorder
@@ -48,7 +48,7 @@ def test_a_time_to_collision_exists_only_while_closing():
     state = np.zeros((2, len(COLUMN)))
     state[:, COLUMN["dtc_m"]] = 10.0
     state[:, COLUMN["closing_mps"]] = CLOSING_MIN_MPS, 2.0
-    recorder.add([0, 1], np.zeros(2), np.zeros(2), state, [None, None], [None, None])
+    recorder.add([0, 1], np.zeros(2), np.zeros(2), state, [None, None], [{}, {}])
     assert recorder.of(0).table().to_lists()["ttc_s"] == [None]
     assert recorder.of(1).table().to_lists()["ttc_s"] == [5.0]
 
@@ -80,7 +80,7 @@ def test_what_is_not_valid_is_zero():
     recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     state[:, COLUMN["dtc_m"]], state[:, COLUMN["closing_mps"]] = 10.0, 0.5 * CLOSING_MIN_MPS
-    recorder.add([0], np.zeros(1), np.zeros(1), state, [None], [None])
+    recorder.add([0], np.zeros(1), np.zeros(1), state, [None], [{}])
     rows = recorder.of(0)
     for name in ("ttc_s", "throttle", "brake", "lateral_error_m"):
         assert (rows.column(name).tolist(), rows.valid(name).tolist()) == ([0], [False]), name

@@ -12,9 +12,10 @@ from devkit.aeb import AebStack
 from devkit.stack import Observation
 from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Episode
-from twin.kpi.lane_progress import LaneProgress
+from schemas.wire.interventions import PlaceEgo
 from twin.rig.engine import Engine
 from twin.road.lane import Piece, straight, trace
+from twin.scenario.lane_keeping.progress import LaneProgress
 from twin.vehicle.state import COLUMN
 
 LANE_SCALARS = ("distance_m", "lateral_error_rms_m", "lateral_error_max_m")
@@ -183,9 +184,7 @@ def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     lane = engine._world.lane
     pose = lane.at(368.0)
     x_m, y_m, yaw_rad = (float(value) for value in (pose.x_m, pose.y_m, pose.yaw_rad))
-    friction = float(engine._vehicles.friction[0])
-    engine._vehicles.place(0, x_m, 8.0, friction, y_m=y_m, yaw_rad=yaw_rad)
-    engine._runs[0].lane = LaneProgress(lane, x_m, y_m)
+    engine.place_ego(0, PlaceEgo(x_m, y_m, yaw_rad, 8.0))
     stack = AebStack(1, steering="visual", ttc_max_s=1.5)
     camera = one.camera
     stack.reset(

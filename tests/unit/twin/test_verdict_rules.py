@@ -5,11 +5,13 @@ import pytest
 from unit.twin.test_engine import ask, case, run
 
 from twin.kpi import verdict as judging
-from twin.kpi.course import Course
 from twin.kpi.recorder import CaseRows
 from twin.kpi.table import DetectionColumn
 from twin.rig.engine import Engine
 from twin.road.lane import Piece, end_of, straight, trace
+from twin.scenario import families
+from twin.scenario.jump_scare.passing import past_from
+from twin.scenario.surroundings import Surroundings
 from twin.vehicle.state import COLUMN, TELEMETRY
 
 NONE = DetectionColumn(np.zeros(1, np.int32), np.zeros(0, bool), [], *(np.zeros(0),) * 5)
@@ -111,11 +113,12 @@ def rows_of(speed, x, dtc=None):
 def judged(rows, course, *, moved=True):
     state = np.zeros(len(TELEMETRY))
     state[COLUMN["moved"]] = moved
-    return judging.judge(case().scenario, rows, state, None, course, None)
+    run = families.replay(case().scenario, course, rows)
+    return judging.judge(rows, state, run, None)
 
 
-ROAD = Course(straight(0.0, 100.0), np.array([50.0, 0.0, 0.0, 2.0, 0.9]), 1.4, 2.4, 0.9)
-FREE = Course(straight(0.0, 100.0), None, 1.4, 2.4, 0.9)
+ROAD = Surroundings(straight(0.0, 100.0), np.array([50.0, 0.0, 0.0, 2.0, 0.9]), 1.4, 2.4, 0.9)
+FREE = Surroundings(straight(0.0, 100.0), None, 1.4, 2.4, 0.9)
 
 
 @pytest.mark.parametrize(
@@ -148,13 +151,13 @@ def test_on_a_closed_road_the_lap_counts():
     pieces.append(Piece(62.83185307, 0.05))
     lane = trace((0.0, 0.0, 0.0), pieces, closed=True)
     assert np.allclose(end_of((0.0, 0.0, 0.0), pieces)[:2], 0.0, atol=1e-6)
-    course = Course(lane, np.array([20.0, 0.0, 0.0, 2.0, 0.9]), 1.4, 2.4, 0.9)
+    course = Surroundings(lane, np.array([20.0, 0.0, 0.0, 2.0, 0.9]), 1.4, 2.4, 0.9)
     stations = np.arange(40.0, 40.0 + 320.0, 4.0)
     pose = lane.at(stations)
     rows = rows_of([5.0] * len(stations), pose.x_m)
     rows.column("y_m")[:] = pose.y_m
     rows.column("yaw_rad")[:] = pose.yaw_rad
-    past = course.past_from(rows)
+    past = past_from(course, rows)
     assert past is not None
     # The rear bumper is 1 m behind the reference point, the obstacle's front at 22 m of lap two.
     assert stations[past - 1] - 1.0 <= lane.length_m + 22.0 < stations[past] - 1.0

@@ -70,6 +70,7 @@ class Sim:
         self.state = np.zeros((2, len(COLUMN)))
         self.world = world()
         self.colliders, self.cars = self.world.colliders, self.world.cars
+        self.target = lambda slot: self.world.obstacle
         self.placement = Still().at(np.zeros(2))
         self.camera_sites, self.lidar_sites = [], []
         self.recorder = KpiRecorder(2)
@@ -91,13 +92,13 @@ class Sim:
 
     def step(self, feed, token=5, camera=True):
         command = self.command(token)
-        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [command], [None])
+        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [command], [{}])
         feed.tick(self, self.sensed() if camera else {}, [command, None])
         self.tick[0] += 1
         self.sim_time_ns[0] += 50_000_000
 
     def finished(self):
-        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [None], [None])
+        self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [None], [{}])
         return SimpleNamespace(
             slot=0,
             outcome="verdict",

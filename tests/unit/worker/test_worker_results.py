@@ -29,7 +29,7 @@ from twin.vehicle.state import COLUMN
 def ended(folder: Path, token: int) -> EndedCase:
     recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
-    recorder.add([0], np.array([token]), np.array([0]), state, [None], [None])
+    recorder.add([0], np.array([token]), np.array([0]), state, [None], [{}])
     finished = Finished(0, "verdict", "pass", [], {}, recorder.of(0).table())
     lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
     return EndedCase(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)

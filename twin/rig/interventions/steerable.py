@@ -9,7 +9,7 @@ import numpy as np
 from schemas.messages import SensorErrors
 from schemas.wire.interventions import ObjectState, PlaceEgo, SetEnvironment
 from twin.actors.intervention_motion import HandMotion, ObjectAction
-from twin.kpi.lane_progress import LaneProgress
+from twin.scenario import families
 
 if TYPE_CHECKING:
     from twin.sensors.exteroceptive import ExteroceptiveSuite
@@ -82,14 +82,13 @@ class Steerable:
         self._apply(slot, environment, int(self.sim_time_ns[slot]))
 
     def place_ego(self, slot: int, place: PlaceEgo) -> None:
-        """Put the ego elsewhere; progress along a lane is counted anew from there."""
+        """Put the ego elsewhere; the scenario begins anew from there."""
         friction = float(self._vehicles.friction[slot])
         self._vehicles.place(
             slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
         )
         run = self._run_of(slot)
-        if run.lane is not None:
-            run.lane = LaneProgress(self._world.lane, place.x_m, place.y_m)
+        run.scenario = families.begin(run.case.scenario, run.ground, place.x_m, place.y_m)
         self._eyes.moved(slot)
 
     def move_object(self, slot: int, action: ObjectAction) -> int:

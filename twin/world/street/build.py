@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,6 +25,8 @@ from twin.world.street.layout import Hull, lay_out
 from twin.world.street.parking import add_obstacle, add_parked
 from twin.world.things import Thing, named, numbered
 
+OBSTACLE = "obstacle"
+"""Name of the broken-down car among the things of a world."""
 _NO_LAMPS = (0.0, -1.0e6)
 """Lamps of a world without a street: so far away that they light nothing."""
 
@@ -84,23 +85,17 @@ class World:
         return np.array([*static, *self.mover_classes], np.int32)
 
     @property
-    def target(self) -> np.ndarray | None:
-        """What a jump scare is about, its hull [5]: the broken-down car; None: nothing stands in
-        the lane."""
-        return self.colliders[0] if self.has_obstacle else None
+    def obstacle(self) -> int | None:
+        """Collider of the broken-down car; None: there is none."""
+        return 0 if self.has_obstacle else None
 
-    def before_obstacle(self, distance_m: float) -> tuple[float, float, float]:
-        """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the obstacle's rear
-        bumper; along the lane. Without an obstacle, where the lane begins."""
-        if not self.has_obstacle:
-            pose = self.lane.at(0.0)
-            return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
-        x, y, yaw, half_length, _ = self.colliders[0].tolist()
-        if not self.lane.closed:
-            return x - half_length - distance_m, 0.0, 0.0
-        rear = (x - half_length * math.cos(yaw), y - half_length * math.sin(yaw))
-        pose = self.lane.at(self.lane.locate(*rear).s_m - distance_m)
-        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+    def collider_of(self, name: str) -> int | None:
+        """Collider of what a scenario names as its target: ``obstacle``, or the first hull of a
+        thing that stands in the scene; None: it is not there."""
+        if name == OBSTACLE:
+            return self.obstacle
+        names = (thing.name for thing in self.things[: len(self.colliders)])
+        return next((index for index, found in enumerate(names) if found == name), None)
 
     @property
     def obstacle_rear_m(self) -> float:
@@ -134,7 +129,7 @@ def _build(scene: Scene) -> World:
     layout = lay_out(scene)
     colliders: list[Hull] = add_obstacle(mesh, scene, layout)
     classes = ["car"] * len(colliders)
-    things = [Thing("obstacle", "car")] * len(colliders)
+    things = [Thing(OBSTACLE, "car")] * len(colliders)
     others: list[Hull] = []
     lamps_right = lamps_left = _NO_LAMPS
     bent_lamps: np.ndarray | None = None

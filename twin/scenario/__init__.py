@@ -1,0 +1,1 @@
+"""Scenarios: where an ego starts, when its case ends, what it comes to; a folder per family."""

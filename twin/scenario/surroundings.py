@@ -1,0 +1,72 @@
+"""Where a case takes place, as far as its scenario looks at it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.road.lane import LanePath
+
+if TYPE_CHECKING:  # who judges what is written needs no world
+    from twin.vehicle.vehicle_file import Vehicle
+    from twin.world.street.build import World
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The ego's lane, the target of the scenario, and how large the ego is."""
+
+    lane: LanePath
+    target: np.ndarray | None
+    """Hull of what the scenario is about [5]: x, y [m], yaw [rad], half length and width [m]; None:
+    it is not in this scene."""
+    centre_offset_m: float
+    """From the ego's reference point to the middle of its hull, forward."""
+    half_length_m: float
+    half_width_m: float
+    front_offset_m: float = 0.0
+    """From the ego's reference point to its front bumper; not in records."""
+    scene: str = ""
+    """For messages; not in records."""
+    street: bool = True
+    """The scene has a street with lanes; not in records."""
+
+    @classmethod
+    def of(
+        cls, world: World, vehicle: Vehicle, target: int | None, scene: str, *, street: bool
+    ) -> Surroundings:
+        """Those of a vehicle in a world; ``target``: index of a collider."""
+        return cls(
+            world.lane,
+            None if target is None else world.colliders[target],
+            vehicle.centre_offset_m,
+            vehicle.length_m / 2,
+            vehicle.width_m / 2,
+            vehicle.front_offset_m,
+            scene,
+            street,
+        )
+
+    def before_target(self, distance_m: float) -> tuple[float, float, float]:
+        """World x, y [m] and heading [rad] on the lane, ``distance_m`` before the target's rear
+        bumper; along the lane. Without a target, where the lane begins."""
+        return place_before(self.lane, self.target, distance_m)
+
+
+def place_before(
+    lane: LanePath, hull: np.ndarray | None, distance_m: float
+) -> tuple[float, float, float]:
+    """World x, y [m] and heading [rad] on a lane, ``distance_m`` before the rear of a hull [5];
+    without one, where the lane begins."""
+    if hull is None:
+        pose = lane.at(0.0)
+        return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
+    x, y, yaw, half_length, _ = hull.tolist()
+    if not lane.closed:
+        return x - half_length - distance_m, 0.0, 0.0
+    rear = (x - half_length * math.cos(yaw), y - half_length * math.sin(yaw))
+    pose = lane.at(lane.locate(*rear).s_m - distance_m)
+    return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)
