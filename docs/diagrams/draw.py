@@ -150,7 +150,7 @@ def packages() -> str:
     d.box(
         (20, 20, 220, 138),
         "twin",
-        "rig, worker, view, kpi",
+        "rig, worker, view, scenario, kpi",
         "vehicle, sensors, actors, road",
         "render, world, dataset",
         "bench, validate",
