@@ -20,7 +20,8 @@ from schemas.campaign import Case, expand, parse_campaign
 from schemas.messages import Command, Detection, Lights
 from twin.base.software import device_class
 from twin.records.kpi_file import canonical, kpi_table
-from twin.rig.engine import Engine, Finished
+from twin.rig.engine import Engine
+from twin.rig.slot import Finished
 
 Policy = dict[str, float]
 """``throttle`` until ``brake_s``, then ``brake``; ``steering`` all the way."""

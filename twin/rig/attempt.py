@@ -12,8 +12,8 @@ from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 from twin.rig.attempt_log import head, joined
-from twin.rig.engine import Finished
-from twin.rig.realtime import CSV_FILE, Paced
+from twin.rig.pacing import CSV_FILE, Paced
+from twin.rig.slot import Finished
 from twin.rig.stack_output import Kept
 
 

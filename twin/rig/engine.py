@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,12 +14,11 @@ import warp as wp
 
 from schemas.campaign import Case
 from schemas.files.assets import asset_digest
-from schemas.files.judging import JudgeRecord
 from schemas.files.yaml_file import YamlError
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
-from schemas.messages import Command, Lights, Pose, command_mistake
-from schemas.verdict import is_pass
+from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
+from schemas.wire.interventions import PlaceEgo
 from twin.actors.intervention_motion import HandMotion
 from twin.actors.motion import Placement
 from twin.base.errors import RefusedError
@@ -28,9 +27,8 @@ from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
-from twin.kpi.table import KpiTable
 from twin.rig.command_delay import Delays
-from twin.rig.interventions.steerable import Steerable
+from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
@@ -61,29 +59,6 @@ CARRIED = "co-simulated: the stack commanded the car's poses"
 """Reason beside the verdict of a case whose car the simulator's own model did not move."""
 
 
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A case that has ended; its slot is inactive already."""
-
-    slot: int
-    outcome: str
-    """``verdict``, or ``failed``: the case cannot be simulated, deterministically."""
-    verdict: str
-    """Empty when failed."""
-    reasons: list[str]
-    scalars: dict[str, float | int | None]
-    table: KpiTable
-    names: dict[str, str] = field(default_factory=dict)
-    """Scalars that are names, :data:`schemas.files.kpi.NAMES`."""
-    record: JudgeRecord | None = None
-    """What a judge needs beside the rows."""
-
-    @property
-    def passed(self) -> bool:
-        """See :func:`schemas.verdict.is_pass`."""
-        return is_pass(self.outcome, self.verdict)
-
-
 @dataclass(slots=True)
 class _Run:
     """What a slot remembers of its case."""
@@ -105,7 +80,7 @@ class _Run:
         self.delays = Delays(self.case)
 
 
-class Engine(Steerable):
+class Engine:
     """Simulates up to ``slots`` cases of one rig at a time.
 
     Call :meth:`reset` for every new case, then alternate :meth:`sense` and :meth:`step`. Nothing of
@@ -132,18 +107,12 @@ class Engine(Steerable):
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
         """
-        super().__init__()
         prepare_kernels()
-        try:
-            warp_device = wp.get_device(device)
-        except Exception as error:
-            known = ", ".join(str(d) for d in wp.get_devices())
-            raise ValueError(f"device '{device}': not here; allowed: {known}") from error
+        self._device = _known_device(device)
         check_files(case)
         scene = load_scene(case.scenario.scene)
         vehicle = load_vehicle(case.scenario.vehicle)
         self.slots = slots
-        self._device = warp_device
         self._watch = watch or Stopwatch()
         self.control_period_ns = 1_000_000_000 // case.control_hz
         self.active = np.zeros(slots, np.bool_)
@@ -153,34 +122,27 @@ class Engine(Steerable):
         self._world = build_world(scene)
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
-        self._motion = HandMotion(self._world.motion, self._world.kinds, slots)
+        self.objects = HandMotion(self._world.motion, self._world.kinds, slots)
+        """Movable objects of all slots."""
         self._origin = scene.origin
         self._street = scene.street
         self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle
-        self._eyes = ExteroceptiveSuite(
-            case, vehicle, scene, self._world, slots, warp_device, buffers or {}
+        self._exteroceptive = ExteroceptiveSuite(
+            case, vehicle, scene, self._world, slots, self._device, buffers or {}
         )
         kinds = self._world.kinds
         self._hull_sizes = np.array([(k.half_length_m, k.half_width_m) for k in kinds] or [(0, 0)])
-        self._vehicles = Fleet(
-            [vehicle],
-            slots,
-            warp_device,
-            colliders=self._world.colliders,
-            ground=drivable(self._world, warp_device),
-            movers=self._world.motion.count,
-            stop_at_impact=True,
-        )
+        self._vehicles = self._build_fleet()
         self._carrier = Carrier(self._vehicles, self._steps)
         if case.cosim:
             self._carrier.prepare()
         self.camera_sites = camera_sites(case, vehicle)
-        self.lidar_sites = self._eyes.lidar_sites
-        self._suite = SensorSuite(case, scene.origin, slots, warp_device)
-        looked_at = self._suite.needs_truth or self._eyes.needs_truth
-        self._truth = VehicleTruth(slots, warp_device) if looked_at else None
-        self.refill_every = math.lcm(self._eyes.period, self._suite.period)
+        self.lidar_sites = self._exteroceptive.lidar_sites
+        self._suite = SensorSuite(case, scene.origin, slots, self._device)
+        looked_at = self._suite.needs_truth or self._exteroceptive.needs_truth
+        self._truth = VehicleTruth(slots, self._device) if looked_at else None
+        self.refill_every = math.lcm(self._exteroceptive.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._illuminance_lx = np.zeros(slots)
         self._extinction_per_m = np.zeros(slots)
@@ -194,6 +156,17 @@ class Engine(Steerable):
         self._placed_ns = np.full(slots, -1, np.int64)
         """Sim times at which the scripted objects stand in the fleet."""
         self._unmeasured = False  # no vehicle was placed since the state was measured last
+
+    def _build_fleet(self) -> Fleet:
+        return Fleet(
+            [self._vehicle],
+            self.slots,
+            self._device,
+            colliders=self._world.colliders,
+            ground=drivable(self._world, self._device),
+            movers=self._world.motion.count,
+            stop_at_impact=True,
+        )
 
     @property
     def state(self) -> np.ndarray:
@@ -236,7 +209,7 @@ class Engine(Steerable):
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
-        self._motion.begin(slot, case.objects)
+        self.objects.begin(slot, case.objects)
         ground = self._ground(slot, case)
         x_m, y_m, yaw_rad = families.start_of(case.scenario, ground)
         speed_mps = case.scenario.ego_speed_mps
@@ -244,9 +217,8 @@ class Engine(Steerable):
         self._unmeasured = True  # once for all that begin together
         self._surveyed = False
         self._vehicles.active[slot] = 1
-        self._eyes.reset(slot, case)
+        self._exteroceptive.reset(slot, case)
         self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
-        self._apply(slot, environment, 0)
         self._suite.reset(slot, case)
         run = families.begin(case.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)
@@ -255,6 +227,7 @@ class Engine(Steerable):
         self.active[slot] = True
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
+        self.apply_environment(slot)
 
     def _ground(self, slot: int, case: Case) -> Surroundings:
         """What the scenario of a case looks at; distances of its slot are to its target."""
@@ -268,8 +241,7 @@ class Engine(Steerable):
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
         self._runs[slot] = None
-        self._held.pop(slot, None)
-        self._motion.clear(slot)
+        self.objects.clear(slot)
         self.active[slot] = False
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
@@ -277,7 +249,7 @@ class Engine(Steerable):
         self._vehicles.targets[slot] = -1
         self._winds.clear(slot)
         self._vehicles.state[slot] = 0.0
-        self._eyes.clear(slot)
+        self._exteroceptive.clear(slot)
         self._suite.clear(slot)
 
     def sense(self) -> dict[str, SensorData]:
@@ -285,9 +257,9 @@ class Engine(Steerable):
 
         All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
-        for slot, run in enumerate(self._runs):
-            if run is not None and run.environment.changes:
-                self._apply(slot, run.environment, int(self.sim_time_ns[slot]))
+        for slot, run in self._running():
+            if run.environment.changes:
+                self.apply_environment(slot)
         state = self.state
         sensors = {
             "vehicle": SensorData(by_wire(state, self.active)),
@@ -304,23 +276,75 @@ class Engine(Steerable):
         self._survey()
         lamps = self._lamps()
         self._watch.lap("sense")
-        images = self._eyes.read(now, lamps, self._placement, self._vehicles.ego_device, truth)
+        images = self._exteroceptive.read(
+            now, lamps, self._placement, self._vehicles.ego_device, truth
+        )
         self._watch.lap("render")
         sensors.update(images)
         return sensors
 
-    def _apply(self, slot: int, environment: CaseEnvironment, time_ns: int) -> None:
+    # --- what interventions need ------------------------------------------------------------
+
+    def hold(self, slot: int) -> None:
+        """An active slot stands still in sim time, with its case, while others go on; its bytes
+        are those of a case that was never held."""
+        self._switch(slot, on=False)
+
+    def go_on(self, slot: int) -> None:
+        """A slot that is held goes on. All active slots must be due together: see
+        :attr:`refill_every`."""
+        self._switch(slot, on=True)
+
+    def environment(self, slot: int) -> CaseEnvironment:
+        """Weather, clock and light of the case in a slot."""
+        return self._run(slot).environment
+
+    def apply_environment(self, slot: int) -> None:
         """Weather and light of a slot as they are at its sim time."""
-        weather, light = environment.at(time_ns)
+        environment = self.environment(slot)
+        weather, light = environment.at(int(self.sim_time_ns[slot]))
         self._vehicles.friction[slot] = weather.friction
         self._winds.set(slot, weather.wind_mps, weather.gust_mps)
-        self._eyes.light(slot, light, weather, environment.wind_towards)
+        self._exteroceptive.light(slot, light, weather, environment.wind_towards)
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
 
+    def place_ego(self, slot: int, place: PlaceEgo) -> None:
+        """Put the ego elsewhere; the scenario begins anew from there."""
+        friction = float(self._vehicles.friction[slot])
+        self._vehicles.place(
+            slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
+        )
+        run = self._run(slot)
+        run.scenario = families.begin(run.case.scenario, run.ground, place.x_m, place.y_m)
+        self._exteroceptive.moved(slot)
+
+    def sensors_mistake(self, errors: SensorErrors) -> str:
+        """What is wrong with changed errors, or an empty string."""
+        return self._suite.mistake(errors)
+
+    def _switch(self, slot: int, *, on: bool) -> None:
+        self.active[slot] = on
+        self._vehicles.active[slot] = int(on)
+        self._winds.hold(slot, held=not on)
+        self._exteroceptive.hold(slot, held=not on)
+        self._suite.hold(slot, held=not on)
+
+    # --- a tick -----------------------------------------------------------------------------
+
+    def _run(self, slot: int) -> _Run:
+        run = self._runs[slot]
+        assert run is not None, f"slot {slot} has no case"
+        return run
+
+    def _running(self) -> Iterator[tuple[int, _Run]]:
+        """Active slots with their cases; those that are held are left out."""
+        for slot in np.flatnonzero(self.active).tolist():
+            yield slot, self._run(slot)
+
     def _place_objects(self) -> None:
         """Scripted objects as they are at the current ticks, for eyes and for contacts."""
-        self._placement = self._motion.at(self.sim_time_ns / 1e9)
+        self._placement = self.objects.at(self.sim_time_ns / 1e9)
         self._placed_ns[...] = self.sim_time_ns
         self._vehicles.movers[...] = self._movers(self._placement)
 
@@ -340,9 +364,7 @@ class Engine(Steerable):
         """The lamps in force at the current ticks; a command that is due now counts already."""
         lamps: list[Lights | None] = [None] * self.slots
         first_steps = (self.sim_time_ns // PHYSICS_STEP_NS).tolist()
-        for slot, run in enumerate(self._runs):
-            if run is None:
-                continue
+        for slot, run in self._running():
             lamps[slot] = run.lights
             for step, command in run.pending:
                 if step <= first_steps[slot]:
@@ -361,9 +383,7 @@ class Engine(Steerable):
         """
         mistakes = {}
         good: list[tuple[int, _Run, Command]] = []
-        for slot, run in enumerate(self._runs):
-            if run is None:
-                continue
+        for slot, run in self._running():
             command = commands[slot]
             assert command is not None, f"slot {slot} is active and has no command"
             mistake = command_mistake(command) or self._suite.mistake(command.sensors)
@@ -405,10 +425,10 @@ class Engine(Steerable):
             self._vehicles.active[slot] = 0
         self._vehicles.advance(self._steps)
         for slot in self._carrier.carry(poses):
-            self._eyes.moved(slot)
+            self._exteroceptive.moved(slot)
         for slot in poses:
             self._vehicles.active[slot] = 1
-            self._runs[slot].carried = True
+            self._run(slot).carried = True
 
     def wait(self) -> None:
         """Until what was sensed is written: another process may read it then."""
@@ -447,7 +467,7 @@ class Engine(Steerable):
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [run.scenario.columns() if (run := self._runs[slot]) else {} for slot in slots]
+        given = [self._run(slot).scenario.columns() for slot in slots]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
@@ -458,7 +478,7 @@ class Engine(Steerable):
         self._refresh()
         movers = self._vehicles.movers
         if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
-            movers = self._movers(self._motion.at(self.sim_time_ns / 1e9))
+            movers = self._movers(self.objects.at(self.sim_time_ns / 1e9))
         self._vehicles.survey(movers)
         self._surveyed = True
 
@@ -468,8 +488,8 @@ class Engine(Steerable):
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
         faulty = self._vehicles.faulty()
         places = state[:, _PLACE]
-        for slot, run in enumerate(self._runs):
-            if run is not None and not faulty[slot]:
+        for slot, run in self._running():
+            if not faulty[slot]:
                 run.scenario.observe(places[slot, :1], places[slot, 1:])
                 over[slot] |= run.scenario.ended()
         finished = []
@@ -488,8 +508,7 @@ class Engine(Steerable):
         return finished
 
     def _judge(self, slot: int) -> Finished:
-        run, state = self._runs[slot], self.state[slot]
-        assert run is not None
+        run, state = self._run(slot), self.state[slot]
         self._record([slot], [None])
         rows = self._recorder.of(slot)
         hit = self._hit(slot)
@@ -513,13 +532,24 @@ class Engine(Steerable):
         return self._fail(slot, f"{reason}, at tick {self.tick[slot]}")
 
     def _fail(self, slot: int, reason: str) -> Finished:
-        run, rows = self._runs[slot], self._recorder.of(slot)
-        assert run is not None
+        run, rows = self._run(slot), self._recorder.of(slot)
         scalars = judging.scalars(rows, self.state[slot], run.scenario)
         table = rows.table()
         record = judge_record(run.case, self.state[slot], run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
+
+
+def _known_device(name: str) -> wp.Device:
+    """
+    Raises:
+        ValueError: there is no such device here; one line.
+    """
+    try:
+        return wp.get_device(name)
+    except Exception as error:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise ValueError(f"device '{name}': not here; allowed: {known}") from error
 
 
 def frame_channels(case: Case, slots: int) -> list[FrameChannel]:

@@ -13,8 +13,20 @@ from schemas.wire.realtime import Realtime
 BEHIND_S = 0.25
 """A case that fell behind the wall clock by more goes on from now, and does not catch up [s]."""
 
+CSV_FILE = "realtime.csv"
+"""Beside ``kpi.parquet``: :data:`COLUMNS`."""
+
 COLUMNS = ("tick", "late_ms", "command_age_ms", "new_command", "given_to_stack")
 """Of the table of an attempt, a line per tick after the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Paced:
+    """How an attempt went by the wall clock."""
+
+    summary: Realtime
+    table: str
+    """Content of :data:`CSV_FILE`."""
 
 
 @dataclass(slots=True)

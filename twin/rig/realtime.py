@@ -9,26 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from msgspec import structs
 
 from schemas.messages import Commands, Episode, Tick
-from schemas.wire.realtime import Realtime
 from twin.fabric.drive import LOOK_S, RESEND_S, Outgoing, SimulatorEnd
-from twin.rig.pacing import Pacer, TickLog
-
-CSV_FILE = "realtime.csv"
-"""Beside ``kpi.parquet``: :data:`twin.rig.pacing.COLUMNS`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Paced:
-    """How an attempt went by the wall clock."""
-
-    summary: Realtime
-    table: str
-    """Content of :data:`CSV_FILE`."""
+from twin.rig.pacing import Paced, Pacer, TickLog
+from twin.rig.slot import Slot, SlotEnd
+from twin.rig.slot_listener import SlotListener
 
 
 @dataclass(slots=True)
@@ -42,7 +31,7 @@ class _Sent:
     at_s: float
 
 
-class RealtimeLink:
+class RealtimeLink(SlotListener):
     """Stands where :class:`SimulatorEnd` stands in lockstep, for a rig of one slot."""
 
     def __init__(
@@ -102,8 +91,14 @@ class RealtimeLink:
         return self._command(seq, now, answer)
 
     def finish(self) -> Paced:
-        """The case came to its end: how it went."""
+        """How the case went by the wall clock, which has come to its end."""
         return Paced(self._log.summary(self._pacer, self._begun_s), self._log.csv())
+
+    def ended(self, slot: Slot, end: SlotEnd) -> None:  # noqa: ARG002
+        """See :class:`SlotListener`: how the case went by the wall clock."""
+        paced = end.paced = self.finish()
+        reasons = [*end.finished.reasons, paced.summary.told()]
+        end.finished = replace(end.finished, reasons=reasons)
 
     def _begin(
         self,

@@ -5,68 +5,59 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from msgspec import structs
 
-from schemas.messages import Lease, PerceptionCost, Result
-
-if TYPE_CHECKING:
-    from twin.rig.drive_recorder import AttemptRecord
-    from twin.rig.engine import Finished
-    from twin.rig.interventions.journal import SteeringJournal
-    from twin.rig.realtime import Paced
-    from twin.rig.stack_output import Kept
+from schemas.messages import Result
+from twin.rig.slot import Slot, SlotEnd
+from twin.rig.slot_listener import SlotListener
+from twin.rig.stack_output import StackOutput
 
 WAITING_MAX = 4096
 """Most results that wait for the disk; beyond it the simulator waits, too."""
 
 
-@dataclass(frozen=True, slots=True)
-class EndedCase:
-    """A case that has ended, and what it took."""
+class OutputListener(SlotListener):
+    """Cuts what the stack printed into attempts."""
 
-    lease: Lease
-    finished: Finished
-    wall_s: float
-    """From when its slot took it to its end [s]."""
-    perception: PerceptionCost | None
-    rig_wall_s: float
-    changes: int = 0
-    """That a hand has made; if any, it is no result of the case."""
-    journal: SteeringJournal | None = None
-    """Of these."""
-    paced: Paced | None = None
-    """How it went by the wall clock; None: in lockstep."""
-    record: AttemptRecord | None = None
-    """Of what the stack saw."""
-    output: Kept | None = None
-    """What the stack printed; None: that is on another host."""
+    def __init__(self, output: StackOutput) -> None:
+        self._output = output
+
+    def started(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        self._output.begin(slot.lease.token, slot.lease.case.id)
+
+    def ended(self, slot: Slot, end: SlotEnd) -> None:
+        """See :class:`SlotListener`."""
+        end.output = self._output.end(slot.lease.token)
+
+    def withdrawn(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        self._output.forget(slot.lease.token)
 
 
-class ResultWriter:
+class ResultWriter(SlotListener):
     """Writes attempts in the order in which they ended, and tells of each when it is complete."""
 
-    def __init__(self, tell: Callable[[EndedCase, Result], None]) -> None:
+    def __init__(self, tell: Callable[[SlotEnd, Result], None]) -> None:
         self._tell = tell
-        self._waiting: queue.Queue[EndedCase] = queue.Queue(WAITING_MAX)
+        self._waiting: queue.Queue[tuple[Slot, SlotEnd]] = queue.Queue(WAITING_MAX)
         self._tokens: list[int] = []
         self._settled = threading.Condition()
         """Notified when there are fewer tokens."""
         self._error: Exception | None = None
         threading.Thread(target=self._run, name="results", daemon=True).start()
 
-    def put(self, ended: EndedCase) -> None:
-        """Hand over a case.
+    def ended(self, slot: Slot, end: SlotEnd) -> None:
+        """Take over an attempt, to which nothing is added any more.
 
         Raises:
             Exception: what kept an earlier one from being written (disk full, no permission).
         """
         self.check()
         with self._settled:
-            self._tokens.append(ended.lease.token)
-        self._waiting.put(ended)
+            self._tokens.append(slot.lease.token)
+        self._waiting.put((slot, end))
 
     @property
     def tokens(self) -> list[int]:
@@ -86,28 +77,28 @@ class ResultWriter:
 
     def _run(self) -> None:
         while True:
-            ended = self._waiting.get()
+            slot, end = self._waiting.get()
             if self._error is None:  # or the process is about to end
                 try:
-                    self._tell(ended, _written(ended))
+                    self._tell(end, _written(slot, end))
                 except Exception as error:
                     self._error = error
             with self._settled:
-                self._tokens.remove(ended.lease.token)
+                self._tokens.remove(slot.lease.token)
                 self._settled.notify_all()
 
 
-def _written(ended: EndedCase) -> Result:
+def _written(slot: Slot, end: SlotEnd) -> Result:
     # Late: this module imports Parquet only after the engine is warm.
     from twin.rig.attempt import write_attempt, write_pace
 
-    result = write_attempt(ended.lease, ended.finished, ended.wall_s, ended.output)
-    if ended.journal is not None:
-        ended.journal.end(result, len(ended.finished.table.columns["tick"].values))
-    if ended.record is not None:
-        ended.record.finish(result)
-    result = structs.replace(result, perception=ended.perception, rig_wall_s=ended.rig_wall_s)
-    if ended.paced is None:
+    result = write_attempt(slot.lease, end.finished, end.wall_s, end.output)
+    if end.journal is not None:
+        end.journal.end(result, len(end.finished.table.columns["tick"].values))
+    if end.record is not None:
+        end.record.finish(result)
+    result = structs.replace(result, perception=slot.perception, rig_wall_s=slot.rig_wall_s)
+    if end.paced is None:
         return result
-    write_pace(ended.lease, ended.paced)
-    return structs.replace(result, realtime=ended.paced.summary)
+    write_pace(slot.lease, end.paced)
+    return structs.replace(result, realtime=end.paced.summary)

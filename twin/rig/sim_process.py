@@ -28,7 +28,7 @@ LOADED = (
     "cryptography.x509",  # reads keys
     "twin.fabric.zenoh_bus",
     "twin.rig.simulator",
-    "twin.view.feed",
+    "twin.view.publisher",
     "twin.rig.engine",
 )
 """Modules that a simulator loads while it has not been told what to build."""
@@ -121,7 +121,7 @@ def _run(build: BuildRig, orders: Orders, out: Upstream, at_end: contextlib.Exit
     from twin.fabric.refusals import refusals_logged
     from twin.fabric.zenoh_bus import open_bus
     from twin.rig.simulator import Simulator
-    from twin.view.feed import ViewOptions, open_feed
+    from twin.view.publisher import ViewOptions, open_view
 
     if is_exposed(build.view_connect):
         allow_plain()
@@ -130,7 +130,7 @@ def _run(build: BuildRig, orders: Orders, out: Upstream, at_end: contextlib.Exit
     if build.rig_key:
         with key_in_memory(build.rig_key) as path:
             rig_key = load_key(path, Role.worker)
-    if rig_key is not None or key is not None:  # the feed has a listener, too
+    if rig_key is not None or key is not None:  # the view listens, too
         name = build.rig
         at_end.enter_context(
             refusals_logged(lambda why: out.send(RefusedPeer(f"rig {name} {why}")))
@@ -143,7 +143,7 @@ def _run(build: BuildRig, orders: Orders, out: Upstream, at_end: contextlib.Exit
         message_bytes_max=STACK_BYTES_MAX,
     )
     at_end.callback(bus.close)
-    view = ViewOptions(build.view, build.view_namespace, build.view_connect, key)
-    feed = open_feed(build.rig, build.slots, view)
-    out.send(Listening(bus.endpoints[0], feed.endpoint))
-    Simulator(bus, build, orders, out, feed).run()
+    options = ViewOptions(build.view, build.view_namespace, build.view_connect, key)
+    view = open_view(build.rig, options)
+    out.send(Listening(bus.endpoints[0], view.endpoint))
+    Simulator(bus, build, orders, out, view).run()

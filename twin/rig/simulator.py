@@ -4,34 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from msgspec import structs
-
-from schemas import SCHEMA_VERSION
-from schemas.identity import stack_name
-from schemas.messages import (
-    Command,
-    Commands,
-    Episode,
-    Frame,
-    Lease,
-    PerceptionCost,
-    Result,
-    Tick,
-)
+from schemas.messages import Commands, Result
 from schemas.wire import topics
-from schemas.wire.interventions import JOURNAL_FILE
 from twin.base.errors import InfrastructureError, StackFaultError
 from twin.base.pauses import settle
 from twin.fabric.bus import Bus
-from twin.fabric.drive import Outgoing, SimulatorEnd
+from twin.fabric.drive import Outgoing, SimulatorEnd, Transport
 from twin.fabric.frames import FrameBuffer, lay_out, offer_frames
 from twin.fabric.rig_folder import frames_socket
 from twin.rig.drive_recorder import DriveRecorder
-from twin.rig.interventions.case import Hand
+from twin.rig.interventions.case import AttemptInterventions
 from twin.rig.interventions.listener import RigInterventions
 from twin.rig.need_to_know import as_told
 from twin.rig.orders import Orders
@@ -52,14 +36,15 @@ from twin.rig.pipe import (
 )
 from twin.rig.profile import LoopLog
 from twin.rig.realtime import RealtimeLink
-from twin.rig.results import EndedCase, ResultWriter
+from twin.rig.results import OutputListener, ResultWriter
+from twin.rig.slot import Finished, RigTick, Slot, SlotEnd, Slots
+from twin.rig.slot_listener import SlotListeners
 from twin.rig.stack_output import StackOutput, readable
-from twin.view.port import Feed
+from twin.rig.tick_messages import TickMessages
+from twin.view.port import View
 
 if TYPE_CHECKING:
-    from twin.rig.engine import Finished
     from twin.rig.inline import InlineStack
-    from twin.sensors.data import SensorData
 
 PROGRESS_PERIOD_S = 0.25
 """How often progress is reported to the worker [s]."""
@@ -78,40 +63,27 @@ VIEW_GRACE_S = 2.0
 """Longest time for the view feed to hand over what it holds, at the end [s]."""
 
 
-@dataclass(slots=True)
-class _Slot:
-    lease: Lease
-    started_s: float
-    name: str
-    """By which the stack knows the case."""
-    fresh: bool = True
-    """The episode has not been published yet."""
-    perception: PerceptionCost | None = None
-    """Sum so far; None: the stack reported none."""
-    rig_wall_s: float = 0.0
-    """This slot's share of the rig's wall time so far [s]."""
-
-
 class Simulator:
     """Slots, engine and lockstep; :meth:`run` never returns while the worker lives."""
 
     def __init__(
-        self, bus: Bus, build: BuildRig, orders: Orders, out: Upstream, feed: Feed
+        self, bus: Bus, build: BuildRig, orders: Orders, out: Upstream, view: View
     ) -> None:
         rig, slots, device = build.rig, build.slots, build.device
         self._bus = bus
-        self._feed = feed
+        self._view = view
         self._case = build.lease.case
         self._rig = rig
         self._device = device
         self._upward = out
+        self._slots = Slots(slots)
         self._results = ResultWriter(self._written)
         self._orders = orders
         orders.on_drain(self._drain)
-        self._slots: list[_Slot | None] = [None] * slots
-        self._steering = RigInterventions(rig, self._slots, device, self._touched)
-        bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: self._steering.ask(None, p, r))
-        feed.steered_by(self._steering.ask)
+        self._interventions = RigInterventions(rig, slots, device, self._intervened)
+        ask = self._interventions.ask
+        bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: ask(None, p, r))
+        view.asks(ask)
         self._recorder = DriveRecorder(slots, device)
         inline = self._case.placement == "inline"  # its words are among ours
         self._output = StackOutput(STDERR if inline else readable(build.output))
@@ -122,12 +94,11 @@ class Simulator:
         self._inline: InlineStack | None = None
         self._realtime: RealtimeLink | None = None
         """In place of the lockstep."""
-        self._handles: dict[str, bytes] = {}
         self._faulty = False
         """The stack cannot go on; the worker says what becomes of the cases."""
 
     def run(self) -> None:
-        """Build, then exchange and step for ever.
+        """BuildRig, then exchange and step for ever.
 
         Whatever ends that is raised only when the results of cases that are over are told: they
         must not be taken for victims of the rig.
@@ -146,22 +117,21 @@ class Simulator:
         self._build()
         settle()
         while True:
-            parked = self._steering.parked
-            idle = self._faulty or not (self._busy() or self._waiting or parked)
+            idle = self._faulty or not (any(self._slots) or self._waiting)
             self._take_orders(block=idle)
             self._log.watch.lap("idle" if idle else "orders")
             if self._faulty:
                 continue
             self._refill()
-            self._steering.turn(self._engine)
+            self._interventions.turn()
             self._log.watch.lap("refill")
-            if self._busy():
+            if self._slots.running:
                 try:
                     self._tick()
                 except StackFaultError as fault:
                     self._stand_still(str(fault))
-            elif parked:
-                self._steering.nap(self._engine)
+            elif self._slots.held:
+                self._interventions.nap()
 
     def _stand_still(self, reason: str) -> None:
         """The stack cannot go on. Cases that are over are no victims of it: they are told first."""
@@ -177,16 +147,10 @@ class Simulator:
             InfrastructureError: the stack has not seen it, and may have left because of another.
         """
         self._faulty = True
-        for index, slot in enumerate(self._slots):
-            if slot is None or slot.lease.token != order.token:
-                continue
-            if not slot.fresh or self._seq == 0:
-                self._finish(self._engine.fail(index, order.reason))
-                return
-        raise InfrastructureError(order.reason)
-
-    def _busy(self) -> bool:
-        return any(slot is not None for slot in self._slots)
+        slot = self._slots.of_token(order.token)
+        if slot is None or slot.held or (slot.fresh and self._seq > 0):
+            raise InfrastructureError(order.reason)
+        self._finish(self._engine.fail(slot.index, order.reason))
 
     def _build(self) -> None:
         # Warp takes its time to load: the drive session is announced before.
@@ -198,7 +162,7 @@ class Simulator:
         except ValueError:
             check_files(case)  # perhaps it is another vehicle than that of the submission
             raise
-        self._offsets, size = lay_out(channels)
+        offsets, size = lay_out(channels)
         # In real time the stack looks at pictures while the next are drawn: it gets copies.
         near = case.placement == "worker" and case.clock == "lockstep"
         best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
@@ -206,20 +170,33 @@ class Simulator:
         frames = offer_frames(size, frames_socket(self._bus.endpoints[0])) if shared else None
         buffers = {}
         if frames is not None:
-            buffers = {c.name: frames.array(c, self._offsets[c.name]) for c in channels}
+            buffers = {c.name: frames.array(c, offsets[c.name]) for c in channels}
         self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
         if case.placement == "inline":
             from twin.rig.inline import InlineStack
 
             self._inline = InlineStack(case, slots)
-            self._log.transport = "inline"
+            transport: Transport = "inline"
         else:
-            self._meet(slots, frames, best)
+            transport = self._meet(slots, frames, best)
             if case.clock == "realtime":
                 self._realtime = RealtimeLink(self._end, self._engine.control_period_ns)
-        self._upward.send(Built(self._log.transport))
+        self._log.transport = transport
+        self._messages = TickMessages(self._engine, self._slots, self._device, transport, offsets)
+        self._listeners = self._listening()
+        self._listeners.built(self._engine)
+        self._upward.send(Built(transport))
 
-    def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> None:
+    def _listening(self) -> SlotListeners:
+        """Everything that hears of slots. Interventions and pace first: they say how a case ended,
+        and views show that; results last: they write what the others have added."""
+        pace = [self._realtime] if self._realtime is not None else []
+        output = OutputListener(self._output)
+        return SlotListeners(
+            [self._interventions, *pace, self._view, self._recorder, output, self._results]
+        )
+
+    def _meet(self, slots: int, frames: FrameBuffer | None, best: str) -> Transport:
         """Wait for the stack, and agree on how frames travel."""
         from twin.base.gpu import cuda
 
@@ -230,7 +207,7 @@ class Simulator:
         self._end.handshake(self._on_wait)
         if frames is not None:
             frames.shut()
-        self._log.transport = self._end.transport
+        return self._end.transport
 
     def _take_orders(self, *, block: bool) -> None:
         while (order := self._orders.next(0.2 if block else 0)) is not None:
@@ -241,7 +218,7 @@ class Simulator:
             elif isinstance(order, Fail):
                 self._fail(order)
             elif isinstance(order, Close):
-                self._feed.close(VIEW_GRACE_S)
+                self._view.close(VIEW_GRACE_S)
                 # The recorder is still reading; the worker cuts the lifeline when it has it all.
                 self._orders.next(None)
             block = False
@@ -250,229 +227,96 @@ class Simulator:
 
     def _abandon(self, token: int) -> None:
         self._waiting = [order for order in self._waiting if order.lease.token != token]
-        for index, slot in self._occupied():
-            if slot.lease.token == token:
-                self._engine.clear(index)
-                self._steering.end(index)
-                self._feed.abandon(index)
-                self._recorder.abandon(index)
-                self._output.forget(token)
-                self._slots[index] = None
+        slot = self._slots.of_token(token)
+        if slot is not None:
+            self._engine.clear(slot.index)
+            self._listeners.withdrawn(slot)
+            self._slots.leave(slot)
 
     def _refill(self) -> None:
         """Free slots take waiting leases, only when all sensors are due for all."""
-        every = self._engine.refill_every
-        running = [i for i, slot in enumerate(self._slots) if slot is not None]
-        if running and self._engine.tick[running[0]] % every:
+        running = self._slots.running
+        if running and self._engine.tick[running[0].index] % self._engine.refill_every:
             return
-        for index, slot in enumerate(self._slots):
-            if slot is None and index not in self._steering.parked and self._waiting:
-                order = self._waiting.pop(0)
-                lease = order.lease
-                self._engine.reset(index, lease.case)
-                self._slots[index] = _Slot(lease, time.monotonic(), stack_name(lease.case))
-                self._steering.begin(index, lease, order.replay)
-                self._feed.begin(index, lease, self._engine)
-                self._recorder.begin(index, lease)
-                self._output.begin(lease.token, lease.case.id)
+        for index in self._slots.free[: len(self._waiting)]:
+            order = self._waiting.pop(0)
+            self._engine.reset(index, order.lease.case)
+            slot = Slot(index, order.lease, time.monotonic(), order.replay)
+            self._slots.take(slot)
+            self._listeners.started(slot)
 
     def _tick(self) -> None:
-        started_s = time.monotonic()
-        watch = self._log.watch
+        started_s, watch = time.monotonic(), self._log.watch
         self._log.begin_tick()
-        active = int(self._engine.active.sum())
-        sensed = self._engine.sense()
-        told = as_told(sensed, [slot and slot.lease.case for slot in self._slots])
-        frames = active * sum(name.partition(".")[0] == "camera" for name in sensed)
-        sensors = [] if self._inline else self._outgoing(told)
-        watch.lap("frames")
-        episodes = self._episodes()
-        tick = Tick(
-            v=SCHEMA_VERSION,
-            seq=self._seq,
-            active=[slot is not None for slot in self._slots],
-            token=self._tokens(),
-            tick=self._engine.tick.tolist(),
-            sim_time_ns=self._engine.sim_time_ns.tolist(),
-            sensors=list(sensed),
-            episodes=len(episodes),
-        )
-        watch.lap("messages")
-        self._recorder.seen(tick, told, episodes)
+        running = self._slots.running
+        tick, sensors = self._sense()
+        self._listeners.sensed(tick)
         watch.lap("view")
-        if self._inline:
-            self._engine.wait()
-            answer = self._inline.exchange(tick, told, episodes)
-        else:
-            link = self._realtime or self._end
-            answer = link.exchange(self._seq, tick, sensors, episodes, self._on_wait)
+        answer = self._ask(tick, sensors)
         self._log.exchanged(answer)
         self._output.look()
         self._seq += 1
-        for slot in self._slots:
-            if slot is not None:
-                slot.fresh = False
-        given = self._checked(answer.commands)
-        self._recorder.answered(given)
-        commands = self._steering.commanded(given)
+        for slot in running:
+            slot.fresh = False
+        tick.answered = self._messages.checked(tick, answer.commands)
         watch.lap("messages")
-        self._feed.tick(self._engine, sensed, commands)
+        self._listeners.commanded(tick)
         watch.lap("view")
-        ended = self._engine.step(commands)
+        ended = self._engine.step(tick.commands)
         self._account(answer, time.monotonic() - started_s)
         for finished in ended:
             self._finish(finished)
         watch.lap("results")
-        self._log.end_tick(active, frames, self._engine.control_period_ns)
-        self._log.write(now=not self._busy())
+        frames = len(running) * sum(name.partition(".")[0] == "camera" for name in tick.sensed)
+        self._log.end_tick(len(running), frames, self._engine.control_period_ns)
+        self._log.write(now=not self._slots.running)
+
+    def _sense(self) -> tuple[RigTick, list[Outgoing]]:
+        """Readings of the current ticks, and the messages that bring them to a stack elsewhere."""
+        sensed = self._engine.sense()
+        cases = [None if slot is None else slot.lease.case for slot in self._slots.by_index]
+        told = as_told(sensed, cases)
+        sensors = [] if self._inline else self._messages.frames(self._seq, told)
+        self._log.watch.lap("frames")
+        episodes = self._messages.episodes(self._seq)
+        message = self._messages.tick(self._seq, list(sensed), len(episodes))
+        self._log.watch.lap("messages")
+        return RigTick(message, sensed, told, episodes), sensors
+
+    def _ask(self, tick: RigTick, sensors: list[Outgoing]) -> Commands:
+        """The stack's answer to a tick."""
+        if self._inline:
+            self._engine.wait()
+            return self._inline.exchange(tick.message, tick.told, tick.episodes)
+        link = self._realtime or self._end
+        return link.exchange(self._seq, tick.message, sensors, tick.episodes, self._on_wait)
 
     def _finish(self, finished: Finished) -> None:
         """A case has ended: its slot is free, and what it left is written."""
         slot = self._slots[finished.slot]
         assert slot is not None
-        changes, journal = self._steering.finish(finished.slot)
-        if changes:
-            finished = steered(finished, changes)
-        paced = self._realtime.finish() if self._realtime else None
-        if paced is not None:
-            finished = replace(finished, reasons=[*finished.reasons, paced.summary.told()])
-        shown = replace(finished, outcome="intervened", verdict="") if changes else finished
-        self._feed.end(shown)
-        self._slots[finished.slot] = None
-        self._results.put(
-            EndedCase(
-                slot.lease,
-                finished,
-                time.monotonic() - slot.started_s,
-                slot.perception,
-                slot.rig_wall_s,
-                changes,
-                journal,
-                paced,
-                self._recorder.end(finished.slot),
-                self._output.end(slot.lease.token),
-            )
-        )
+        self._slots.leave(slot)
+        self._listeners.ended(slot, SlotEnd(finished, time.monotonic() - slot.started_s))
 
     def _account(self, answer: Commands, wall_s: float) -> None:
         """What the tick took: for the report, never for a KPI."""
-        running = [slot for slot in self._slots if slot is not None]
+        running = self._slots.running
         for slot in running:
             slot.rig_wall_s += wall_s / len(running)
+        by_index = {slot.index: slot for slot in running}
         for command, cost in zip(answer.commands, answer.costs, strict=False):
-            slot = self._slots[command.slot] if 0 <= command.slot < len(self._slots) else None
-            if slot is not None:
-                slot.perception = summed(slot.perception, cost)
+            if command.slot in by_index:
+                by_index[command.slot].perceived(cost)
 
-    def _tokens(self) -> list[int]:
-        return [slot.lease.token if slot else 0 for slot in self._slots]
+    def _intervened(self, slot: Slot, attempt: AttemptInterventions) -> None:
+        """Somebody has intervened in a case."""
+        self._view.label(slot, attempt.label())
+        if attempt.note is not None and not attempt.replayed:
+            self._upward.send(Touched(attempt.lease.token, attempt.note))
 
-    def _outgoing(self, sensed: dict[str, SensorData]) -> list[Outgoing]:
-        common = Frame(
-            v=SCHEMA_VERSION,
-            type="",
-            seq=self._seq,
-            active=[slot is not None for slot in self._slots],
-            case=[slot.name if slot else "" for slot in self._slots],
-            token=self._tokens(),
-            tick=self._engine.tick.tolist(),
-            sim_time_ns=self._engine.sim_time_ns.tolist(),
-            dtype="",
-            shape=[],
-            encoding="",
-        )
-        on_gpu = self._end.transport == "device"
-        if on_gpu:
-            self._engine.wait()
-        return [self._frame(name, data, common, on_gpu=on_gpu) for name, data in sensed.items()]
-
-    def _frame(self, name: str, data: SensorData, common: Frame, *, on_gpu: bool) -> Outgoing:
-        """One message; an array in shared memory has no payload."""
-        handle, offset, payload = b"", -1, b""
-        if on_gpu and data.device is not None:
-            handle = self._handle(name, data.device)
-            dtype, shape = np.dtype(data.device.__cuda_array_interface__["typestr"]), data.shape
-        else:
-            values = np.ascontiguousarray(data.values)
-            dtype, shape = values.dtype, values.shape
-            if name in self._offsets and self._end.transport != "bytes":
-                offset = self._offsets[name]
-            else:
-                payload = values.tobytes()
-        frame = structs.replace(
-            common,
-            type=name,
-            dtype=dtype.newbyteorder("<").str,
-            shape=list(shape),
-            encoding=topics.sensor_topic(name).type,
-            count=[] if data.count is None else data.count.tolist(),
-            offset=offset,
-            handle=handle,
-        )
-        return Outgoing(name, frame, payload)
-
-    def _handle(self, name: str, array: Any) -> bytes:
-        """The handle of an array that stays where it is."""
-        if name not in self._handles:
-            from twin.base.gpu.cuda import handle_of
-
-            self._handles[name] = handle_of(array)
-        return self._handles[name]
-
-    def _episodes(self) -> list[Episode]:
-        return [
-            Episode.of(
-                slot.lease.case,
-                seq=self._seq,
-                slot=index,
-                token=slot.lease.token,
-                cameras=self._engine.camera_sites,
-                lidars=self._engine.lidar_sites,
-                device=self._device,
-            )
-            for index, slot in enumerate(self._slots)
-            if slot is not None and slot.fresh
-        ]
-
-    def _checked(self, commands: list[Command]) -> list[Command | None]:
-        """Commands by slot.
-
-        Raises:
-            StackFaultError: a slot has no valid one; it names the slot's case.
-        """
-        by_slot: list[Command | None] = [None] * len(self._slots)
-        for command in commands:
-            if 0 <= command.slot < len(by_slot):
-                by_slot[command.slot] = command
-        ticks = self._engine.tick.tolist()
-        for index, slot in enumerate(self._slots):
-            if slot is None:
-                by_slot[index] = None
-                continue
-            given = by_slot[index]
-            if given is None:
-                raise StackFaultError(f"stack: no command for case {slot.lease.case.id}")
-            if given.token != slot.lease.token or given.tick != ticks[index]:
-                raise StackFaultError(
-                    f"stack: command of case {slot.lease.case.id} is for "
-                    + _not_echoed(given, slot.lease.token, ticks[index])
-                )
-        return by_slot
-
-    def _occupied(self) -> list[tuple[int, _Slot]]:
-        """Slots with a case, those that stand still as well."""
-        running = [(i, slot) for i, slot in enumerate(self._slots) if slot is not None]
-        return sorted([*running, *self._steering.parked.items()], key=lambda each: each[0])
-
-    def _touched(self, index: int, hand: Hand) -> None:
-        """A hand has done something to the case of a slot."""
-        self._feed.hand(index, hand.label())
-        if hand.note is not None and not hand.replayed:
-            self._upward.send(Touched(hand.lease.token, hand.note))
-
-    def _written(self, ended: EndedCase, result: Result) -> None:
+    def _written(self, end: SlotEnd, result: Result) -> None:
         """An attempt folder is complete; on the thread that writes them."""
-        self._upward.send(SteeredDone(result, ended.changes) if ended.changes else CaseDone(result))
+        self._upward.send(SteeredDone(result, end.changes) if end.changes else CaseDone(result))
 
     def _drain(self) -> None:
         """The stack is gone and the worker wants what is there; on the thread of the orders."""
@@ -494,45 +338,19 @@ class Simulator:
     def _report(self) -> None:
         self._log.write()
         now = time.monotonic()
-        parked = self._steering.parked
         if now - self._reported_s < PROGRESS_PERIOD_S:
             return
-        ended = self._results.tokens
-        if not (self._busy() or parked or ended):
+        slots, ended = list(self._slots), self._results.tokens
+        if not (slots or ended):
             return
         self._reported_s = now
-        for index in parked:
-            self._feed.hand(index, self._steering.label(index))
-        running = self._occupied()
+        for slot in self._slots.held:
+            self._view.label(slot, self._interventions.label(slot))
         self._upward.send(
             Progress(
-                tokens=[slot.lease.token for _, slot in running],
-                ticks=[int(self._engine.tick[i]) for i, _ in running],
-                waiting=[slot.lease.token for slot in parked.values()],
+                tokens=[slot.lease.token for slot in slots],
+                ticks=[int(self._engine.tick[slot.index]) for slot in slots],
+                waiting=[slot.lease.token for slot in self._slots.held],
                 ended=ended,
             )
         )
-
-
-def _not_echoed(given: Command, token: int, tick: int) -> str:
-    """Which of token and tick a command does not echo."""
-    echoes = (("token", given.token, token), ("tick", given.tick, tick))
-    wrong = [f"{name} {said}, expected {asked}" for name, said, asked in echoes if said != asked]
-    return f"{' and '.join(wrong)}; echo those of the observation"
-
-
-def steered(finished: Finished, changes: int) -> Finished:
-    """How a case ends that a hand has steered: what came out says nothing about the stack."""
-    line = f"steered by hand ({changes} changes in {JOURNAL_FILE}): no verdict of the case"
-    return replace(finished, reasons=[line, *finished.reasons])
-
-
-def summed(total: PerceptionCost | None, cost: PerceptionCost | None) -> PerceptionCost | None:
-    """Both together; what a foreign stack says and can be no time or number is left out."""
-    if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
-        return total
-    if total is None:
-        return cost
-    return structs.replace(
-        total, frames=total.frames + cost.frames, wall_s=total.wall_s + cost.wall_s
-    )

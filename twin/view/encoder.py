@@ -1,4 +1,4 @@
-"""Items of the view feed's queue -> messages, each with its topic. No session, thread or clock."""
+"""Items of the view's queue -> messages, each with its topic. No session, thread or clock."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from schemas.wire.view import (
     StateSample,
     Thumbnail,
 )
-from twin.rig.engine import Finished
+from twin.rig.slot import Finished
 from twin.vehicle.state import COLUMN
 from twin.view.items import Began, Scenery, ShownEnd, SlotRun, SlotSeen, Ticked
 from twin.view.quality import Quality
@@ -53,7 +53,7 @@ class ViewMessage(NamedTuple):
 
 
 class Encoder:
-    """Items of the feed's queue -> messages; remembers what an attempt has shown."""
+    """Items of the view's queue -> messages; remembers what an attempt has shown."""
 
     def __init__(self) -> None:
         self._stages: dict[tuple[str, str, int | None], Stage] = {}
@@ -104,25 +104,25 @@ class Encoder:
         )
 
     def _tick(self, item: Ticked) -> tuple[list[RecorderSample], list[ViewMessage]]:
-        seen, token, seq, due = item.seen, item.run.lease.token, item.seq, item.due
+        snapshot, token, seq, due = item.snapshot, item.run.lease.token, item.seq, item.due
         recorded: list[RecorderSample] = []
         # Once for all who look: compressing is what costs.
-        whole = seen.image is not None and (seq >= 0 or "camera" in due)
+        whole = snapshot.image is not None and (seq >= 0 or "camera" in due)
         picture = b""
-        if whole and seen.image is not None:
-            picture = _compressed(item.run, "camera", seen.image)
+        if whole and snapshot.image is not None:
+            picture = _compressed(item.run, "camera", snapshot.image)
         if seq >= 0:
             # The picture first: who has the state of a tick has all of it.
             if picture:
-                sample = _camera_sample(seen, token, seq)
+                sample = _camera_sample(snapshot, token, seq)
                 recorded.append(RecorderSample(camera=sample, jpeg=picture))
                 seq += 1
-            recorded.append(RecorderSample(state=state_of(seen, token, seq)))
-        messages = _live(seen, item.run, due, picture)
+            recorded.append(RecorderSample(state=state_of(snapshot, token, seq)))
+        messages = _live(snapshot, item.run, due, picture)
         if "thumbnail" in due:
             before = self._shown.get(token)
-            small = b"" if seen.image is None else jpeg(seen.image, THUMBNAIL_WIDTH_PX)
-            shown = self._shown[token] = _Shown(small, seen, before.count + 1 if before else 1)
+            small = b"" if snapshot.image is None else jpeg(snapshot.image, THUMBNAIL_WIDTH_PX)
+            shown = self._shown[token] = _Shown(small, snapshot, before.count + 1 if before else 1)
             messages.append(_thumbnail(item.run.lease, shown, None))
         return recorded, messages
 
@@ -150,7 +150,7 @@ class _Shown(NamedTuple):
 
     picture: bytes
     """The latest thumbnail, JPEG."""
-    seen: SlotSeen
+    snapshot: SlotSeen
     count: int
     """Thumbnails so far, this one included."""
 
@@ -185,43 +185,45 @@ def _compressed(run: SlotRun, name: str, image: np.ndarray) -> bytes:
     return data
 
 
-def _live(seen: SlotSeen, run: SlotRun, due: frozenset[str], picture: bytes) -> list[ViewMessage]:
+def _live(
+    snapshot: SlotSeen, run: SlotRun, due: frozenset[str], picture: bytes
+) -> list[ViewMessage]:
     """What viewers of this case alone are due; ``picture`` is the main camera's."""
     token = run.lease.token
     messages: list[ViewMessage] = []
-    attachment = encode(_camera_sample(seen, token, UNNUMBERED))
+    attachment = encode(_camera_sample(snapshot, token, UNNUMBERED))
     pictures = {"camera": picture} if picture and "camera" in due else {}
-    pictures.update((n, _compressed(run, n, image)) for n, image in seen.pictures.items())
+    pictures.update((n, _compressed(run, n, image)) for n, image in snapshot.pictures.items())
     for name, data in sorted(pictures.items()):
         messages.append(ViewMessage(topics.VIEW_LIVE_CAMERA, data, attachment, name))
-    for name, cloud in sorted(seen.clouds.items()):
+    for name, cloud in sorted(snapshot.clouds.items()):
         sample = PointsSample(
             v=SCHEMA_VERSION,
             token=token,
-            tick=seen.tick,
-            sim_time_ns=seen.sim_time_ns,
+            tick=snapshot.tick,
+            sim_time_ns=snapshot.sim_time_ns,
             stride=cloud.stride,
         )
         messages.append(
             ViewMessage(topics.VIEW_LIVE_LIDAR, points_of(cloud).tobytes(), encode(sample), name)
         )
     if "state" in due:
-        state = state_of(seen, token, UNNUMBERED)
+        state = state_of(snapshot, token, UNNUMBERED)
         messages.append(ViewMessage(topics.VIEW_LIVE_STATE, encode(state)))
     return messages
 
 
-def _camera_sample(seen: SlotSeen, token: int, seq: int) -> CameraSample:
+def _camera_sample(snapshot: SlotSeen, token: int, seq: int) -> CameraSample:
     return CameraSample(
-        v=SCHEMA_VERSION, seq=seq, token=token, tick=seen.tick, sim_time_ns=seen.sim_time_ns
+        v=SCHEMA_VERSION, seq=seq, token=token, tick=snapshot.tick, sim_time_ns=snapshot.sim_time_ns
     )
 
 
 def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMessage:
-    case, seen = lease.case, shown.seen
-    speed_mps = float(seen.state[COLUMN["speed_mps"]])
-    dtc_m = float(seen.state[COLUMN["dtc_m"]]) if seen.target else None
-    time_ns = seen.sim_time_ns
+    case, snapshot = lease.case, shown.snapshot
+    speed_mps = float(snapshot.state[COLUMN["speed_mps"]])
+    dtc_m = float(snapshot.state[COLUMN["dtc_m"]]) if snapshot.target else None
+    time_ns = snapshot.sim_time_ns
     if finished is not None:
         columns = finished.table.columns
         speed_mps = float(columns["speed_mps"].values[-1])
@@ -241,8 +243,8 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMe
         sim_time_ns=time_ns,
         speed_mps=speed_mps,
         dtc_m=dtc_m,
-        aeb=bool(seen.command and seen.command.aeb),
-        hand=seen.hand,
+        aeb=bool(snapshot.command and snapshot.command.aeb),
+        hand=snapshot.label,
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
     )

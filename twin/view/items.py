@@ -1,4 +1,4 @@
-"""What the simulator's loop hands to the view feed: copies, ready to be encoded elsewhere.
+"""What the simulator's loop hands to the view: copies, ready to be encoded elsewhere.
 
 Imports nothing heavy: the simulator opens its sessions before Warp is loaded.
 """
@@ -15,7 +15,7 @@ from schemas.messages import CameraSite, Command, Lease, LidarSite
 from twin.view.quality import Quality
 
 if TYPE_CHECKING:
-    from twin.rig.engine import Finished
+    from twin.rig.slot import Finished
     from twin.world.street.build import World
 
 
@@ -36,8 +36,8 @@ class SlotSeen:
     """Of further cameras, by message; like ``image``."""
     clouds: dict[str, Cloud] = field(default_factory=dict)
     """Of lidars, by message."""
-    hand: str = ""
-    """See :attr:`SlotRun.hand`."""
+    label: str = ""
+    """See :attr:`SlotRun.label`."""
     target: bool = True
     """Something stands in the lane, to which the state's distance is measured."""
     movers: np.ndarray | None = None
@@ -73,11 +73,11 @@ class SlotRun:
     last_tick: int = -1
     shown_s: dict[str, float] = field(default_factory=dict)
     """When a stream for viewers was last due, by its name [s]."""
-    hand: str = ""
-    """What somebody has done to it by hand: ``by hand``, ``paused``, ``steered``."""
+    label: str = ""
+    """State that an intervention has left it in: ``by hand``, ``paused``, ``steered``."""
 
     qualities: dict[str, Quality] = field(default_factory=dict)
-    """Of its cameras' pictures, by message; the feed's thread alone looks at them."""
+    """Of its cameras' pictures, by message; the view's thread alone looks at them."""
 
     def number(self, count: int = 1) -> int:
         """The first of ``count`` running numbers."""
@@ -116,7 +116,7 @@ class Ticked:
     run: SlotRun
     seq: int
     """First running number (picture, then state); -1: for viewers only."""
-    seen: SlotSeen
+    snapshot: SlotSeen
     due: frozenset[str] = frozenset()
     """Streams that viewers are to get, see :mod:`twin.view.demand`."""
 

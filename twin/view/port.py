@@ -1,46 +1,36 @@
-"""What the simulator's loop tells those who look: the feed, no feed, and a feed that may fail."""
+"""What shows the slots of a rig: the view, no view, and a view that may fail."""
 
 from __future__ import annotations
 
 import contextlib
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from schemas.messages import Command, Lease
 from twin.fabric.bus import Respond
+from twin.rig.slot import RigTick, Slot, SlotEnd
+from twin.rig.slot_listener import SlotListener
 
 if TYPE_CHECKING:
-    from twin.rig.engine import Engine, Finished
-    from twin.sensors.data import SensorData
+    from twin.rig.engine import Engine
+
+Ask = Callable[[int, bytes, Respond], None]
+"""Takes a viewer's request on the case of a slot, ``ask(slot, payload, respond)``, from any
+thread."""
 
 
-class Feed(Protocol):
-    """What the simulator's loop tells; every call returns at once."""
+class View(SlotListener):
+    """Listener that shows slots; every call returns at once."""
 
-    endpoint: str
+    endpoint = ""
     """Where a recorder connects; empty: there is none to come."""
 
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """A case begins in ``slot``."""
+    def asks(self, ask: Ask) -> None:
+        """Who takes requests of viewers."""
 
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """All active slots are at a tick, sensed and commanded, not yet stepped."""
-
-    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
-        """Who takes requests of viewers, ``ask(slot, payload, respond)`` from any thread."""
-
-    def hand(self, slot: int, label: str) -> None:
-        """What views say of a slot that somebody has touched: ``paused``, ``by hand`` ...; again
-        and again of one that stands still."""
-
-    def end(self, finished: Finished) -> None:
-        """The case of a slot has ended."""
-
-    def abandon(self, slot: int) -> None:
-        """The case of a slot is no longer wanted."""
+    def label(self, slot: Slot, label: str) -> None:
+        """What views say of a case in which somebody has intervened: ``paused``, ``by hand`` ...;
+        again and again of one that stands still."""
 
     def turn_away(self) -> None:
         """Take no more requests of viewers."""
@@ -49,85 +39,63 @@ class Feed(Protocol):
         """Publish what waits and say that nothing follows; gives up after ``timeout_s`` [s]."""
 
 
-class NoFeed:
-    """Nobody looks."""
-
-    endpoint = ""
-
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """See :class:`Feed`."""
-
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """See :class:`Feed`."""
-
-    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
-        """See :class:`Feed`."""
-
-    def hand(self, slot: int, label: str) -> None:
-        """See :class:`Feed`."""
-
-    def end(self, finished: Finished) -> None:
-        """See :class:`Feed`."""
-
-    def abandon(self, slot: int) -> None:
-        """See :class:`Feed`."""
-
-    def turn_away(self) -> None:
-        """See :class:`Feed`."""
-
-    def close(self, timeout_s: float) -> None:
-        """See :class:`Feed`."""
+class NoView(View):
+    """Nothing is shown."""
 
 
-class Harmless:
-    """Passes on to a feed until that fails, once: whoever looks must not break what they see."""
+class GuardedView(View):
+    """Passes on to a view until that fails, once: what shows a rig must not break it."""
 
-    def __init__(self, feed: Feed) -> None:
-        self.endpoint = feed.endpoint
-        self._feed = feed
+    def __init__(self, view: View) -> None:
+        self.endpoint = view.endpoint
+        self._view = view
 
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.begin(slot, lease, engine))
+    def built(self, engine: Engine) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.built(engine))
 
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.tick(engine, sensed, commands))
+    def started(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.started(slot))
 
-    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.steered_by(ask))
+    def sensed(self, tick: RigTick) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.sensed(tick))
 
-    def hand(self, slot: int, label: str) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.hand(slot, label))
+    def commanded(self, tick: RigTick) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.commanded(tick))
 
-    def end(self, finished: Finished) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.end(finished))
+    def ended(self, slot: Slot, end: SlotEnd) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.ended(slot, end))
 
-    def abandon(self, slot: int) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.abandon(slot))
+    def withdrawn(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        self._try(lambda: self._view.withdrawn(slot))
+
+    def asks(self, ask: Ask) -> None:
+        """See :class:`View`."""
+        self._try(lambda: self._view.asks(ask))
+
+    def label(self, slot: Slot, label: str) -> None:
+        """See :class:`View`."""
+        self._try(lambda: self._view.label(slot, label))
 
     def turn_away(self) -> None:
-        """See :class:`Feed`."""
-        self._try(self._feed.turn_away)
+        """See :class:`View`."""
+        self._try(self._view.turn_away)
 
     def close(self, timeout_s: float) -> None:
-        """See :class:`Feed`."""
-        self._try(lambda: self._feed.close(timeout_s))
+        """See :class:`View`."""
+        self._try(lambda: self._view.close(timeout_s))
 
     def _try(self, call: Callable[[], None]) -> None:
         try:
             call()
         except Exception:
             traceback.print_exc()
-            failed, self._feed = self._feed, NoFeed()
+            failed, self._view = self._view, NoView()
             # Nobody would cancel the keys of cases when these end, and the slots go to others.
             with contextlib.suppress(Exception):
                 failed.turn_away()

@@ -101,9 +101,9 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
     )
 
 
-def state_of(seen: SlotSeen, token: int, seq: int) -> StateSample:
+def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
     """The state message of a tick; the same values as its KPI row."""
-    state = seen.state
+    state = snapshot.state
 
     def value(name: str) -> float:
         return float(state[COLUMN[name]])
@@ -113,20 +113,20 @@ def state_of(seen: SlotSeen, token: int, seq: int) -> StateSample:
         v=SCHEMA_VERSION,
         seq=seq,
         token=token,
-        tick=seen.tick,
-        sim_time_ns=seen.sim_time_ns,
+        tick=snapshot.tick,
+        sim_time_ns=snapshot.sim_time_ns,
         x_m=value("x_m"),
         y_m=value("y_m"),
         yaw_rad=value("yaw_rad"),
         speed_mps=value("speed_mps"),
         accel_mps2=value("accel_mps2"),
-        dtc_m=value("dtc_m") if seen.target else None,
-        ttc_s=value("dtc_m") / closing if seen.target and closing > CLOSING_MIN_MPS else None,
+        dtc_m=value("dtc_m") if snapshot.target else None,
+        ttc_s=value("dtc_m") / closing if snapshot.target and closing > CLOSING_MIN_MPS else None,
         collisions=int(state[COLUMN["collisions"]]),
-        controls=_controls(seen.command),
-        boxes=None if seen.boxes is None else [_box(row) for row in seen.boxes],
-        movers=[] if seen.movers is None else seen.movers.tolist(),
-        hand=seen.hand,
+        controls=_controls(snapshot.command),
+        boxes=None if snapshot.boxes is None else [_box(row) for row in snapshot.boxes],
+        movers=[] if snapshot.movers is None else snapshot.movers.tolist(),
+        hand=snapshot.label,
     )
 
 

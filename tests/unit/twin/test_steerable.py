@@ -19,6 +19,7 @@ from schemas.wire.interventions import (
     SpawnObject,
 )
 from twin.rig.engine import Engine
+from twin.rig.interventions.slot_changes import SlotChanges
 from twin.vehicle.state import COLUMN
 
 SCENE = """
@@ -124,9 +125,10 @@ def test_what_is_done_while_a_slot_stands_still_is_done_at_its_tick():
         def act(engine):
             if not done and engine.tick[0] == 6:
                 done.append(True)
-                engine.set_environment(0, SetEnvironment("heavy_snow", time_of_day_min=1200.0))
-                engine.place_ego(0, PlaceEgo(x_m=150.0, y_m=0.5, yaw_rad=0.1, speed_mps=8.0))
-                engine.move_object(0, MoveObject(8, x_m=170.0, y_m=0.0, speed_mps=1.0))
+                changes = SlotChanges(engine, "rig")
+                changes.apply(0, SetEnvironment("heavy_snow", time_of_day_min=1200.0))
+                changes.apply(0, PlaceEgo(x_m=150.0, y_m=0.5, yaw_rad=0.1, speed_mps=8.0))
+                changes.apply(0, MoveObject(8, x_m=170.0, y_m=0.0, speed_mps=1.0))
 
         return act
 
@@ -155,14 +157,15 @@ def test_a_held_case_can_be_cleared_and_its_slot_used_again(tmp_path):
 
 def test_weather_time_and_place_are_those_of_the_hand():
     engine = Engine(case("a"), 2)
+    changes = SlotChanges(engine, "rig")
     engine.reset(0, case("a"))
     engine.reset(1, case("b"))
     first = engine.sense()["environment"].values.copy()
     engine.step([drive(engine, 0), drive(engine, 1)])
-    engine.set_environment(0, SetEnvironment(weather="heavy_fog", time_of_day_min=23 * 60.0))
-    assert (engine.weather(0), engine.weather(1)) == ("heavy_fog", "clear")
-    assert (engine.clock_min(0), engine.clock_min(1)) == (23 * 60.0, 12 * 60.0)
-    engine.place_ego(0, PlaceEgo(x_m=7.0, y_m=1.0, yaw_rad=0.1, speed_mps=3.0))
+    changes.apply(0, SetEnvironment(weather="heavy_fog", time_of_day_min=23 * 60.0))
+    assert (changes.weather(0), changes.weather(1)) == ("heavy_fog", "clear")
+    assert (changes.clock_min(0), changes.clock_min(1)) == (23 * 60.0, 12 * 60.0)
+    changes.apply(0, PlaceEgo(x_m=7.0, y_m=1.0, yaw_rad=0.1, speed_mps=3.0))
     sensed = engine.sense()["environment"].values
     assert sensed[0, 0] < 0.1 * first[0, 0]
     assert sensed[0, 1] > 10 * first[0, 1]
@@ -170,11 +173,11 @@ def test_weather_time_and_place_are_those_of_the_hand():
     row = engine.state[0]
     got = [row[COLUMN[name]] for name in ("x_m", "y_m", "yaw_rad", "speed_mps")]
     assert got == pytest.approx([7.0, 1.0, 0.1, 3.0])
-    engine.set_environment(0, SetEnvironment(conditions=Conditions(rain=0.3)))
-    assert engine.weather(0) == ""
+    changes.apply(0, SetEnvironment(conditions=Conditions(rain=0.3)))
+    assert changes.weather(0) == ""
     with pytest.raises(ValueError, match=r"weather 'fogg': allowed: clear"):
-        engine.set_environment(0, SetEnvironment(weather="fogg"))
-    assert engine.weather(0) == ""
+        changes.apply(0, SetEnvironment(weather="fogg"))
+    assert changes.weather(0) == ""
 
 
 def test_objects_move_come_and_go_by_hand(tmp_path):
@@ -183,26 +186,27 @@ def test_objects_move_come_and_go_by_hand(tmp_path):
     np.save(tmp_path / "flat.npy", np.zeros((11, 21)))
     one = case("a", scene=str(scene))
     engine = Engine(one, 2)
+    changes = SlotChanges(engine, "rig")
     for slot in (0, 1):
         engine.reset(slot, one)
     engine.sense()
-    walker, car = engine.objects(0)
+    walker, car = changes.objects(0)
     assert (walker.kind, walker.present, car.kind, car.present) == (
         "pedestrian",
         True,
         "car",
         False,
     )
-    act = engine.move_object
+    act = changes.apply
     assert act(0, SpawnObject("car", x_m=15.0, y_m=0.0, speed_mps=2.0)) == 1
     assert act(0, MoveObject(0, x_m=5.0, y_m=2.0)) == 0
     engine.sense()
     engine.step([drive(engine, 0), drive(engine, 1)])
     engine.sense()
-    walker, car = engine.objects(0)
+    walker, car = changes.objects(0)
     assert (walker.x_m, walker.y_m, walker.by_hand) == (5.0, 2.0, True)
     assert (car.x_m, car.present) == (pytest.approx(15.1), True)
-    assert not engine.objects(1)[1].present
+    assert not changes.objects(1)[1].present
     with pytest.raises(ValueError, match="no car to spare: all 1 of the scene are there"):
         act(0, SpawnObject("car", x_m=1.0, y_m=0.0))
     with pytest.raises(ValueError, match="given 'bus', the scene has car, pedestrian"):
@@ -214,9 +218,9 @@ def test_objects_move_come_and_go_by_hand(tmp_path):
     act(0, MoveObject(0, x_m=1.0, y_m=1.0))
     act(0, FreeObject(0))
     engine.sense()
-    walker, car = engine.objects(0)
+    walker, car = changes.objects(0)
     assert (walker.by_hand, car.present) == (False, False)
     act(0, RemoveObject(0))
     engine.clear(0)
     engine.reset(0, one)
-    assert not any(each.by_hand for each in engine.objects(0))
+    assert not any(each.by_hand for each in changes.objects(0))

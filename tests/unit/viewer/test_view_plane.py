@@ -11,8 +11,9 @@ from schemas.wire.view import ViewMode
 from twin.base.errors import UsageError
 from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus
-from twin.view import feed as view_feed
-from twin.view.feed import NoFeed, ViewOptions, open_feed
+from twin.view import publisher
+from twin.view.port import NoView
+from twin.view.publisher import ViewOptions, open_view
 from viewer.live.hub import open_hub
 
 LOOPBACK = ["tcp/127.0.0.1:0"]
@@ -54,17 +55,17 @@ def test_a_recorder_hears_its_own_feed_and_viewers_hear_all():
 def test_a_router_out_of_reach_costs_no_time(monkeypatch):
     """Whoever waited for it would do so beyond the end of this test."""
     patient = functools.partial(open_bus, connect_timeout_s=3600.0)
-    monkeypatch.setattr(view_feed, "open_bus", patient)
-    feed = open_feed("r", 1, ViewOptions(ViewMode.record_live, "twin", "tcp/127.0.0.1:1"))
+    monkeypatch.setattr(publisher, "open_bus", patient)
+    feed = open_view("r", ViewOptions(ViewMode.record_live, "twin", "tcp/127.0.0.1:1"))
     assert feed.endpoint.startswith("tcp/127.0.0.1:")
     assert feed.endpoint != "tcp/127.0.0.1:0"
     feed.close(0)
 
 
 def test_no_view_is_no_session(capsys):
-    assert isinstance(open_feed("r", 1, ViewOptions(ViewMode.none)), NoFeed)
-    broken = open_feed("r", 1, ViewOptions(ViewMode.live, "twin", "nonsense"))
-    assert isinstance(broken, NoFeed), "the cases run all the same"
+    assert isinstance(open_view("r", ViewOptions(ViewMode.none)), NoView)
+    broken = open_view("r", ViewOptions(ViewMode.live, "twin", "nonsense"))
+    assert isinstance(broken, NoView), "the cases run all the same"
     assert "no view of this rig" in capsys.readouterr().err
 
 

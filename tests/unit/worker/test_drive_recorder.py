@@ -16,6 +16,7 @@ from schemas.sections.perception import GroundTruthPerception
 from twin.base.errors import UsageError
 from twin.records.drive_record import RecordReader, RecordWriter, coded, decoded
 from twin.rig.drive_recorder import DriveRecorder
+from twin.rig.slot import RigTick, Slot, SlotEnd
 from twin.sensors.data import SensorData
 
 
@@ -45,23 +46,33 @@ def episode(slot):
 
 
 def record(folder, drive="all", ticks=3, slot=1):
-    """What a simulator tells the recorder of slot 1; its lease and the recorder."""
+    """What a simulator tells the recorder of slot 1; the slot and the recorder."""
     recorder = DriveRecorder(2, "cpu")
-    lease = Lease(token=7, attempt=2, out=str(folder), case=case_of(drive))
-    recorder.begin(slot, lease)
+    slot = Slot(slot, Lease(token=7, attempt=2, out=str(folder), case=case_of(drive)), 0.0)
+    recorder.started(slot)
     for tick in range(ticks):
         message = Tick(
             *(SCHEMA_VERSION, tick, [False, True], [0, 7], [0, tick], [0, tick * 50_000_000]),
             *(["camera"], int(tick == 0)),
         )
-        recorder.seen(message, sensed(tick), [episode(slot)] if tick == 0 else [])
-        recorder.answered([None, Command(slot, 7, tick, 0.1 * tick, 0.0, 0.0)])
-    return lease, recorder
+        episodes = [episode(slot.index)] if tick == 0 else []
+        rig_tick = RigTick(message, {}, sensed(tick), episodes)
+        recorder.sensed(rig_tick)
+        rig_tick.answered = [None, Command(slot.index, 7, tick, 0.1 * tick, 0.0, 0.0)]
+        recorder.commanded(rig_tick)
+    return slot, recorder
 
 
-def result(lease, verdict):
-    case = lease.case
-    return Result(case.campaign, case.id, lease.token, "verdict", verdict)
+def end(recorder, slot):
+    ended = SlotEnd(None, 1.0)
+    recorder.ended(slot, ended)
+    return ended.record
+
+
+def finish(recorder, slot, verdict):
+    case = slot.lease.case
+    result = Result(case.campaign, case.id, slot.lease.token, "verdict", verdict)
+    end(recorder, slot).finish(result)
 
 
 @pytest.fixture
@@ -71,10 +82,10 @@ def path(tmp_path):
 
 
 def test_everything_comes_back_byte_for_byte(tmp_path, path):
-    lease, recorder = record(tmp_path)
-    recorder.end(1).finish(result(lease, "collision"))
+    slot, recorder = record(tmp_path)
+    finish(recorder, slot, "collision")
     reader = RecordReader(path.parent)
-    assert (reader.head.attempt, reader.head.slots, reader.head.case) == (2, 2, lease.case)
+    assert (reader.head.attempt, reader.head.slots, reader.head.case) == (2, 2, slot.lease.case)
     ticks = list(reader.ticks())
     assert reader.end.verdict == "collision"
     assert (reader.end.ticks, reader.end.cut) == (3, "")
@@ -94,8 +105,8 @@ def test_everything_comes_back_byte_for_byte(tmp_path, path):
 
 
 def test_the_reader_of_the_documentation_reads_it(tmp_path, path):
-    lease, recorder = record(tmp_path)
-    recorder.end(1).finish(result(lease, "collision"))
+    slot, recorder = record(tmp_path)
+    finish(recorder, slot, "collision")
     page = Path(__file__).parents[3] / "docs/drive-plane.md"
     below = page.read_text().partition("## The record of a drive\n")[2]
     reader = {}
@@ -109,8 +120,8 @@ def test_the_reader_of_the_documentation_reads_it(tmp_path, path):
 
 
 def test_a_file_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path, path):
-    _, recorder = record(tmp_path)
-    recorder.abandon(1)
+    slot, recorder = record(tmp_path)
+    recorder.withdrawn(slot)
     recorder.drain(60)
     whole = path.read_bytes()
     counts = set()
@@ -130,8 +141,8 @@ def test_a_file_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path, path):
 
 
 def test_a_damaged_file_is_refused_in_one_line(tmp_path, path):
-    lease, recorder = record(tmp_path)
-    recorder.end(1).finish(result(lease, "pass"))
+    slot, recorder = record(tmp_path)
+    finish(recorder, slot, "pass")
     whole = path.read_bytes()
     for damaged in (
         whole[:300] + bytes([whole[300] ^ 1]) + whole[301:],
@@ -148,18 +159,18 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path, path):
 
 def test_what_passed_is_not_kept_if_nobody_wants_it(tmp_path, path):
     for verdict, kept in (("pass", False), ("collision", True)):
-        lease, recorder = record(tmp_path, "failed")
-        recorder.end(1).finish(result(lease, verdict))
+        slot, recorder = record(tmp_path, "failed")
+        finish(recorder, slot, verdict)
         assert path.exists() == kept
 
 
 def test_a_case_that_asks_for_none_has_none(tmp_path):
-    lease, recorder = record(tmp_path, "none")
-    assert recorder.end(1) is None
+    slot, recorder = record(tmp_path, "none")
+    assert end(recorder, slot) is None
     assert list(tmp_path.iterdir()) == []
     other = case_of("all")
-    assert case_digest(lease.case) == case_digest(other)
-    assert rig_key(lease.case) == rig_key(other)
+    assert case_digest(slot.lease.case) == case_digest(other)
+    assert rig_key(slot.lease.case) == rig_key(other)
 
 
 def test_a_full_disk_ends_the_record_and_not_the_case(tmp_path, path, monkeypatch, capfd):
@@ -171,8 +182,8 @@ def test_a_full_disk_ends_the_record_and_not_the_case(tmp_path, path, monkeypatc
         write(self, block)
 
     monkeypatch.setattr(RecordWriter, "write", full)
-    lease, recorder = record(tmp_path)
-    recorder.end(1).finish(result(lease, "pass"))
+    slot, recorder = record(tmp_path)
+    finish(recorder, slot, "pass")
     assert "No space left on device" in capfd.readouterr().err
     reader = RecordReader(path)
     assert len(list(reader.ticks())) == 2
@@ -186,16 +197,16 @@ def test_a_record_that_cannot_begin_is_not_left_behind(tmp_path, path, monkeypat
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(RecordWriter, "write", full)
-    lease, recorder = record(tmp_path)
-    recorder.end(1).finish(result(lease, "pass"))
+    slot, recorder = record(tmp_path)
+    finish(recorder, slot, "pass")
     assert "No space left on device" in capfd.readouterr().err
     assert not path.exists()
 
 
 def test_a_long_attempt_is_cut_off_and_says_so(tmp_path, path, monkeypatch):
-    monkeypatch.setattr("twin.rig.drive_recorder.FILE_BYTES_MAX", 4000)
-    lease, recorder = record(tmp_path, ticks=40)
-    recorder.end(1).finish(result(lease, "pass"))
+    monkeypatch.setattr("twin.rig.attempt_record.FILE_BYTES_MAX", 4000)
+    slot, recorder = record(tmp_path, ticks=40)
+    finish(recorder, slot, "pass")
     reader = RecordReader(path)
     found = list(reader.ticks())
     assert 0 < len(found) < 40

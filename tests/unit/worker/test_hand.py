@@ -23,7 +23,7 @@ from twin.rig.interventions.case import (
     DRIVE_SILENCE_S,
     LATE_S,
     PAUSE_SILENCE_S,
-    Hand,
+    AttemptInterventions,
     told,
 )
 
@@ -32,7 +32,7 @@ COMMAND = Command(0, 1, 7, 0.5, 0.25, 0.1, aeb=True, handbrake=1.0)
 
 
 def test_a_step_is_exact():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     hand.take(Pause(), 10, 0.0)
     assert hand.wait_s(10, PERIOD_S, 0.0) == math.inf
     hand.take(Step(3), 10, 0.0)
@@ -43,7 +43,7 @@ def test_a_step_is_exact():
 
 
 def test_a_pace_is_kept_and_not_caught_up():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     hand.take(SetPace(2.0), 10, 100.0)
     assert hand.wait_s(10, PERIOD_S, 100.0) == 0.0
     assert hand.wait_s(14, PERIOD_S, 100.0) == pytest.approx(0.1)
@@ -56,7 +56,7 @@ def test_a_pace_is_kept_and_not_caught_up():
 
 
 def test_a_takeover_runs_in_real_time_and_ends_in_silence():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     hand.take(Takeover(throttle=0.3), 0, 50.0)
     hand.wait_s(0, PERIOD_S, 50.0)
     assert hand.wait_s(2, PERIOD_S, 50.0) == pytest.approx(0.1)
@@ -71,7 +71,7 @@ def test_a_takeover_runs_in_real_time_and_ends_in_silence():
 
 
 def test_a_pause_that_everybody_forgot_ends():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     hand.take(Pause(), 1, 10.0)
     assert hand.label() == "paused"
     assert hand.overdue(10.0 + PAUSE_SILENCE_S - 0.001) is None
@@ -81,7 +81,7 @@ def test_a_pause_that_everybody_forgot_ends():
 
 
 def test_what_a_journal_says_needs_nobody_and_no_clock():
-    hand = Hand(None, replay=[RecordedAction(3, 0, Takeover(0.1))], replayed=True)
+    hand = AttemptInterventions(None, replay=[RecordedAction(3, 0, Takeover(0.1))], replayed=True)
     assert hand.timed
     hand.take(hand.replay.pop().action, 3, 0.0)
     assert hand.wait_s(1000, PERIOD_S, 0.0) == 0.0
@@ -89,7 +89,7 @@ def test_what_a_journal_says_needs_nobody_and_no_clock():
 
 
 def test_commands_are_those_of_the_hand_and_all_else_of_the_stack():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     assert not hand.commands
     hand.take(Takeover(0.0, 1.0, -0.2), 7, 0.0)
     hand.take(SetLights(Lights(fog=True)), 7, 0.0)
@@ -108,7 +108,7 @@ def test_commands_are_those_of_the_hand_and_all_else_of_the_stack():
 
 
 def test_answers_are_kept_but_not_for_ever():
-    hand = Hand(None)
+    hand = AttemptInterventions(None)
     for number in range(ANSWERS_MAX + 1):
         hand.remember(str(number), b"")
     assert list(hand.answers) == [str(n) for n in range(1, ANSWERS_MAX + 1)]
@@ -126,7 +126,7 @@ def test_actions_in_words():
 
 
 def test_a_takeover_paces_nothing_where_the_clock_does():
-    paced, clocked = Hand(None), Hand(None, clocked=True)
+    paced, clocked = AttemptInterventions(None), AttemptInterventions(None, clocked=True)
     for hand in (paced, clocked):
         hand.take(Takeover(0.5), 10, 100.0)
         hand.wait_s(10, PERIOD_S, 100.0)

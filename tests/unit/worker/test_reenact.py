@@ -9,13 +9,13 @@ from unit.twin.test_engine import case
 
 from schemas.messages import Lease
 from twin.base.errors import InfrastructureError, UsageError
-from twin.rig.interventions.journal import SteeringJournal
+from twin.rig.interventions.journal import InterventionJournal
 from twin.rig.pipe import Progress
 from twin.worker.reenact import _run, reenact
 
 
 def test_it_overwrites_nothing(tmp_path):
-    SteeringJournal(Lease(1, 2, str(tmp_path), case("a")), 1, "cpu").close()
+    InterventionJournal(Lease(1, 2, str(tmp_path), case("a")), 1, "cpu").close()
     attempt = tmp_path / "cases" / "a" / "attempt-2"
     (attempt / "kpi.parquet").write_text("evidence")
     with pytest.raises(UsageError, match="attempt-2 exists, and nothing is overwritten; give"):
@@ -37,6 +37,6 @@ def test_a_rig_that_hangs_is_not_waited_for(ticks):
 
 def test_what_went_by_the_wall_clock_cannot_be_run_again(tmp_path):
     paced = structs.replace(case("a"), clock="realtime")
-    SteeringJournal(Lease(1, 2, str(tmp_path), paced), 1, "cpu").close()
+    InterventionJournal(Lease(1, 2, str(tmp_path), paced), 1, "cpu").close()
     with pytest.raises(UsageError, match="went by the wall clock"):
         reenact(tmp_path / "cases" / "a" / "attempt-2", "cpu", None, None)

@@ -37,46 +37,60 @@ from twin.rig.engine import Engine
 from twin.rig.interventions.case import DRIVE_SILENCE_S
 from twin.rig.interventions.journal import read_journal
 from twin.rig.interventions.listener import REQUEST_BYTES_MAX, WAITING_MAX, RigInterventions
+from twin.rig.interventions.slot_changes import SlotChanges
+from twin.rig.slot import RigTick, Slot, Slots
 
 
 class Rig:
-    """An engine of two slots with its steering; a turn is what the simulator's loop does."""
+    """An engine of two slots with its interventions; a turn is what the simulator's loop does."""
 
     def __init__(self, folder):
         self.folder = folder
         self.engine = Engine(case("a"), 2)
-        self.slots = [None, None]
-        self.touched = []
-        self.steering = RigInterventions("rig", self.slots, "cpu", self.tell)
-        for slot, name in enumerate("ab"):
-            self.engine.reset(slot, case(name))
-            self.slots[slot] = name
-            self.steering.begin(slot, Lease(7 + slot, 1, str(folder), case(name)), [])
+        self.slots = Slots(2)
+        self.notes = []
+        self.interventions = RigInterventions("rig", 2, "cpu", self.tell)
+        self.interventions.built(self.engine)
+        self.changes_of = SlotChanges(self.engine, "rig")
+        for index, name in enumerate("ab"):
+            self.begin(index, 7 + index, case(name))
 
-    def tell(self, slot, hand):
-        self.touched.append((slot, hand.note.what, hand.label()))
+    def begin(self, index, token, one):
+        self.engine.reset(index, one)
+        slot = Slot(index, Lease(token, 1, str(self.folder), one), 0.0)
+        if (earlier := self.slots[index]) is not None:
+            self.slots.leave(earlier)
+        self.slots.take(slot)
+        self.interventions.started(slot)
+
+    def tell(self, slot, attempt):
+        self.notes.append((slot.index, attempt.note.what, attempt.label()))
 
     def turn(self, throttle=0.1):
         """At most one tick; what was commanded."""
-        self.steering.turn(self.engine)
+        self.interventions.turn()
         if not self.engine.active.any():
-            self.steering.nap(self.engine)
+            self.interventions.nap()
             return [None, None]
         self.engine.sense()
         active = self.engine.active
-        commands = [ask(self.engine, s, throttle) if active[s] else None for s in range(2)]
-        commands = self.steering.commanded(commands)
-        self.engine.step(commands)
-        return commands
+        tick = RigTick(None, {}, {}, [])
+        tick.answered = [ask(self.engine, s, throttle) if active[s] else None for s in range(2)]
+        self.interventions.commanded(tick)
+        self.engine.step(tick.commands)
+        return tick.commands
 
     def do(self, action, slot=0, id_="", **more):
         """Ask, as a viewer does, and take a turn; the answer."""
         answers = []
         request = ControlRequest(v=SCHEMA_VERSION, id=id_, action=action, **more)
-        self.steering.ask(slot, encode(request), answers.append)
+        self.interventions.ask(slot, encode(request), answers.append)
         if not answers:
             self.turn()
         return decode(answers[0], ControlReply)
+
+    def weather(self, slot):
+        return self.changes_of.weather(slot)
 
     def changes(self, slot):
         return self.do(Query(), slot).state.changes
@@ -94,8 +108,8 @@ def rig(tmp_path):
 def test_a_slot_stands_while_the_other_goes_on_and_comes_back_in_phase(rig):
     rig.turn()
     assert rig.do(Pause()).tick == 1
-    assert rig.slots == [None, "b"]
-    assert rig.steering.parked == {0: "a"}
+    assert [slot.index for slot in rig.slots.running] == [1]
+    assert [slot.index for slot in rig.slots.held] == [0]
     for _ in range(3):
         rig.turn()
     assert rig.ticks == [1, 5]
@@ -104,7 +118,7 @@ def test_a_slot_stands_while_the_other_goes_on_and_comes_back_in_phase(rig):
     for _ in range(5):
         rig.turn()
     assert rig.ticks == [3, 11]
-    assert rig.touched == [(0, "pause", "paused"), (0, "step ticks=2", "paused")]
+    assert rig.notes == [(0, "pause", "paused"), (0, "step ticks=2", "paused")]
     rig.do(Pause(), slot=1)
     before = rig.ticks
     for _ in range(3):
@@ -126,7 +140,7 @@ def test_a_takeover_is_journalled_as_it_changes(rig, tmp_path):
     head, entries, end = read_journal(tmp_path / "cases" / "a" / "attempt-1")
     assert (head.case, head.slots, end) == (case("a"), 2, None)
     assert [type(entry.action) for entry in entries] == [Takeover, Takeover, GiveBack]
-    assert [told for _, told, _ in rig.touched] == ["takeover", "pace factor=1000", "release"]
+    assert [told for _, told, _ in rig.notes] == ["takeover", "pace factor=1000", "release"]
 
 
 def test_a_request_that_comes_twice_is_done_once(rig):
@@ -141,20 +155,20 @@ def test_what_is_refused_changes_nothing(rig, tmp_path):
     assert "weather 'fog': allowed" in rig.do(SetEnvironment("fog")).error
     assert "kind: given 'horse'" in rig.do(SpawnObject("horse", 0.0, 0.0)).error
     answers = []
-    rig.steering.ask(0, b"x" * (REQUEST_BYTES_MAX + 1), answers.append)
-    rig.steering.ask(0, b"garbage", answers.append)
+    rig.interventions.ask(0, b"x" * (REQUEST_BYTES_MAX + 1), answers.append)
+    rig.interventions.ask(0, b"garbage", answers.append)
     old = encode(ControlRequest(v=SCHEMA_VERSION + 1, id="", action=Query()))
-    rig.steering.ask(0, old, answers.append)
+    rig.interventions.ask(0, old, answers.append)
     errors = [decode(answer, ControlReply).error for answer in answers]
     for error, words in zip(errors, ("at most 4096", "not MessagePack", "version"), strict=True):
         assert words in error
-    assert (rig.changes(0), rig.touched) == (0, [])
+    assert (rig.changes(0), rig.notes) == (0, [])
     assert not list(tmp_path.glob("cases/*/*/*")), "no journal of nothing"
     blocked = tmp_path / "cases" / "b"
     blocked.parent.mkdir(parents=True, exist_ok=True)
     blocked.write_text("a file where a folder should be")
     assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog"), slot=1).error
-    assert rig.engine.weather(1) == "clear"
+    assert rig.weather(1) == "clear"
 
 
 def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monkeypatch):
@@ -171,8 +185,8 @@ def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monk
     monkeypatch.setattr(os, "write", nearly_full)
     assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog")).error
     assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog"), slot=1).error
-    assert [rig.engine.weather(slot) for slot in range(2)] == ["clear", "clear"]
-    rig.steering._hands[0].drive_s -= DRIVE_SILENCE_S
+    assert [rig.weather(slot) for slot in range(2)] == ["clear", "clear"]
+    rig.interventions._open[0].attempt.drive_s -= DRIVE_SILENCE_S
     rig.turn()
     assert rig.do(Query()).state.taken_over, "what is not journalled is not done"
     assert read_journal(journal) == before
@@ -191,7 +205,7 @@ def test_a_flood_is_refused(rig):
     answers = []
     request = encode(ControlRequest(v=SCHEMA_VERSION, id="", action=Query()))
     for _ in range(WAITING_MAX + 1):
-        rig.steering.ask(0, request, answers.append)
+        rig.interventions.ask(0, request, answers.append)
     assert "requests wait already" in decode(answers[0], ControlReply).error
     rig.turn()
     assert len(answers) == WAITING_MAX + 1
@@ -202,13 +216,13 @@ def test_over_the_rigs_own_key_and_through_the_view_plane(rig):
     pump, stop = hub.run(), threading.Event()
     simulator, viewer = hub.open(), hub.open()
     key = topics.CONTROL.key.format(rig="rig")
-    simulator.serve(key, lambda p, r: rig.steering.ask(None, p, r))
+    simulator.serve(key, lambda p, r: rig.interventions.ask(None, p, r))
     view = topics.VIEW_CONTROL.key.format(campaign="test", case="b")
-    cancel = simulator.serve(view, lambda p, r: rig.steering.ask(1, p, r))
+    cancel = simulator.serve(view, lambda p, r: rig.interventions.ask(1, p, r))
 
     def loop():
         while not stop.is_set():
-            rig.steering.turn(rig.engine)
+            rig.interventions.turn()
             time.sleep(0)
 
     thread = threading.Thread(target=loop)
@@ -264,11 +278,11 @@ def _conductor(payload, lines):
 def test_a_case_that_goes_by_the_wall_clock_cannot_be_held(tmp_path):
     rig = Rig(tmp_path)
     paced = structs.replace(case("a"), clock="realtime")
-    rig.steering.begin(0, Lease(7, 1, str(tmp_path), paced), [])
+    rig.begin(0, 7, paced)
     for action in (Pause(), Step(3), SetPace(0.5)):
         assert rig.do(action).error.startswith("clock realtime: the case goes with the wall clock")
     assert rig.do(SetEnvironment(weather="heavy_rain")).error == ""
-    assert not rig.steering.parked
+    assert not rig.slots.held
 
 
 def test_settings_of_one_request_are_done_together_or_not_at_all(rig):
@@ -288,7 +302,7 @@ def test_settings_of_one_request_are_done_together_or_not_at_all(rig):
     assert (done.state.changes, done.state.pace) == (2, 1000.0)
     assert (done.state.x_m, done.state.time_of_day_min) == (pytest.approx(120.0), 1350.0)
     assert rig.do(Together([night, there]), id_="x").tick == done.tick  # asked again, done once
-    assert rig.touched[-1][1] == (
+    assert rig.notes[-1][1] == (
         "environment time_of_day_min=1350, pose x_m=120 y_m=1.5 yaw_rad=0.1 speed_mps=0, "
         "pace factor=1000"
     )

@@ -2,8 +2,19 @@
 
 import pytest
 
-from schemas.messages import PerceptionCost
-from twin.rig.simulator import summed
+from conductor.run.source import load
+from schemas.campaign import expand
+from schemas.messages import Lease, PerceptionCost
+from twin.rig.slot import Slot
+
+LEASE = Lease(1, 1, "", expand(load("chaos-16"))[0])
+
+
+def summed(total, cost):
+    slot = Slot(0, LEASE, 0.0, perception=total)
+    slot.perceived(cost)
+    return slot.perception
+
 
 COST = PerceptionCost("opencv cpu", 2, 0.5)
 

@@ -18,28 +18,29 @@ from schemas.wire.codec import decode, encode
 from twin.base.errors import TwinError
 from twin.kpi.recorder import KpiRecorder
 from twin.rig.drive_recorder import DriveRecorder
-from twin.rig.engine import Finished
 from twin.rig.pipe import Progress, Unpacker, Upstream, Upward
 from twin.rig.profile import LoopLog, LoopProfile
-from twin.rig.results import EndedCase, ResultWriter
+from twin.rig.results import ResultWriter
 from twin.rig.simulator import Simulator
+from twin.rig.slot import Finished, Slot, SlotEnd
 from twin.vehicle.state import COLUMN
 
 
-def ended(folder: Path, token: int) -> EndedCase:
+def ended(folder: Path, token: int) -> tuple[Slot, SlotEnd]:
     recorder = KpiRecorder(1)
     state = np.zeros((1, len(COLUMN)))
     recorder.add([0], np.array([token]), np.array([0]), state, [None], [{}])
     finished = Finished(0, "verdict", "pass", [], {}, recorder.of(0).table())
     lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
-    return EndedCase(lease, finished, 12.5, PerceptionCost("numpy cpu", 3, 0.5), 0.25)
+    slot = Slot(0, lease, 0.0, perception=PerceptionCost("numpy cpu", 3, 0.5), rig_wall_s=0.25)
+    return slot, SlotEnd(finished, 12.5)
 
 
 def test_they_come_in_order_and_their_files_are_there(tmp_path):
     told: queue.Queue = queue.Queue()
     writer = ResultWriter(lambda _, result: told.put(result))
     for token in range(5):
-        writer.put(ended(tmp_path, token))
+        writer.ended(*ended(tmp_path, token))
     results = [told.get(timeout=PATIENCE_S) for _ in range(5)]
     assert [result.token for result in results] == list(range(5))
     assert all((tmp_path / result.attempt_dir / "kpi.parquet").exists() for result in results)
@@ -52,7 +53,7 @@ def test_a_folder_that_cannot_be_written_ends_the_loop(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     writer = ResultWriter(lambda *_: pytest.fail("it was not written"))
-    writer.put(ended(blocked, 0))
+    writer.ended(*ended(blocked, 0))
     with pytest.raises(TwinError, match="Not a directory"):
         until_refused(writer)
 
@@ -67,7 +68,7 @@ def test_the_end_of_a_rig_waits_for_cases_that_are_over(tmp_path):
     writer = ResultWriter(tell)
     assert writer.drain(0.0)
     for token in (0, 1):
-        writer.put(ended(tmp_path, token))
+        writer.ended(*ended(tmp_path, token))
     assert writer.tokens == [0, 1]
     assert not writer.drain(0.01)
     go_on.set()
@@ -79,7 +80,7 @@ def test_what_cannot_be_written_keeps_nobody_waiting(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     writer = ResultWriter(lambda *_: pytest.fail("it was not written"))
-    writer.put(ended(blocked, 0))
+    writer.ended(*ended(blocked, 0))
     assert writer.drain(PATIENCE_S)
     with pytest.raises(TwinError):
         writer.check()
@@ -97,14 +98,14 @@ def test_a_simulator_that_breaks_tells_first_what_was_over(tmp_path, monkeypatch
     simulator._recorder = DriveRecorder(1, "cpu")
     simulator._upward = Upstream(os.fdopen(write, "wb", buffering=0))
 
-    def tell(lease_ended, result):
+    def tell(end, result):
         go_on.wait(PATIENCE_S)
-        simulator._written(lease_ended, result)
+        simulator._written(end, result)
 
     simulator._results = ResultWriter(tell)
 
     def loop():
-        simulator._results.put(ended(tmp_path, 3))
+        simulator._results.ended(*ended(tmp_path, 3))
         go_on.set()
         raise StoppedError
 

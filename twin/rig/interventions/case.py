@@ -39,7 +39,7 @@ LATE_S = 0.25
 
 
 @dataclass(slots=True)
-class Hand:
+class AttemptInterventions:
     """What a hand has done to an attempt."""
 
     lease: Lease

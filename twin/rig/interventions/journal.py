@@ -25,7 +25,7 @@ from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest
 
 
-class SteeringJournal:
+class InterventionJournal:
     """Appends to the file beside the attempt's KPIs; begun with the first action."""
 
     def __init__(self, lease: Lease, slots: int, device: str) -> None:

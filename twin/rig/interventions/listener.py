@@ -1,8 +1,8 @@
-"""Steering cases by hand: takes requests from any thread, applies them between two ticks.
+"""Interventions in running cases: requests from any thread, applied between two ticks.
 
-The simulator's loop calls :meth:`RigInterventions.turn` before every tick; while nobody has asked
-for anything that is one look at an empty queue. Slots that stand still are held by the engine and
-parked here, so that the loop sees a rig without them.
+The simulator calls :meth:`RigInterventions.turn` before every tick; while nobody has asked for
+anything that is one look at an empty queue. Slots that stand still are held by the engine, and the
+loop leaves them out of its ticks.
 """
 
 from __future__ import annotations
@@ -11,29 +11,21 @@ import contextlib
 import queue
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Command, Lease, Touch
+from schemas.messages import Touch
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.interventions import (
-    OBJECTS_SHOWN_MAX,
+    JOURNAL_FILE,
     Action,
     ControlReply,
     ControlRequest,
-    FreeObject,
     GiveBack,
-    HandState,
-    MoveObject,
     Pause,
-    PlaceEgo,
     Query,
-    RecordedAction,
-    RemoveObject,
-    SetEnvironment,
     SetPace,
-    SetSensors,
     SpawnObject,
     Step,
     Takeover,
@@ -42,9 +34,11 @@ from schemas.wire.interventions import (
 )
 from twin.base.errors import TwinError
 from twin.fabric.bus import Respond
-from twin.rig.interventions.case import Hand, told
-from twin.rig.interventions.journal import SteeringJournal
-from twin.vehicle.state import COLUMN
+from twin.rig.interventions.case import AttemptInterventions, told
+from twin.rig.interventions.journal import InterventionJournal
+from twin.rig.interventions.slot_changes import SlotChanges
+from twin.rig.slot import RigTick, Slot, SlotEnd
+from twin.rig.slot_listener import SlotListener
 
 if TYPE_CHECKING:
     from twin.rig.engine import Engine
@@ -56,8 +50,6 @@ WAITING_MAX = 1000
 NAP_S = 0.02
 """Longest wait while no slot may run, so that the worker's orders are taken meanwhile [s]."""
 
-_Slot = TypeVar("_Slot")
-
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
@@ -67,28 +59,36 @@ class _Asked:
     respond: Respond
 
 
-class RigInterventions(Generic[_Slot]):
-    """The hands on a rig's slots; see the module."""
+@dataclass(slots=True)
+class _Open:
+    """An attempt in which somebody may intervene."""
+
+    slot: Slot
+    attempt: AttemptInterventions
+    journal: InterventionJournal | None = None
+
+
+class RigInterventions(SlotListener):
+    """Interventions in the slots of a rig; see the module."""
 
     def __init__(
-        self, rig: str, slots: list[_Slot | None], device: str, tell: Callable[[int, Hand], None]
+        self, rig: str, slots: int, device: str, tell: Callable[[Slot, AttemptInterventions], None]
     ) -> None:
         """
         Args:
             rig: name of the rig, for answers.
-            slots: the simulator's slots; those that stand still are taken out of it.
+            slots: of the rig.
             device: where the rig computes.
-            tell: hears of every slot whose hand has done something new.
+            tell: hears of every attempt in which somebody has newly intervened.
         """
-        self.parked: dict[int, _Slot] = {}
-        """Slots that stand still."""
         self._rig = rig
         self._slots = slots
         self._device = device
         self._tell = tell
+        self._changes: SlotChanges | None = None
         self._inbox: queue.Queue[_Asked] = queue.Queue(WAITING_MAX)
-        self._hands: list[Hand | None] = [None] * len(slots)
-        self._journals: dict[int, SteeringJournal] = {}
+        self._open: dict[int, _Open] = {}
+        """Attempts by slot."""
         self._timed: set[int] = set()
         """Slots that the wall clock or a journal has a say in."""
         self._commanding: set[int] = set()
@@ -112,43 +112,58 @@ class RigInterventions(Generic[_Slot]):
 
     # --- the simulator's loop ---------------------------------------------------------------
 
-    def begin(self, slot: int, lease: Lease, replay: list[RecordedAction]) -> None:
-        """A case begins in ``slot``; ``replay``: done to it by nobody but this journal."""
-        self._hands[slot] = Hand(
-            lease,
+    def built(self, engine: Engine) -> None:
+        """See :class:`SlotListener`."""
+        self._changes = SlotChanges(engine, self._rig)
+
+    def started(self, slot: Slot) -> None:
+        """See :class:`SlotListener`; what is replayed is done by nobody but its journal."""
+        replay = slot.replay
+        attempt = AttemptInterventions(
+            slot.lease,
             replay=list(replay),
             replayed=bool(replay),
-            clocked=lease.case.clock == "realtime",
+            clocked=slot.lease.case.clock == "realtime",
         )
+        self._open[slot.index] = _Open(slot, attempt)
         if replay:
-            self._timed.add(slot)
+            self._timed.add(slot.index)
 
-    def end(self, slot: int) -> None:
-        """The case of ``slot`` has ended, or is not wanted any more."""
-        self._hands[slot] = None
-        self._timed.discard(slot)
-        self._commanding.discard(slot)
-        self.parked.pop(slot, None)
-        journal = self._journals.pop(slot, None)
+    def commanded(self, tick: RigTick) -> None:
+        """See :class:`SlotListener`: what interventions have put in the place of the stack's
+        commands."""
+        tick.commands = list(tick.answered)
+        for index in list(self._commanding):
+            command = tick.answered[index]
+            if command is not None:
+                opened = self._open[index]
+                tick.commands[index] = opened.attempt.changed(command)
+                self._sort(opened)
+
+    def ended(self, slot: Slot, end: SlotEnd) -> None:
+        """See :class:`SlotListener`: the journal is to be ended with the result."""
+        opened = self._forget(slot)
+        attempt = opened.attempt
+        end.changes = 0 if attempt.replayed else attempt.changes
+        end.journal = opened.journal
+        if end.changes:
+            line = (
+                f"steered by hand ({end.changes} changes in {JOURNAL_FILE}): no verdict of the case"
+            )
+            end.finished = replace(end.finished, reasons=[line, *end.finished.reasons])
+
+    def withdrawn(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        journal = self._forget(slot).journal
         if journal is not None:
             journal.close()
 
-    def finish(self, slot: int) -> tuple[int, SteeringJournal | None]:
-        """The attempt of ``slot`` came to its end: how many changes a hand has made, and their
-        journal, to be ended with the result."""
-        hand = self._hands[slot]
-        assert hand is not None
-        journal = self._journals.pop(slot, None)
-        self.end(slot)
-        return (0 if hand.replayed else hand.changes), journal
+    def label(self, slot: Slot) -> str:
+        """What views say of a case."""
+        return self._open[slot.index].attempt.label()
 
-    def label(self, slot: int) -> str:
-        """What views say of the case in ``slot``."""
-        hand = self._hands[slot]
-        return "" if hand is None else hand.label()
-
-    def turn(self, engine: Engine) -> None:
-        """Apply what was asked for, and let slots stand still or go on."""
+    def turn(self) -> None:
+        """Apply what was asked for, and let slots stand still or go on; before every tick."""
         if not self._timed and not self._inbox.queue:  # its lock is not worth a look
             return
         while True:
@@ -156,239 +171,184 @@ class RigInterventions(Generic[_Slot]):
                 asked = self._inbox.get_nowait()
             except queue.Empty:
                 break
-            asked.respond(self._answer(engine, asked))
-        for slot in sorted(self._timed):
-            self._replay(engine, slot)
-            self._overdue(engine, slot)
-        self._move_on(engine)
+            asked.respond(self._answer(asked))
+        for index in sorted(self._timed):
+            self._replay(self._open[index])
+            self._overdue(self._open[index])
+        self._move_on()
 
-    def nap(self, engine: Engine) -> None:
+    def nap(self) -> None:
         """Nothing may run: wait for a request, or for the first slot whose pace allows it."""
-        now_s, period_s = time.monotonic(), engine.control_period_ns / 1e9
+        engine, now_s = self._engine, time.monotonic()
+        period_s = engine.control_period_ns / 1e9
         waits = [
-            hand.wait_s(int(engine.tick[slot]), period_s, now_s)
-            for slot in self.parked
-            if (hand := self._hands[slot]) is not None
+            opened.attempt.wait_s(int(engine.tick[index]), period_s, now_s)
+            for index, opened in self._open.items()
+            if opened.slot.held
         ]
         try:
             asked = self._inbox.get(timeout=max(0.0, min([NAP_S, *waits])))
         except queue.Empty:
             return
-        asked.respond(self._answer(engine, asked))
+        asked.respond(self._answer(asked))
 
-    def commanded(self, commands: list[Command | None]) -> list[Command | None]:
-        """The stack's commands with what hands have put in their place; one per slot."""
-        if not self._commanding:
-            return commands
-        changed = list(commands)
-        for slot in list(self._commanding):
-            hand, command = self._hands[slot], commands[slot]
-            if hand is not None and command is not None:
-                changed[slot] = hand.changed(command)
-                self._sort(slot, hand)
-        return changed
+    @property
+    def _engine(self) -> Engine:
+        return self._built.engine
+
+    @property
+    def _built(self) -> SlotChanges:
+        assert self._changes is not None, "no case begins before the engine is built"
+        return self._changes
+
+    def _forget(self, slot: Slot) -> _Open:
+        self._timed.discard(slot.index)
+        self._commanding.discard(slot.index)
+        return self._open.pop(slot.index)
 
     # --- requests ---------------------------------------------------------------------------
 
-    def _answer(self, engine: Engine, asked: _Asked) -> bytes:
+    def _answer(self, asked: _Asked) -> bytes:
         request = asked.request
-        slot = self._find(asked)
-        if slot is None:
+        opened = self._find(asked)
+        if opened is None:
             return _refusal(self._nobody(request))
-        hand = self._hands[slot]
-        assert hand is not None
-        if request.token not in (0, hand.lease.token):
+        attempt, lease = opened.attempt, opened.slot.lease
+        if request.token not in (0, lease.token):
             return _refusal(
-                f"case {hand.lease.case.id}: that attempt has ended, attempt "
-                f"{hand.lease.attempt} runs now; look again"
+                f"case {lease.case.id}: that attempt has ended, attempt "
+                f"{lease.attempt} runs now; look again"
             )
-        if request.id and request.id in hand.answers:
-            return hand.answers[request.id]
-        tick, changed = int(engine.tick[slot]), -1
+        if request.id and request.id in attempt.answers:
+            return attempt.answers[request.id]
+        index = opened.slot.index
+        tick, changed = int(self._engine.tick[index]), -1
         try:
-            if hand.replayed and not isinstance(request.action, Query):
+            if attempt.replayed and not isinstance(request.action, Query):
                 raise ValueError("it runs from a journal; nobody else may change it")
-            changed = self._act(engine, slot, hand, request.action)
+            changed = self._act(opened, request.action)
         except ValueError as error:
             return _refusal(str(error))
         reply = ControlReply(
             v=SCHEMA_VERSION,
-            token=hand.lease.token,
+            token=lease.token,
             tick=tick,
             object=changed if isinstance(request.action, SpawnObject) else -1,
-            state=self._state(engine, slot, hand, whole=isinstance(request.action, Query)),
+            state=self._built.state(index, attempt, whole=isinstance(request.action, Query)),
         )
         answer = encode(reply)
         if request.id:
-            hand.remember(request.id, answer)
+            attempt.remember(request.id, answer)
         return answer
 
-    def _find(self, asked: _Asked) -> int | None:
+    def _find(self, asked: _Asked) -> _Open | None:
         request = asked.request
         if asked.slot is not None:
-            return asked.slot if self._hands[asked.slot] is not None else None
-        for slot, hand in enumerate(self._hands):
-            if hand is None:
-                continue
-            if request.case == hand.lease.case.id or (not request.case and slot == request.slot):
-                return slot
+            return self._open.get(asked.slot)
+        for index, opened in sorted(self._open.items()):
+            case = opened.slot.lease.case.id
+            if request.case == case or (not request.case and index == request.slot):
+                return opened
         return None
 
     def _nobody(self, request: ControlRequest) -> str:
-        running = sorted(hand.lease.case.id for hand in self._hands if hand is not None)
+        running = sorted(opened.slot.lease.case.id for opened in self._open.values())
         given = f"case '{request.case}'" if request.case else f"slot {request.slot}"
         return f"{given} does not run in this rig; running: {', '.join(running) or 'nothing'}"
 
-    def _act(self, engine: Engine, slot: int, hand: Hand, action: Action) -> int:
+    def _act(self, opened: _Open, action: Action) -> int:
         """Check, journal and apply an action; the object that it was done to, or -1.
 
         Raises:
             ValueError: it cannot be done; one line, and nothing has changed.
         """
-        now_s, tick = time.monotonic(), int(engine.tick[slot])
+        slot, attempt = opened.slot.index, opened.attempt
+        now_s, tick = time.monotonic(), int(self._engine.tick[slot])
         parts = parts_of(action)
         for part in parts:
-            self._check(engine, slot, hand, part)
-        if isinstance(action, GiveBack) and hand.drive is None:
-            hand.heard_s = now_s
-            return -1
-        again = isinstance(action, Takeover) and hand.drive is not None
-        if action == hand.drive:
-            hand.heard_s = hand.drive_s = now_s  # the same pedals again: it is still there
-            return -1
-        if steers(action) and not hand.replayed:
-            found = self._journalled(engine, slot, hand, [part for part in parts if steers(part)])
-        else:
-            found = max(self._apply(engine, slot, part) for part in parts)
-        for part in parts:
-            hand.take(part, tick, now_s)
-        self._sort(slot, hand)
-        if not isinstance(action, Query) and not again:
-            hand.note = Touch(tick, told(action), hand.changes)
-            self._tell(slot, hand)
-        return found
-
-    def _check(self, engine: Engine, slot: int, hand: Hand, action: Action) -> None:
-        """Refuse what cannot be done before any of it is.
-
-        Raises:
-            ValueError: one line.
-        """
-        match action:
-            case Pause() | Step() | SetPace() if hand.clocked:
+            if isinstance(part, Pause | Step | SetPace) and attempt.clocked:
                 raise ValueError("clock realtime: the case goes with the wall clock, nobody else's")
-            case SetEnvironment():
-                engine.check_environment(slot, action)
-            case SetSensors(errors):
-                if mistake := engine.sensors_mistake(errors):
-                    raise ValueError(mistake)
+            self._built.check(slot, part)
+        if isinstance(action, GiveBack) and attempt.drive is None:
+            attempt.heard_s = now_s
+            return -1
+        again = isinstance(action, Takeover) and attempt.drive is not None
+        if action == attempt.drive:
+            attempt.heard_s = attempt.drive_s = now_s  # the same pedals again: it is still there
+            return -1
+        if steers(action) and not attempt.replayed:
+            changed = self._journalled(opened, [part for part in parts if steers(part)])
+        else:
+            changed = max(self._built.apply(slot, part) for part in parts)
+        for part in parts:
+            attempt.take(part, tick, now_s)
+        self._sort(opened)
+        if not isinstance(action, Query) and not again:
+            attempt.note = Touch(tick, told(action), attempt.changes)
+            self._tell(opened.slot, attempt)
+        return changed
 
-    def _apply(self, engine: Engine, slot: int, action: Action) -> int:
-        match action:
-            case SetEnvironment():
-                engine.set_environment(slot, action)
-            case PlaceEgo():
-                engine.place_ego(slot, action)
-            case MoveObject() | SpawnObject() | RemoveObject() | FreeObject():
-                return engine.move_object(slot, action)
-        return -1
-
-    def _journalled(self, engine: Engine, slot: int, hand: Hand, actions: Sequence[Action]) -> int:
+    def _journalled(self, opened: _Open, actions: Sequence[Action]) -> int:
         """Apply actions that have a place in the journal, or neither do nor write anything.
 
         Several are settings that were checked, so that none of them can be refused any more.
         """
-        journal = open_ = self._journals.get(slot)
+        slot, engine = opened.slot, self._engine
+        journal = opened.journal
         try:
-            if open_ is None:
-                open_ = SteeringJournal(hand.lease, len(self._slots), self._device)
-            open_.add(int(engine.tick[slot]), int(engine.sim_time_ns[slot]), actions)
-            found = max(self._apply(engine, slot, action) for action in actions)
+            journal = journal or InterventionJournal(slot.lease, self._slots, self._device)
+            tick, time_ns = engine.tick[slot.index], engine.sim_time_ns[slot.index]
+            journal.add(int(tick), int(time_ns), actions)
+            changed = max(self._built.apply(slot.index, action) for action in actions)
         except TwinError as error:
-            if journal is None and open_ is not None:
-                open_.discard()
+            if opened.journal is None and journal is not None:
+                journal.discard()
             raise ValueError(f"it cannot be journalled: {error}") from None
         except ValueError:
-            if journal is None:
-                open_.discard()
+            assert journal is not None, "an engine refuses what is in it already"
+            if opened.journal is None:
+                journal.discard()
             else:
-                open_.take_back()
+                journal.take_back()
             raise
-        self._journals[slot] = open_
-        return found
+        opened.journal = journal
+        return changed
 
-    def _sort(self, slot: int, hand: Hand) -> None:
-        (self._timed.add if hand.timed or slot in self.parked else self._timed.discard)(slot)
-        (self._commanding.add if hand.commands else self._commanding.discard)(slot)
+    def _sort(self, opened: _Open) -> None:
+        index, attempt = opened.slot.index, opened.attempt
+        timed = attempt.timed or opened.slot.held
+        (self._timed.add if timed else self._timed.discard)(index)
+        (self._commanding.add if attempt.commands else self._commanding.discard)(index)
 
     # --- time -------------------------------------------------------------------------------
 
-    def _replay(self, engine: Engine, slot: int) -> None:
-        hand = self._hands[slot]
-        while hand is not None and hand.replay and hand.replay[0].tick <= engine.tick[slot]:
-            self._act(engine, slot, hand, hand.replay.pop(0).action)
+    def _replay(self, opened: _Open) -> None:
+        replay = opened.attempt.replay
+        while replay and replay[0].tick <= self._engine.tick[opened.slot.index]:
+            self._act(opened, replay.pop(0).action)
 
-    def _overdue(self, engine: Engine, slot: int) -> None:
-        hand = self._hands[slot]
-        if hand is not None and (action := hand.overdue(time.monotonic())) is not None:
+    def _overdue(self, opened: _Open) -> None:
+        action = opened.attempt.overdue(time.monotonic())
+        if action is not None:
             # What cannot be journalled is not done; it is tried again before the next tick.
             with contextlib.suppress(ValueError):
-                self._act(engine, slot, hand, action)
+                self._act(opened, action)
 
-    def _move_on(self, engine: Engine) -> None:
+    def _move_on(self) -> None:
         """Hold slots that may not run; those that may go on once all sensors are due together."""
-        now_s, period_s = time.monotonic(), engine.control_period_ns / 1e9
-        for slot in sorted(self._timed):
-            hand, occupant = self._hands[slot], self._slots[slot]
-            if hand is None:
-                continue
-            runs = hand.wait_s(int(engine.tick[slot]), period_s, now_s) <= 0.0
-            if not runs and occupant is not None:
-                engine.hold(slot)
-                self.parked[slot] = occupant
-                self._slots[slot] = None
-            elif runs and slot in self.parked and _in_phase(engine, slot):
-                engine.go_on(slot)
-                self._slots[slot] = self.parked.pop(slot)
-                self._sort(slot, hand)
-
-    def _state(self, engine: Engine, slot: int, hand: Hand, *, whole: bool) -> HandState:
-        row, case = engine.state[slot], hand.lease.case
-
-        def value(name: str) -> float:
-            return float(row[COLUMN[name]])
-
-        return HandState(
-            campaign=case.campaign,
-            case=case.id,
-            attempt=hand.lease.attempt,
-            token=hand.lease.token,
-            rig=self._rig,
-            slot=slot,
-            tick=int(engine.tick[slot]),
-            sim_time_ns=int(engine.sim_time_ns[slot]),
-            paused=hand.paused,
-            taken_over=hand.drive is not None,
-            pace=hand.pace,
-            changes=hand.changes,
-            weather=engine.weather(slot),
-            time_of_day_min=engine.clock_min(slot),
-            x_m=value("x_m"),
-            y_m=value("y_m"),
-            yaw_rad=value("yaw_rad"),
-            speed_mps=value("speed_mps"),
-            throttle=value("throttle"),
-            brake=value("brake"),
-            steering_rad=value("steering_rad"),
-            objects=engine.objects(slot)[:OBJECTS_SHOWN_MAX] if whole else [],
-        )
-
-
-def _in_phase(engine: Engine, slot: int) -> bool:
-    """Active slots are always due for their sensors together."""
-    active = engine.tick[engine.active]
-    every = engine.refill_every
-    return not len(active) or bool((active[0] - engine.tick[slot]) % every == 0)
+        engine, now_s = self._engine, time.monotonic()
+        period_s = engine.control_period_ns / 1e9
+        for index in sorted(self._timed):
+            opened = self._open[index]
+            slot = opened.slot
+            runs = opened.attempt.wait_s(int(engine.tick[index]), period_s, now_s) <= 0.0
+            if not runs and not slot.held:
+                engine.hold(index)
+                slot.held = True
+            elif runs and slot.held and self._built.is_in_phase(index):
+                engine.go_on(index)
+                slot.held = False
+                self._sort(opened)
 
 
 def _refusal(error: str) -> bytes:

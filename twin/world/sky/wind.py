@@ -37,6 +37,8 @@ class Winds:
         self._mean = np.zeros(slots)
         self._sigma = np.zeros(slots)
         self._toward = np.zeros((slots, 2))
+        self._held: dict[int, np.ndarray] = {}
+        """Gusts of slots that stand still."""
 
     def reset(self, slot: int, key: int, toward: tuple[float, float]) -> None:
         """Begin a case: the key of its stream, and the unit vector along its wind."""
@@ -52,15 +54,15 @@ class Winds:
         """Calm a slot."""
         for array in (self.now, self._gust, self._toward):
             array[slot] = 0.0
+        self._held.pop(slot, None)
         self._mean[slot] = self._sigma[slot] = 0.0
 
-    def gust(self, slot: int) -> np.ndarray:
-        """A copy of what a slot remembers from tick to tick; see :meth:`restore`."""
-        return self._gust[slot].copy()
-
-    def restore(self, slot: int, gust: np.ndarray) -> None:
-        """Go on from what :meth:`gust` gave, as if nothing had been advanced since."""
-        self._gust[slot] = gust
+    def hold(self, slot: int, *, held: bool) -> None:
+        """A slot stands still, or goes on as if nothing had been advanced since."""
+        if held:
+            self._held[slot] = self._gust[slot].copy()
+        else:
+            self._gust[slot] = self._held.pop(slot)
 
     def advance(self, tick: np.ndarray) -> np.ndarray:
         """Wind during the control period that begins at each slot's case ``tick`` [S]: ``now``.

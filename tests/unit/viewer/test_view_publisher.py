@@ -1,4 +1,4 @@
-"""The simulator's view feed on the in-memory bus: never waits, numbers everything."""
+"""The simulator's view view on the in-memory bus: never waits, numbers everything."""
 
 import hashlib
 import threading
@@ -29,13 +29,14 @@ from schemas.wire.view import (
 from twin.actors.motion import Still
 from twin.fabric.memory_bus import MemoryHub
 from twin.kpi.recorder import KpiRecorder
+from twin.rig.slot import Finished, RigTick, Slot, SlotEnd
 from twin.vehicle.state import COLUMN
 from twin.view import encoder as view_encoder
-from twin.view import feed as view_feed
+from twin.view import publisher
 from twin.view.demand import Demand
-from twin.view.feed import ViewFeed
 from twin.view.items import SlotRun
-from twin.view.port import Harmless, NoFeed
+from twin.view.port import GuardedView, NoView
+from twin.view.publisher import ViewPublisher
 from twin.view.samples import THUMBNAIL_WIDTH_PX
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import load_scene
@@ -90,30 +91,32 @@ class Sim:
     def command(self, token=5):
         return Command(0, token, int(self.tick[0]), 0.5, 0.0, 0.0)
 
-    def step(self, feed, token=5, camera=True):
+    def step(self, view, token=5, camera=True):
         command = self.command(token)
         self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [command], [{}])
-        feed.tick(self, self.sensed() if camera else {}, [command, None])
+        tick = RigTick(None, self.sensed() if camera else {}, {}, [], commands=[command, None])
+        view.commanded(tick)
         self.tick[0] += 1
         self.sim_time_ns[0] += 50_000_000
 
+    def begin(self, view, one):
+        self.slot = Slot(0, one, 0.0)
+        view.built(self)
+        view.started(self.slot)
+
+    def end(self, view):
+        view.ended(self.slot, SlotEnd(self.finished(), 1.0))
+
     def finished(self):
         self.recorder.add([0], self.tick, self.sim_time_ns, self.state, [None], [{}])
-        return SimpleNamespace(
-            slot=0,
-            outcome="verdict",
-            verdict="pass",
-            reasons=[],
-            scalars={"ticks": 3},
-            table=self.recorder.of(0).table(),
-        )
+        return Finished(0, "verdict", "pass", [], {"ticks": 3}, self.recorder.of(0).table())
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The feed's wall clock, which stands still until it is moved."""
+    """The view's wall clock, which stands still until it is moved."""
     clock = SimpleNamespace(now_s=100.0)
-    monkeypatch.setattr(view_feed, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    monkeypatch.setattr(publisher, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
     return clock
 
 
@@ -170,13 +173,13 @@ class Listener:
 
 def test_everything_in_order_with_running_numbers(hub):
     listener = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for tick in range(3):
-        sim.step(feed, camera=tick != 1)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view, camera=tick != 1)
+    sim.end(view)
+    view.close(10)
     got = listener.wait()
     assert [type(m).__name__ for m in got] == [
         *("CaseStart", "CameraSample", "StateSample", "StateSample", "CameraSample"),
@@ -196,15 +199,15 @@ def test_a_recording_gets_whatever_moves(hub):
     """A pedestrian and a van of the shipped crossing, as the engine places them."""
     crossing = build_world(load_scene("crossing"))
     listener = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
     sim.world = crossing
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(2):
         sim.placement = crossing.motion.at(sim.sim_time_ns / 1e9 + 5.0)
-        sim.step(feed, camera=False)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view, camera=False)
+    sim.end(view)
+    view.close(10)
     states = [m for m in listener.wait() if isinstance(m, StateSample)]
     assert [len(state.movers) for state in states] == [3, 3, 0]
     walker, _, van = states[0].movers
@@ -216,13 +219,13 @@ def test_a_recording_gets_whatever_moves(hub):
 
 def test_samples_for_the_recorder_travel_together(hub, clock):
     listener = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(50):
-        sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view)
+    sim.end(view)
+    view.close(10)
     assert [m.seq for m in listener.wait()] == list(range(103))
     assert listener.batches == 1, (
         "no time has passed: a message per sample costs half a millisecond"
@@ -231,36 +234,36 @@ def test_samples_for_the_recorder_travel_together(hub, clock):
 
 def test_samples_wait_for_others_for_a_while_only(hub):
     listener = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
-    feed.begin(0, lease(), Sim())
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
+    Sim().begin(view, lease())
     wait_for(lambda: len(listener.got) == 1, "the start, though nothing follows")
     assert listener.batches == 1
-    feed.close(10)
+    view.close(10)
 
 
 def test_a_recorder_that_comes_later_misses_nothing(hub):
     bus = hub.open()
-    feed = ViewFeed(bus, RIG, 2, ViewMode.record)
+    view = ViewPublisher(bus, RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(3):
-        sim.step(feed)
+        sim.step(view)
     listener = Listener(hub, recorder=True)
-    feed.end(sim.finished())
-    feed.close(10)
+    sim.end(view)
+    view.close(10)
     assert [m.seq for m in listener.wait()] == list(range(9))
 
 
 def test_overflow_leaves_a_gap_and_the_verdict(hub, monkeypatch):
-    monkeypatch.setattr(view_feed, "QUEUE_BYTES_MAX", 3 * (IMAGE[0].nbytes + 1024))
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    monkeypatch.setattr(publisher, "QUEUE_BYTES_MAX", 3 * (IMAGE[0].nbytes + 1024))
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(10):
-        sim.step(feed)  # nobody takes: returns at once all the same
-    feed.end(sim.finished())
+        sim.step(view)  # nobody takes: returns at once all the same
+    sim.end(view)
     listener = Listener(hub, recorder=True)
-    feed.close(10)
+    view.close(10)
     got = listener.wait()
     assert [m.seq for m in got] == [0, 1, 2, 3, 4, 5, 6, 21, 22]
     assert got[-1].samples == 23
@@ -268,32 +271,32 @@ def test_overflow_leaves_a_gap_and_the_verdict(hub, monkeypatch):
 
 def test_a_recorder_that_went_and_came_back_sees_what_it_missed(hub):
     first = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
+    sim.begin(view, lease())
+    sim.step(view)
     wait_for(lambda: len(first.got) == 3, "three messages")
     first.bus.close()
-    wait_for(lambda: feed._recorder_gone, "the end of the recorder")
-    sim.step(feed)  # not sent, not copied, but counted
+    wait_for(lambda: view._recorder_gone, "the end of the recorder")
+    sim.step(view)  # not sent, not copied, but counted
     second = Listener(hub, recorder=True)
-    wait_for(lambda: not feed._recorder_gone, "the second recorder")
-    sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+    wait_for(lambda: not view._recorder_gone, "the second recorder")
+    sim.step(view)
+    sim.end(view)
+    view.close(10)
     assert [m.seq for m in second.wait()] == [5, 6, 7, 8]
 
 
 def test_thumbnails_only_for_those_who_look(hub):
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
+    sim.begin(view, lease())
+    sim.step(view)
     listener = Listener(hub, ["view/*/*/thumbnail"])
     for _ in range(3):
-        sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view)
+    sim.end(view)
+    view.close(10)
     got = listener.wait()
     assert len(got) == 2, "one at first, one with the verdict: the others came too soon"
     assert [m.outcome for m in got] == ["", "verdict"]
@@ -301,29 +304,29 @@ def test_thumbnails_only_for_those_who_look(hub):
 
 
 def test_a_case_that_stands_still_says_so_to_those_who_look(hub, clock):
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     asked = []
-    feed.steered_by(lambda slot, payload, respond: (asked.append(slot), respond(payload)))
+    view.asks(lambda slot, payload, respond: (asked.append(slot), respond(payload)))
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     key = topics.VIEW_CONTROL.key.format(campaign="*", case="*")
     viewer = hub.open()
     assert viewer.gather(key, b"pause", PATIENCE_S) == [b"pause"]
     assert asked == [0]
-    sim.step(feed)
+    sim.step(view)
     listener = Listener(hub, ["view/*/*/thumbnail", "view/*/*/live/*"])  # it comes too late
     sim.active[0] = False
     for _ in range(3):
-        feed.hand(0, "paused")
+        view.label(sim.slot, "paused")
         clock.now_s += 0.3
-    sim.step(feed)  # of the others: nothing of this one
-    feed.hand(1, "paused")  # no case there
+    sim.step(view)  # of the others: nothing of this one
+    view.label(Slot(1, lease(), 0.0), "paused")  # no case there
     sim.active[0] = True
     clock.now_s += 1.0
-    sim.step(feed)
-    feed.end(sim.finished())
+    sim.step(view)
+    sim.end(view)
     assert viewer.gather(key, b"pause", PATIENCE_S) == [], "nobody to ask any more"
-    feed.close(10)
+    view.close(10)
     got = listener.wait()
     states = [m for m in got if isinstance(m, StateSample)]
     assert [(m.tick, m.hand) for m in states] == [(1, "paused")] * 3 + [(2, "paused"), (3, "")]
@@ -336,51 +339,52 @@ def test_nobody_looks(hub):
     bus = hub.open()
     published = []
     bus.publish = lambda key, *_, **__: published.append(key)
-    feed = ViewFeed(bus, RIG, 2, ViewMode.live)
+    view = ViewPublisher(bus, RIG, ViewMode.live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(3):
-        sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view)
+    sim.end(view)
+    view.close(10)
     assert published == [topics.FEED_END.key.format(rig=RIG)]
 
 
 def test_an_abandoned_case_ends_without_outcome(hub):
     listener = Listener(hub, recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
-    feed.abandon(0)
-    feed.abandon(1)
-    feed.close(10)
+    sim.begin(view, lease())
+    sim.step(view)
+    view.withdrawn(sim.slot)
+    view.withdrawn(Slot(1, lease(), 0.0))
+    view.close(10)
     got = listener.wait()
     assert [m.seq for m in got] == [0, 1, 2, 3]
     assert got[-1].outcome == ""
 
 
-def test_a_feed_that_fails_fails_alone(capsys):
-    class Broken(NoFeed):
-        def tick(self, *_):
+def test_a_view_that_fails_fails_alone(capsys):
+    class Broken(NoView):
+        def commanded(self, *_):
             raise RuntimeError("out of luck")
 
-    feed = Harmless(Broken())
-    feed.tick(None, {}, [])
-    feed.tick(None, {}, [])
-    feed.close(0)
+    view = GuardedView(Broken())
+    view.commanded(None)
+    view.commanded(None)
+    view.close(0)
     assert capsys.readouterr().err.count("Traceback") == 1
 
 
-def test_a_feed_that_failed_answers_nobody(hub, monkeypatch):
+def test_a_view_that_failed_answers_nobody(hub, monkeypatch):
     asker = hub.open()
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
-    harmless = Harmless(feed)
-    harmless.steered_by(lambda slot, payload, respond: respond(b"here"))
-    harmless.begin(0, lease(), Sim())
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
+    guarded = GuardedView(view)
+    guarded.asks(lambda slot, payload, respond: respond(b"here"))
+    sim = Sim()
+    sim.begin(guarded, lease())
     assert asker.gather("view/c/clear/control", b"", PATIENCE_S) == [b"here"]
-    monkeypatch.setattr(feed, "hand", lambda *_: 1 / 0)
-    harmless.hand(0, "paused")
+    monkeypatch.setattr(view, "label", lambda *_: 1 / 0)
+    guarded.label(sim.slot, "paused")
     assert asker.gather("view/c/clear/control", b"", 0.2) == []
 
 
@@ -389,14 +393,14 @@ ALONE = "view/c/clear/live/*"
 
 def test_a_case_in_full_for_those_who_look_at_it_alone(hub, clock):
     listener = Listener(hub, [ALONE])
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(4):
-        sim.step(feed)
+        sim.step(view)
         clock.now_s += 0.06
-    feed.end(sim.finished())
-    feed.close(10)
+    sim.end(view)
+    view.close(10)
     got = listener.wait()
     assert [type(m).__name__ for m in got] == [
         *("CaseStart", "CameraSample", "PointsSample", "StateSample"),
@@ -412,28 +416,28 @@ def test_a_case_in_full_for_those_who_look_at_it_alone(hub, clock):
 
 def test_the_start_is_repeated_for_those_who_come_later(hub, clock):
     first = Listener(hub, [ALONE])
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
+    sim.begin(view, lease())
+    sim.step(view)
     wait_for(lambda: any(isinstance(m, StateSample) for m in first.got), "a state")
     second = Listener(hub, ["view/c/clear/live/start"])
     for _ in range(3):
         clock.now_s += 0.6
-        sim.step(feed)
-    feed.close(10)
+        sim.step(view)
+    view.close(10)
     first.wait()
     assert len(second.wait()) == 1
 
 
 def test_others_are_not_shown(hub, clock):
     listener = Listener(hub, ["view/c/foggy/live/*"])
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+    sim.begin(view, lease())
+    sim.step(view)
+    sim.end(view)
+    view.close(10)
     assert listener.wait() == []
 
 
@@ -455,11 +459,11 @@ def test_one_picture_is_compressed_once_for_recorder_and_viewers(hub, clock, mon
     real = view_encoder.jpeg
     monkeypatch.setattr(view_encoder, "jpeg", lambda *a, **k: made.append(a) or real(*a, **k))
     listener = Listener(hub, ["view/*/*/thumbnail", ALONE], recorder=True)
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record_live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record_live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
-    sim.step(feed)
-    feed.close(10)
+    sim.begin(view, lease())
+    sim.step(view)
+    view.close(10)
     pictures = [m for m in listener.wait() if isinstance(m, CameraSample)]
     assert {m.seq for m in pictures} == {1, UNNUMBERED}
     assert [a[1:] for a in made] == [(), (THUMBNAIL_WIDTH_PX,)], "and a small one for the wall"
@@ -469,23 +473,23 @@ def test_viewers_leave_no_gap_in_a_recording(hub, clock):
     """The same numbers, whoever looks beside the recorder."""
     recorder = Listener(hub, recorder=True)
     viewer = Listener(hub, [ALONE])
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.record_live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record_live)
     sim = Sim()
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     for _ in range(3):
-        sim.step(feed)
-    feed.end(sim.finished())
-    feed.close(10)
+        sim.step(view)
+    sim.end(view)
+    view.close(10)
     assert [m.seq for m in recorder.wait()] == list(range(9))
     assert len(viewer.wait()) >= 4
 
 
 def test_the_scene_is_handed_out_on_request(hub):
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
     bus = hub.open()
     key = topics.FEED_SCENE.key.format(rig=RIG)
-    feed.begin(0, lease(), sim)
+    sim.begin(view, lease())
     scene = decode(bus.request(key, b"", 10.0), SceneMesh)
     data = zlib.decompress(scene.data)
     assert hashlib.sha256(data).hexdigest() == scene.sha256
@@ -499,23 +503,23 @@ def test_the_scene_is_handed_out_on_request(hub):
         assert len(color) == 1, "one colour per face"
         red, green, _ = map(int, color.pop())
         assert (green > red) == bool((points[face][:, 2] == 1.0).all()), "only the lid is green"
-    feed.close(10)
+    view.close(10)
 
 
 def test_a_case_without_cameras_is_on_the_wall_and_in_full(hub, clock):
     """``render: off``: no pictures, and states as often as with them."""
     listener = Listener(hub, ["view/*/*/thumbnail", ALONE])
-    feed = ViewFeed(hub.open(), RIG, 2, ViewMode.live)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
     sim.sensed = dict
     blind = lease()
     blind = msgspec.structs.replace(blind, case=msgspec.structs.replace(blind.case, render=False))
-    feed.begin(0, blind, sim)
+    sim.begin(view, blind)
     for _ in range(4):
-        sim.step(feed)
+        sim.step(view)
         clock.now_s += 0.06
-    feed.end(sim.finished())
-    feed.close(10)
+    sim.end(view)
+    view.close(10)
     got = listener.wait()
     assert [m.tick for m in got if isinstance(m, StateSample)] == [0, 2, 4]
     assert [m.outcome for m in got if isinstance(m, Thumbnail)] == ["", "verdict"]

@@ -1,6 +1,6 @@
-"""The view feed of a simulator: shows what happens, and never holds it up.
+"""The view of a simulator: shows what happens, and never holds it up.
 
-The simulator's loop copies and enqueues; a thread of the feed's own encodes and publishes. The
+The simulator's loop copies and enqueues; a thread of its own encodes and publishes. The
 queue has a limit: what does not fit is left out, which receivers notice by the running number.
 """
 
@@ -10,14 +10,13 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Command, Lease
+from schemas.messages import Command
 from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.view import POINTS_MAX, FeedEnd, ViewMode
@@ -27,6 +26,7 @@ from twin.fabric.bus import Bus, Cancel, Respond
 from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.zenoh_bus import open_bus
+from twin.rig.slot import RigTick, Slot, SlotEnd
 from twin.view.batch import SampleBatch
 from twin.view.demand import Demand
 from twin.view.items import (
@@ -40,10 +40,10 @@ from twin.view.items import (
     Ticked,
     WorldRequest,
 )
-from twin.view.port import Feed, Harmless, NoFeed
+from twin.view.port import Ask, GuardedView, NoView, View
 
 if TYPE_CHECKING:
-    from twin.rig.engine import Engine, Finished
+    from twin.rig.engine import Engine
     from twin.sensors.data import SensorData
     from twin.view.encoder import Encoder
 
@@ -75,11 +75,11 @@ class ViewOptions:
     """The worker's key; with it the recorder's session is TLS too."""
 
 
-def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:
-    """The feed of a rig; a feed that cannot be opened is none, and says so."""
+def open_view(rig: str, options: ViewOptions) -> View:
+    """The view of a rig; one that cannot be opened is none, and says so."""
     mode = options.mode
     if mode is ViewMode.none:
-        return NoFeed()
+        return NoView()
     try:
         bus = open_bus(
             "peer",
@@ -91,20 +91,21 @@ def open_feed(rig: str, slots: int, options: ViewOptions) -> Feed:
         )
     except TwinError as error:
         print(f"no view of this rig: {error}", file=sys.stderr, flush=True)
-        return NoFeed()
-    return Harmless(ViewFeed(bus, rig, slots, mode))
+        return NoView()
+    return GuardedView(ViewPublisher(bus, rig, mode))
 
 
-class ViewFeed:
+class ViewPublisher(View):
     """Publishes on the view plane; see the module."""
 
-    def __init__(self, bus: Bus, rig: str, slots: int, mode: ViewMode) -> None:
+    def __init__(self, bus: Bus, rig: str, mode: ViewMode) -> None:
         """If ``mode`` records, samples wait for the recorder that is about to connect."""
         self.endpoint = bus.endpoints[0] if bus.endpoints else ""
         self._demand = Demand(bus, mode)
         self._bus = bus
         self._rig = rig
-        self._runs: list[SlotRun | None] = [None] * slots
+        self._runs: dict[int, SlotRun] = {}
+        """Attempts that are shown, by slot."""
         self._channel: BoundedChannel[Item | Literal["end"]] = BoundedChannel(QUEUE_BYTES_MAX)
         self._recorder = threading.Event()
         self._recorder_gone = not mode.records
@@ -113,7 +114,7 @@ class ViewFeed:
         self._engine: Engine | None = None
         self._sensed: dict[str, SensorData] = {}
         """With the latest pictures; those of slots that stand still stay in their buffers."""
-        self._ask: Callable[[int, bytes, Respond], None] | None = None
+        self._ask: Ask | None = None
         self._served: dict[int, Cancel] = {}
         """Keys on which viewers ask something of a slot's case."""
         self._shows = mode.shows
@@ -124,28 +125,33 @@ class ViewFeed:
 
     # --- the simulator's loop ---------------------------------------------------------------
 
-    def begin(self, slot: int, lease: Lease, engine: Engine) -> None:
-        """See :class:`Feed`."""
+    def built(self, engine: Engine) -> None:
+        """See :class:`SlotListener`."""
         self._engine = engine
-        recorded, target = not self._recorder_gone, engine.target(slot)
-        run = self._runs[slot] = SlotRun(lease, recorded=recorded, target=target)
+
+    def started(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        lease, engine = slot.lease, self._engine
+        assert engine is not None
+        recorded, target = not self._recorder_gone, engine.target(slot.index)
+        run = self._runs[slot.index] = SlotRun(lease, recorded=recorded, target=target)
         if run.recorded:
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
         ask = self._ask
         if self._shows and ask is not None:
             key = topics.VIEW_CONTROL.key.format(campaign=lease.case.campaign, case=lease.case.id)
-            self._served[slot] = self._bus.serve(key, lambda p, r: ask(slot, p, r))
+            self._served[slot.index] = self._bus.serve(key, lambda p, r: ask(slot.index, p, r))
 
-    def tick(
-        self, engine: Engine, sensed: dict[str, SensorData], commands: list[Command | None]
-    ) -> None:
-        """See :class:`Feed`."""
+    def commanded(self, tick: RigTick) -> None:
+        """See :class:`SlotListener`: shows the cases that take part in a tick."""
+        engine, sensed = self._engine, tick.sensed
+        assert engine is not None
         if "camera" in sensed:
             self._sensed = sensed
         wall, singles = self._demand.wall(), self._demand.singles()
         now_s = time.monotonic() if wall or singles else 0.0
-        for slot, run in enumerate(self._runs):
-            if run is None or not engine.active[slot]:
+        for slot, run in sorted(self._runs.items()):
+            if not engine.active[slot]:
                 continue
             run.last_tick = int(engine.tick[slot])
             # Numbers go on while the recorder is away: one that comes back sees what it missed.
@@ -155,15 +161,17 @@ class ViewFeed:
             if "start" in due:
                 self._show(run, engine)
             if recorded or due:
-                seen = self._look(engine, sensed, slot, commands[slot], due, recorded=recorded)
-                ticked = Ticked(run, seq if recorded else -1, seen, due)
-                self._channel.offer(ticked, _TICK_BYTES + seen.nbytes)
+                snapshot = self._copied(engine, sensed, slot, tick.commands[slot], due, recorded)
+                ticked = Ticked(run, seq if recorded else -1, snapshot, due)
+                self._channel.offer(ticked, _TICK_BYTES + snapshot.nbytes)
 
-    def end(self, finished: Finished) -> None:
-        """See :class:`Feed`."""
-        run = self._runs[finished.slot]
+    def ended(self, slot: Slot, end: SlotEnd) -> None:
+        """See :class:`SlotListener`."""
+        finished = end.finished
+        if end.changes:
+            finished = replace(finished, outcome="intervened", verdict="")
+        run = self._leave(slot.index)
         assert run is not None
-        self._leave(finished.slot)
         columns = finished.table.columns
         last_row = int(columns["tick"].values[-1]) > run.last_tick
         seq = run.number(2 if last_row else 1) if run.recorded else -1
@@ -173,10 +181,12 @@ class ViewFeed:
             # Size 0 always fits: however full the queue is, the verdict gets through.
             self._channel.offer(ShownEnd(run, seq, finished, last_row, time_ns, wall, live), 0)
 
-    def abandon(self, slot: int) -> None:
-        """See :class:`Feed`."""
-        run = self._runs[slot]
-        self._leave(slot)
+    def withdrawn(self, slot: Slot) -> None:
+        """See :class:`SlotListener`."""
+        self._withdraw(slot.index)
+
+    def _withdraw(self, slot: int) -> None:
+        run = self._leave(slot)
         if run is None:
             return
         live = self._demand.ended(run)
@@ -185,59 +195,59 @@ class ViewFeed:
             self._channel.offer(ShownEnd(run, seq, None, False, 0, live=live), 0)
 
     def close(self, timeout_s: float) -> None:
-        """See :class:`Feed`."""
-        for slot in range(len(self._runs)):
-            self.abandon(slot)
+        """See :class:`View`."""
+        for slot in sorted(self._runs):
+            self._withdraw(slot)
         self._channel.offer(END, 0)
         self._closed.wait(timeout_s)
 
-    def steered_by(self, ask: Callable[[int, bytes, Respond], None]) -> None:
-        """See :class:`Feed`."""
+    def asks(self, ask: Ask) -> None:
+        """See :class:`View`."""
         self._ask = ask
 
-    def hand(self, slot: int, label: str) -> None:
-        """See :class:`Feed`."""
-        run = self._runs[slot]
+    def label(self, slot: Slot, label: str) -> None:
+        """See :class:`View`."""
+        run = self._runs.get(slot.index)
         if run is None:
             return
-        run.hand = label
+        run.label = label
         engine = self._engine
-        if engine is None or engine.active[slot]:
+        if engine is None or engine.active[slot.index]:
             return  # its next tick says so
-        # Nobody steps it: what was last seen once more, for those who came meanwhile as well.
+        # Nobody steps it: its last picture once more, for those who came meanwhile as well.
         wall, singles = self._demand.wall(), self._demand.singles()
         sensed = self._sensed
         due = self._demand.due(run, sensed, time.monotonic(), wall=wall, singles=singles)
         if "start" in due:
             self._show(run, engine)
         if due:
-            seen = self._look(engine, sensed, slot, None, due, recorded=False)
-            self._channel.offer(Ticked(run, -1, seen, due), _TICK_BYTES + seen.nbytes)
+            snapshot = self._copied(engine, sensed, slot.index, None, due, recorded=False)
+            self._channel.offer(Ticked(run, -1, snapshot, due), _TICK_BYTES + snapshot.nbytes)
 
     def _show(self, run: SlotRun, engine: Engine) -> None:
         sites = engine.camera_sites, engine.lidar_sites
         self._channel.offer(Scenery(run, self._rig, engine.world, *sites), 0)
 
     def turn_away(self) -> None:
-        """See :class:`Feed`."""
+        """See :class:`View`."""
         while self._served:
             _, cancel = self._served.popitem()
             cancel()
 
-    def _leave(self, slot: int) -> None:
-        self._runs[slot] = None
+    def _leave(self, slot: int) -> SlotRun | None:
+        """Nothing more is shown of a slot; the attempt that was."""
         cancel = self._served.pop(slot, None)
         if cancel is not None:
             cancel()
+        return self._runs.pop(slot, None)
 
-    def _look(
+    def _copied(
         self,
         engine: Engine,
         sensed: dict[str, SensorData],
         slot: int,
         command: Command | None,
         due: frozenset[str],
-        *,
         recorded: bool,
     ) -> SlotSeen:
         """Copy a slot's values: the simulator overwrites its arrays at the next tick."""
@@ -249,7 +259,7 @@ class ViewFeed:
             np.copyto(image, source)
         if "boxes" in sensed and sensed["boxes"].count is not None:
             boxes = sensed["boxes"].values[slot, : sensed["boxes"].count[slot]].copy()
-        run = self._runs[slot]
+        run = self._runs.get(slot)
         return SlotSeen(
             tick=int(engine.tick[slot]),
             sim_time_ns=int(engine.sim_time_ns[slot]),
@@ -259,12 +269,12 @@ class ViewFeed:
             boxes=boxes,
             pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
-            hand=run.hand if run else "",
+            label=run.label if run else "",
             target=run is not None and run.target is not None,
             movers=_movers(engine, slot) if recorded or "state" in due else None,
         )
 
-    # --- the feed's thread ------------------------------------------------------------------
+    # --- the view's own thread ------------------------------------------------------------------
 
     def _on_recorder(self, _key: str, alive: bool) -> None:
         """The recorder came (it has subscribed before it says so) or went."""
@@ -314,8 +324,8 @@ class ViewFeed:
             )
             block = message.topic.block
             self._bus.publish(key, message.payload, message.attachment, block=block)
-        if isinstance(item, Ticked) and item.seen.image is not None:
-            self._spare.append(item.seen.image)
+        if isinstance(item, Ticked) and item.snapshot.image is not None:
+            self._spare.append(item.snapshot.image)
 
     def _send(self, batch: SampleBatch) -> None:
         topic = topics.FEED_RECORDED

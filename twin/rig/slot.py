@@ -1,0 +1,169 @@
+"""Slots of a rig: the attempt that runs in each, what a tick has brought, and how cases end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from msgspec import structs
+
+from schemas.files.judging import JudgeRecord
+from schemas.identity import stack_name
+from schemas.messages import Command, Episode, Lease, PerceptionCost, Tick
+from schemas.verdict import is_pass
+from schemas.wire.interventions import RecordedAction
+
+if TYPE_CHECKING:
+    from twin.kpi.table import KpiTable
+    from twin.rig.attempt_record import AttemptRecord
+    from twin.rig.interventions.journal import InterventionJournal
+    from twin.rig.pacing import Paced
+    from twin.rig.stack_output import Kept
+    from twin.sensors.data import SensorData
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A case that has ended; its slot is inactive already."""
+
+    slot: int
+    outcome: str
+    """``verdict``, or ``failed``: the case cannot be simulated, deterministically."""
+    verdict: str
+    """Empty when failed."""
+    reasons: list[str]
+    scalars: dict[str, float | int | None]
+    table: KpiTable
+    names: dict[str, str] = field(default_factory=dict)
+    """Scalars that are names, :data:`schemas.files.kpi.NAMES`."""
+    record: JudgeRecord | None = None
+    """What a judge needs beside the rows."""
+
+    @property
+    def passed(self) -> bool:
+        """See :func:`schemas.verdict.is_pass`."""
+        return is_pass(self.outcome, self.verdict)
+
+
+@dataclass(eq=False, slots=True)
+class Slot:
+    """An attempt in a slot of a rig, from its start to its end."""
+
+    index: int
+    lease: Lease
+    started_s: float
+    """When the slot took it [s]."""
+    name: str = field(init=False)
+    """Name by which the stack knows the case."""
+    replay: list[RecordedAction] = field(default_factory=list)
+    """What the journal of an earlier attempt says was done to it."""
+    fresh: bool = True
+    """The stack has not seen it yet."""
+    held: bool = False
+    """It stands still in sim time, while others go on."""
+    perception: PerceptionCost | None = None
+    """Sum so far; None: the stack reported none."""
+    rig_wall_s: float = 0.0
+    """Share of the rig's wall time so far [s]."""
+
+    def __post_init__(self) -> None:
+        self.name = stack_name(self.lease.case)
+
+    def perceived(self, cost: PerceptionCost | None) -> None:
+        """Add what perception cost in one tick; what a foreign stack says and can be no time or
+        number is left out."""
+        if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
+            return
+        total = self.perception
+        if total is not None:
+            frames, wall_s = total.frames + cost.frames, total.wall_s + cost.wall_s
+            cost = structs.replace(total, frames=frames, wall_s=wall_s)
+        self.perception = cost
+
+
+@dataclass(slots=True)
+class SlotEnd:
+    """How an attempt ended; every listener adds what it knows."""
+
+    finished: Finished
+    wall_s: float
+    """From when its slot took it to its end [s]."""
+    changes: int = 0
+    """Interventions that changed what was simulated; if any, it is no result of the case."""
+    journal: InterventionJournal | None = None
+    """Of these interventions, to be ended with the result."""
+    paced: Paced | None = None
+    """How it went by the wall clock; None: in lockstep."""
+    record: AttemptRecord | None = None
+    """Drive record, to be ended with the result."""
+    output: Kept | None = None
+    """What the stack printed; None: that is on another host."""
+
+
+@dataclass(slots=True)
+class RigTick:
+    """One tick of a rig, as far as it has come."""
+
+    message: Tick
+    """As the stack gets it."""
+    sensed: dict[str, SensorData]
+    """Readings of all slots by sensor message."""
+    told: dict[str, SensorData]
+    """The same as far as the stack may know them."""
+    episodes: list[Episode]
+    """Cases that the stack sees for the first time."""
+    answered: list[Command | None] = field(default_factory=list)
+    """The stack's commands, one per slot."""
+    commands: list[Command | None] = field(default_factory=list)
+    """Commands in force: the stack's, as interventions have changed them."""
+
+
+class Slots:
+    """Slots of a rig, free ones included."""
+
+    def __init__(self, count: int) -> None:
+        self._slots: list[Slot | None] = [None] * count
+
+    def __len__(self) -> int:
+        return len(self._slots)
+
+    def __iter__(self) -> Iterator[Slot]:
+        """Attempts in order of their slots, those that stand still as well."""
+        return (slot for slot in self._slots if slot is not None)
+
+    @property
+    def running(self) -> list[Slot]:
+        """Attempts that take part in the next tick."""
+        return [slot for slot in self if not slot.held]
+
+    @property
+    def held(self) -> list[Slot]:
+        """Attempts that stand still."""
+        return [slot for slot in self if slot.held]
+
+    @property
+    def free(self) -> list[int]:
+        """Indices of the slots without an attempt."""
+        return [index for index, slot in enumerate(self._slots) if slot is None]
+
+    @property
+    def by_index(self) -> list[Slot | None]:
+        """For each slot the attempt that takes part in the next tick."""
+        return [None if slot is None or slot.held else slot for slot in self._slots]
+
+    def __getitem__(self, index: int) -> Slot | None:
+        return self._slots[index]
+
+    def take(self, slot: Slot) -> None:
+        """An attempt begins in a free slot."""
+        assert self._slots[slot.index] is None, f"slot {slot.index} is taken"
+        self._slots[slot.index] = slot
+
+    def leave(self, slot: Slot) -> None:
+        """An attempt is over: its slot is free."""
+        self._slots[slot.index] = None
+
+    def of_token(self, token: int) -> Slot | None:
+        """Attempt with a token."""
+        return next((slot for slot in self if slot.lease.token == token), None)
