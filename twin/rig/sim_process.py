@@ -20,8 +20,7 @@ from typing import IO
 from twin.base.errors import RefusedError, StackFaultError, TwinError
 from twin.base.gpu.first_use import begun
 from twin.base.process import keep_to_itself, leave_signals_to_the_parent, spawn
-from twin.rig.orders import Orders
-from twin.rig.pipe import Broken, BuildRig, Faulted, Listening, RefusedPeer, Upstream
+from twin.rig.pipe import Broken, BuildRig, Faulted, Listening, Orders, RefusedPeer, Upstream
 from twin.worker.rig_child import RigChild
 
 LOADED = (

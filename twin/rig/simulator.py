@@ -18,7 +18,6 @@ from twin.rig.drive_recorder import DriveRecorder
 from twin.rig.interventions.case import AttemptInterventions
 from twin.rig.interventions.listener import RigInterventions
 from twin.rig.need_to_know import as_told
-from twin.rig.orders import Orders
 from twin.rig.pipe import (
     Abandon,
     Assign,
@@ -29,6 +28,7 @@ from twin.rig.pipe import (
     Drained,
     Fail,
     Faulted,
+    Orders,
     Progress,
     SteeredDone,
     Touched,
