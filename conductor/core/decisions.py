@@ -305,8 +305,7 @@ def _end_attempts(turn: RequestTurn, worker: str, ends: list[Ended]) -> None:
             else:
                 end_attempt(turn, lease, ended.reason, ended.detail)
     # One rig's cases: a worker has one rig, and tells of its end before it starts another.
-    leases = own(turn.state, worker, sorted(suspects))
-    if leases:
+    if suspects and (leases := own(turn.state, worker, sorted(suspects))):
         end_suspects(turn, leases, "suspect", suspects[leases[0].token])
 
 

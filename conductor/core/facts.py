@@ -6,7 +6,7 @@ The journal is the list of durable facts; the state is their fold. A case is nam
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from msgspec import Struct
 
@@ -299,7 +299,9 @@ Durable = (
 Volatile = Seen | Shortened | Draining
 Fact = Durable | Volatile
 
+_VOLATILE = frozenset(get_args(Volatile))
+
 
 def is_durable(fact: Fact) -> bool:
     """Whether ``fact`` belongs in the journal."""
-    return not isinstance(fact, Volatile)
+    return type(fact) not in _VOLATILE

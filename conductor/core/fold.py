@@ -203,10 +203,11 @@ def _leased(state: State, fact: Leased) -> None:
     state.granted += 1
     case.attempts += 1
     case.live += (fact.token,)
-    session = state.workers[fact.worker].joined.session
-    case.issued = _latest(case.issued, Issued(fact.token, fact.attempt, session), case.live)
+    worker = state.workers[fact.worker]
+    issued = Issued(fact.token, fact.attempt, worker.joined.session)
+    case.issued = _latest(case.issued, issued, case.live) if case.issued else (issued,)
     campaign.attempts += 1
-    state.workers[fact.worker].tokens[fact.token] = None
+    worker.tokens[fact.token] = None
     state.leases[fact.token] = LiveLease(
         token=fact.token,
         key=(fact.campaign, fact.case),
@@ -245,7 +246,8 @@ def _drop(state: State, campaign: CampaignState, case: CaseState, token: int) ->
     """The token dies."""
     lease = state.leases.pop(token)
     del state.workers[lease.worker].tokens[token]
-    case.live = tuple(other for other in case.live if other != token)
+    alone = len(case.live) == 1
+    case.live = () if alone else tuple(other for other in case.live if other != token)
     if not case.live:
         campaign.leased -= 1
 

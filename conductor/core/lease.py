@@ -62,8 +62,12 @@ def first_expiry_ns(state: State) -> int:
 
 def own(state: State, worker: str, tokens: Iterable[int]) -> list[LiveLease]:
     """The live leases of ``worker`` among ``tokens``."""
-    leases = (state.leases.get(token) for token in tokens)
-    return [lease for lease in leases if lease is not None and lease.worker == worker]
+    leases = state.leases
+    return [
+        lease
+        for token in tokens
+        if (lease := leases.get(token)) is not None and lease.worker == worker
+    ]
 
 
 def lost(state: State, worker: str, tokens: Iterable[int]) -> list[int]:

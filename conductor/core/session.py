@@ -54,8 +54,9 @@ def issued_to(case: CaseState, worker: WorkerState, token: int) -> Issued | None
 
 def mistake_of(result: Result, case: CaseState, issued: Issued) -> str:
     """What of a result does not fit the attempt that it is of, in a few words; or nothing."""
-    folder = f"cases/{case.case.id}/attempt-{issued.attempt}"
-    if result.attempt_dir not in ("", folder):
+    if result.attempt_dir and result.attempt_dir != (
+        folder := f"cases/{case.case.id}/attempt-{issued.attempt}"
+    ):
         return f"it names the folder {result.attempt_dir}, its attempt has {folder}"
     if case.case.simulator == "noop" or (result.outcome == "failed" and not result.kpi_sha256):
         return ""  # nothing was simulated, or the case failed before its first tick

@@ -12,7 +12,7 @@ the signature over its head (:mod:`conductor.trust.manifest`).
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 
 from msgspec import Struct
@@ -45,9 +45,15 @@ class Chain(Struct, frozen=True):
     cut: Cut | None = None
     """None: there was no snapshot yet."""
 
-    def fact(self, data: bytes, unix_s: float) -> Chain:
-        """After a fact with these bytes."""
-        return Chain(_link(self.head, b"f", data, unix_s), self.count + 1, self.replies, self.cut)
+    def facts(self, facts: Sequence[bytes], unix_s: float) -> tuple[Chain, list[bytes]]:
+        """After these facts, in this order; and the head after each of them."""
+        heads = []
+        head = self.head
+        when = _when(b"f", unix_s)
+        for data in facts:
+            head = _link(head, when, data)
+            heads.append(head)
+        return Chain(head, self.count + len(heads), self.replies, self.cut), heads
 
     def snapshot(self, images: Mapping[str, bytes], unix_s: float) -> Chain:
         """After a snapshot; ``images`` are the digests of all its images by key."""
@@ -66,7 +72,7 @@ def cut_head(cut: Cut, images: Mapping[str, bytes]) -> bytes:
     for key in sorted(images):
         data = key.encode("utf-8", "surrogateescape")
         sha.update(struct.pack("<Q", len(data)) + data + images[key])
-    return _link(cut.before, b"s", sha.digest(), cut.unix_s)
+    return _link(cut.before, _when(b"s", cut.unix_s), sha.digest())
 
 
 def image_digest(data: bytes) -> bytes:
@@ -85,8 +91,17 @@ def reply_sum(digests: Iterable[bytes]) -> bytes:
     return _packed(sum(map(int.from_bytes, digests)))
 
 
-def _link(head: bytes, kind: bytes, data: bytes, unix_s: float) -> bytes:
-    sha = sha256(head + kind + struct.pack("<d", unix_s))
+def fact_link(head: bytes, data: bytes, unix_s: float) -> bytes:
+    """Head after a fact with these bytes."""
+    return _link(head, _when(b"f", unix_s), data)
+
+
+def _when(kind: bytes, unix_s: float) -> bytes:
+    return kind + struct.pack("<d", unix_s)
+
+
+def _link(head: bytes, when: bytes, data: bytes) -> bytes:
+    sha = sha256(head + when)
     sha.update(data)
     return sha.digest()
 

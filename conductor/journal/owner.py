@@ -27,7 +27,8 @@ FILE_NAME = "conductor.owner"
 BEAT_S = 1.0
 """How often the heartbeat is renewed and the owner's name is read again at least [s]."""
 
-
+OWNER_BYTES_MAX = 1 << 14
+"""Most that is read of the file [bytes]; names of hosts and jobs have a few hundred."""
 WATCH_S = 3.0
 """How long a heartbeat that looks old is watched: clocks of two hosts may differ by minutes [s]."""
 
@@ -94,6 +95,8 @@ class FolderClaim:
         self._stale_s = stale_s
         self._beat_s = 0.0
         self._mine = False
+        self._found: tuple[bytes, FolderOwner] | None = None
+        """What was read last; in every transaction it is the same."""
 
     def obstacle(self) -> str:
         """Why the folder must be left to another; see :func:`obstacle`."""
@@ -157,9 +160,16 @@ class FolderClaim:
     def read(self) -> tuple[FolderOwner | None, float]:
         """The owner and when the file changed [unix s]; None: there is none to be read."""
         try:
-            # Opening makes network file systems look again.
-            with self._path.open("rb") as file:
-                changed_s = os.fstat(file.fileno()).st_mtime
-                return decode_json(file.read(), FolderOwner), changed_s
+            # Opening makes network file systems look again. Without a file object: this is done
+            # in every transaction.
+            descriptor = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                changed_s = os.fstat(descriptor).st_mtime
+                data = os.read(descriptor, OWNER_BYTES_MAX)
+            finally:
+                os.close(descriptor)
+            if self._found is None or self._found[0] != data:
+                self._found = (data, decode_json(data, FolderOwner))
+            return self._found[1], changed_s
         except (OSError, JsonError):
             return None, 0.0

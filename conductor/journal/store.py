@@ -12,13 +12,22 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from conductor.core.facts import Durable, Fact, Image, Replied, Snapshot, WorkerLeft, is_durable
-from conductor.journal.chain import BEGIN, Chain, cut_head, image_digest, reply_digest, reply_sum
+from conductor.journal.chain import (
+    BEGIN,
+    Chain,
+    cut_head,
+    fact_link,
+    image_digest,
+    reply_digest,
+    reply_sum,
+)
 from conductor.journal.owner import (
     FolderClaim,
     FolderLockedError,
@@ -52,6 +61,14 @@ CREATE TABLE IF NOT EXISTS replies (
 );
 """
 
+# Not INSERT OR REPLACE: a row in the same place leaves the pages of the index alone.
+_PUT_REPLY = (
+    "INSERT INTO replies VALUES (?, ?, ?) "
+    "ON CONFLICT (worker) DO UPDATE SET seq = excluded.seq, reply = excluded.reply"
+)
+_PUT_CHAIN = (
+    "INSERT INTO meta VALUES ('chain', ?) ON CONFLICT (name) DO UPDATE SET value = excluded.value"
+)
 
 __all__ = ["FolderLockedError", "Journal", "JournalError", "TakenOverError"]
 
@@ -83,6 +100,8 @@ class Journal:
         """Where it stands: as of the last commit."""
         self._images: dict[str, bytes] | None = None
         """Digests of the images of the snapshot; None: not looked at yet."""
+        self._replies: dict[str, bytes] = {}
+        """Digests of the replies that this process has written, by worker."""
         self._claim = FolderClaim(folder, owner or this_process(), stale_s)
         obstacle = self._claim.obstacle()
         if obstacle:
@@ -134,11 +153,9 @@ class Journal:
                 self._claim.check()
             return
         now_s = time.time()
-        chain = self.chain
         try:
             self._connection.execute("BEGIN IMMEDIATE")
-            for fact in durable:
-                chain = self._write(fact, now_s, chain)
+            chain = self._write(durable, now_s)
             self._write_chain(chain)
             self._claim.check()
             self._connection.execute("COMMIT")
@@ -213,8 +230,9 @@ class Journal:
             chain = chain.snapshot(images, 0.0)
         links = []
         for number, unix_s, data in execute("SELECT id, unix_s, fact FROM facts ORDER BY id"):
-            chain = chain.fact(_as_bytes(data, self.path, f"fact {number}"), unix_s)
-            links.append((chain.head, number))
+            fact = _as_bytes(data, self.path, f"fact {number}")
+            chain, (head,) = chain.facts([fact], unix_s)
+            links.append((head, number))
         self._connection.executemany("UPDATE facts SET chain = ? WHERE id = ?", links)
         for row in execute("SELECT worker, seq, reply FROM replies"):
             chain = chain.replied(b"", _reply_digest(row, self.path))
@@ -244,49 +262,69 @@ class Journal:
                 shutil.copyfile(path, copy)
                 copy.replace(path)
 
-    def _write(self, fact: Fact, now_s: float, chain: Chain) -> Chain:
-        """Write a fact behind ``chain``; where the journal stands then."""
-        execute = self._connection.execute
-        if isinstance(fact, Replied):
-            data = encode(fact)
-            old = self._reply_digest_of(fact.worker)
-            row = (fact.worker, fact.seq, data)
-            execute("INSERT OR REPLACE INTO replies VALUES (?, ?, ?)", row)
-            return chain.replied(old, reply_digest(*row))
-        if isinstance(fact, Snapshot):
-            self._connection.executemany(
-                "INSERT OR REPLACE INTO snapshot VALUES (?, ?)",
-                ((image.key, image.data) for image in fact.images),
-            )
-            execute("DELETE FROM facts")
-            if self._images is None:
-                self._images = _image_digests(self._connection, self.path)
-            self._images.update((image.key, image_digest(image.data)) for image in fact.images)
-            return chain.snapshot(self._images, now_s)
-        if isinstance(fact, WorkerLeft):
-            chain = chain.replied(self._reply_digest_of(fact.worker), b"")
-            execute("DELETE FROM replies WHERE worker = ?", (fact.worker,))
-        data = encode(fact)
-        chain = chain.fact(data, now_s)
-        execute(
-            "INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)", (now_s, data, chain.head)
+    def _write(self, facts: Sequence[Fact], now_s: float) -> Chain:
+        """Write facts behind the chain; where the journal stands then."""
+        chain = self.chain
+        links: list[bytes] = []
+        for fact in facts:
+            if isinstance(fact, Replied):
+                chain = self._write_reply(fact, chain)
+            elif isinstance(fact, Snapshot):
+                # Also those before it are links, and deleted at once.
+                chain = self._write_links(links, now_s, chain)
+                links = []
+                chain = self._write_snapshot(fact, now_s, chain)
+            else:
+                if isinstance(fact, WorkerLeft):
+                    chain = self._forget_reply(fact.worker, chain)
+                links.append(encode(fact))
+        return self._write_links(links, now_s, chain)
+
+    def _write_links(self, links: Sequence[bytes], now_s: float, chain: Chain) -> Chain:
+        chain, heads = chain.facts(links, now_s)
+        rows = zip(repeat(now_s), links, heads, strict=False)
+        query = "INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)"
+        self._connection.executemany(query, rows)
+        return chain
+
+    def _write_snapshot(self, fact: Snapshot, now_s: float, chain: Chain) -> Chain:
+        self._connection.executemany(
+            "INSERT OR REPLACE INTO snapshot VALUES (?, ?)",
+            ((image.key, image.data) for image in fact.images),
         )
+        self._connection.execute("DELETE FROM facts")
+        if self._images is None:
+            self._images = _image_digests(self._connection, self.path)
+        self._images.update((image.key, image_digest(image.data)) for image in fact.images)
+        return chain.snapshot(self._images, now_s)
+
+    def _write_reply(self, fact: Replied, chain: Chain) -> Chain:
+        row = (fact.worker, fact.seq, encode(fact))
+        old, digest = self._reply_digest_of(fact.worker), reply_digest(*row)
+        self._connection.execute(_PUT_REPLY, row)
+        self._replies[fact.worker] = digest
+        return chain.replied(old, digest)
+
+    def _forget_reply(self, worker: str, chain: Chain) -> Chain:
+        chain = chain.replied(self._reply_digest_of(worker), b"")
+        self._replies.pop(worker, None)
+        self._connection.execute("DELETE FROM replies WHERE worker = ?", (worker,))
         return chain
 
     def _reply_digest_of(self, worker: str) -> bytes:
         """Of the reply that is kept for ``worker``; empty: none."""
+        if worker in self._replies:
+            return self._replies[worker]
         query = "SELECT worker, seq, reply FROM replies WHERE worker = ?"
         row = self._connection.execute(query, (worker,)).fetchone()
         return _reply_digest(row, self.path) if row else b""
 
     def _write_chain(self, chain: Chain) -> None:
-        self._connection.execute(
-            "INSERT OR REPLACE INTO meta VALUES ('chain', ?)",
-            (msgspec.json.encode(chain).decode(),),
-        )
+        self._connection.execute(_PUT_CHAIN, (msgspec.json.encode(chain).decode(),))
 
     def _rollback(self) -> None:
         self._images = None  # it may hold what was not committed
+        self._replies.clear()
         # SQLite rolls back by itself when the disk is full.
         if self._connection.in_transaction:
             with contextlib.suppress(sqlite3.Error):
@@ -355,7 +393,7 @@ def _folded(connection: sqlite3.Connection, path: Path, chain: Chain) -> Iterato
             fact = _decode(path, data, what)
             if not isinstance(unix_s, float):
                 raise JournalError(f"{path}: {what} is damaged: no time")
-            head, count = Chain(head).fact(data, unix_s).head, count + 1
+            head, count = fact_link(head, data, unix_s), count + 1
             if link != head:
                 raise _broken(path, f"{what} is not the one that was written there")
             yield fact

@@ -77,10 +77,14 @@ def append_events(
             name, event = found
             lines.setdefault(name, bytearray()).extend(_encode(event) + b"\n")
     for name, text in lines.items():
-        path = Path(campaigns[name].out) / FILE_NAME
+        path = f"{campaigns[name].out}/{FILE_NAME}"
         try:
-            with open(path, "ab", buffering=0, opener=_no_link) as file:
-                file.write(text)
+            # Without a file object: this is done after every commit.
+            descriptor = _no_link(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            try:
+                os.write(descriptor, text)
+            finally:
+                os.close(descriptor)
         except OSError as error:
             _log.debug("%s: %s", path, error.strerror)
 

@@ -133,6 +133,8 @@ class Conductor:
         self._replaced = False
         """Another conductor serves the folder: its files are none of ours."""
         self._drained_ns: int | None = None
+        self._software = ""
+        """Digest, once it was needed."""
         self._journal: Journal | None = None
         self._bus: Bus | None = None
         self._fronted: Fronted | None = None
@@ -296,12 +298,17 @@ class Conductor:
         """Folders of campaigns that came to their end and were judged, and are not signed yet."""
         if self._engine is None or self._replaced or not self.started.is_set():
             return []
-        ours = software_digest()
         with self._lock:
-            campaigns = self._engine.state.campaigns.values()
-            ended = [c for c in campaigns if not c.left and c.software in ("", ours)]
-            unsigned = [c for c in ended if not (Path(c.out) / RUN_FILE).exists()]
-            return [Path(c.out) for c in unsigned if self._judge.is_done(c)]
+            ended = [c for c in self._engine.state.campaigns.values() if not c.left]
+        unsigned = [c for c in ended if not (Path(c.out) / RUN_FILE).exists()]
+        if not unsigned:
+            return []
+        # Once, and only when it is asked for: every file of the software is read for it.
+        self._software = self._software or software_digest()
+        ours = ("", self._software)
+        with self._lock:
+            judged = [c for c in unsigned if c.software in ours and self._judge.is_done(c)]
+        return [Path(c.out) for c in judged if not c.left]
 
     def chain(self) -> Chain:
         """Where its journal stands."""

@@ -17,7 +17,7 @@ import pytest
 from conductor_bench import Bench, hello, result, submit
 
 from conductor.core.decisions import start
-from conductor.core.facts import CaseEnded, Draining, EpochRaised, Fact, Seen
+from conductor.core.facts import CaseEnded, Draining, EpochRaised, Fact, Replied, Seen
 from conductor.core.fold import fold
 from conductor.core.state import State
 from conductor.journal.owner import FILE_NAME as OWNER_FILE
@@ -53,6 +53,28 @@ def opened(folder: Path) -> Iterator[Journal]:
 
 def _some(number: int, text: str = "") -> Fact:
     return CaseEnded(campaign="alpha", case=str(number), outcome="cancelled", reason=text)
+
+
+def test_a_request_dirties_a_page_per_table_and_none_of_an_index(tmp_path: Path) -> None:
+    bench = Bench()
+    bench.ask(submit(cases=30))
+    workers = ("w1", "w2", "w3")
+    for worker in workers:
+        bench.ask(hello(worker))
+    log = tmp_path / "conductor.db-wal"
+    pages = []
+    with opened(tmp_path) as journal:
+        journal.append(bench.journal)
+        for _ in range(3):
+            for worker in workers:
+                before, begin = log.stat().st_size, len(bench.journal)
+                bench.next(worker)
+                journal.append(bench.journal[begin:])
+                pages.append((log.stat().st_size - before) / (4096 + 24))
+        replies = [fact.worker for fact in journal.fold() if isinstance(fact, Replied)]
+    assert sorted(replies) == sorted(workers)
+    # Facts, replies, and where the chain stands; now and then the facts need a new page.
+    assert sorted(pages[3:])[3] == 3, pages
 
 
 def test_what_is_appended_is_folded_in_order(tmp_path: Path) -> None:

@@ -323,3 +323,23 @@ def test_too_many_requests_are_refused_at_once(
     assert len(replies) == 1
     assert "busy" in decode(replies[0], Reply).error
     assert served._inbox.turned_away == 1
+
+
+def test_the_software_is_read_only_when_something_is_to_be_signed(
+    tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digests: list[int] = []
+
+    def digest() -> str:
+        digests.append(1)
+        return "of the software"
+
+    monkeypatch.setattr(conductor.serve.shell, "software_digest", digest)
+    with serving(tmp_path, hub) as served:
+        assert not served.request(submit(cases=2)).error
+        assert not served.to_sign()
+        assert not digests, "it would be hashed every second"
+        _run_all(served)
+        for _ in range(2):
+            served.to_sign()
+        assert len(digests) == 1
