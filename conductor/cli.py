@@ -10,18 +10,40 @@ import json
 import logging
 import sys
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import asdict, replace
-from enum import StrEnum
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.commands.further import add_further_commands
 from conductor.commands.key_commands import add_key_commands, own_key
 from conductor.commands.operate import Connect, Namespace, State, add_commands
+from conductor.commands.options import (
+    AllowUnprotected,
+    ByBatch,
+    CampaignToServe,
+    Device,
+    FirstCases,
+    Listen,
+    MemoryGb,
+    Metrics,
+    OneCase,
+    OnOff,
+    RecordDrive,
+    Render,
+    RunFolder,
+    Seed,
+    Slots,
+    Source,
+    StateFolder,
+    TimeToLive,
+    UntilDone,
+    View,
+    Workers,
+)
 from conductor.commands.report_commands import add_report_commands
-from schemas.wire.view import ViewMode
-from twin.base.cli import Output, OutputOption, duration, make_app, run
+from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import (
     EXIT_INFRASTRUCTURE,
     EXIT_USAGE,
@@ -40,15 +62,6 @@ app = make_app(
     "`conductor serve`, `conductor submit` and `twin worker` do it process by process, on many.",
 )
 
-Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
-Listen = Annotated[
-    str,
-    typer.Option(
-        help="Where to listen; port 0 takes a free one. Beyond loopback (e.g. 0.0.0.0:0) it is "
-        "TLS, with the keys that --key names or keys/ in the state folder, made if missing."
-    ),
-]
-
 
 def strangers_named() -> AbstractContextManager[None]:
     """While it lasts, whoever does not get in at our listener is said on standard error."""
@@ -57,78 +70,24 @@ def strangers_named() -> AbstractContextManager[None]:
     return refusals_logged(logging.getLogger("conductor").warning)
 
 
-class OnOff(StrEnum):
-    """A switch."""
-
-    on = "on"
-    off = "off"
-
-
-View = Annotated[
-    ViewMode | None,
-    typer.Option(
-        help="live: `viewer live` may look; record: an .rrd per case; default: as the campaign's "
-        "`view` says, which is live."
-    ),
-]
-ByBatch = Annotated[
-    bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
-]
-
-
 @app.command("run")
 def run_command(
     campaign: Source,
-    out: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default runs/CAMPAIGN. Run again: resume.")
-    ] = None,
-    workers: Annotated[
-        str | None,
-        typer.Option(
-            help="Local workers; default: one per core, at most 8; with clock realtime or a bridge "
-            "one. cuda: one on every GPU, 4xcuda: four on every GPU, each with cores of its own; "
-            "without a GPU, the default."
-        ),
-    ] = None,
-    slots: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=4096,
-            help="Cases together per worker; default: 1, with --workers cuda what fits, at most "
-            "256.",
-        ),
-    ] = None,
-    device: Annotated[
-        str, typer.Option(help="cpu or cuda:N; --workers cuda chooses by itself.")
-    ] = "cpu",
-    seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
-    case: Annotated[str, typer.Option(help="Only this case; choose another --out for it.")] = "",
-    cases: Annotated[
-        int | None, typer.Option(min=1, help="Only so many, the first; choose another --out.")
-    ] = None,
+    out: RunFolder = None,
+    workers: Workers = None,
+    slots: Slots = None,
+    device: Device = "cpu",
+    seed: Seed = None,
+    case: OneCase = "",
+    cases: FirstCases = None,
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     view: View = None,
-    record_drive: Annotated[
-        bool,
-        typer.Option(
-            "--record-drive",
-            help="Record what the stack sees and answers, without loss, for `devkit replay`.",
-        ),
-    ] = False,
-    render: Annotated[
-        OnOff | None,
-        typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
-    ] = None,
-    memory_gb: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."
-        ),
-    ] = None,
+    record_drive: RecordDrive = False,
+    render: Render = None,
+    memory_gb: MemoryGb = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Serve, start local workers, wait, report: a whole campaign with one command.
@@ -185,43 +144,18 @@ def run_command(
 
 @app.command()
 def serve(
-    state: Annotated[
-        Path | None,
-        typer.Option(
-            help="State folder; one conductor each; default runs, with --campaign runs/CAMPAIGN, "
-            "which is then the campaign's folder."
-        ),
-    ] = None,
-    campaign: Annotated[
-        str, typer.Option(help="Submit this campaign: a shipped one, or the path of a file.")
-    ] = "",
-    until_done: Annotated[
-        bool,
-        typer.Option(
-            "--until-done",
-            help="End when every case of --campaign has ended, with its report and its exit code.",
-        ),
-    ] = False,
+    state: StateFolder = None,
+    campaign: CampaignToServe = "",
+    until_done: UntilDone = False,
     listen: Listen = LOOPBACK,
     namespace: Namespace = "twin",
     key: KeyOption = None,
     insecure: InsecureOption = False,
     by_batch: ByBatch = False,
-    ttl_s: Annotated[
-        float,
-        duration("A silent worker's cases are given to others [s].", least=0.5, most=3600),
-    ] = 15.0,
+    ttl_s: TimeToLive = 15.0,
     view: View = None,
-    metrics: Annotated[
-        str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")
-    ] = "",
-    allow_unprotected: Annotated[
-        bool,
-        typer.Option(
-            "--allow-unprotected",
-            help="Beyond loopback: also accept campaigns and workers whose stacks have no sandbox.",
-        ),
-    ] = False,
+    metrics: Metrics = "",
+    allow_unprotected: AllowUnprotected = False,
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was.
 
@@ -297,7 +231,7 @@ def submit(
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")] = None,
+    seed: Seed = None,
     priority: Annotated[
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
@@ -506,101 +440,7 @@ def report(
     raise typer.Exit(EXIT_INFRASTRUCTURE if alarms else made.content.dossier.exit_code)
 
 
-JournalsOption = Annotated[
-    Path, typer.Option("--folder", help="Where journals are written; on a real disk.")
-]
-CheckOption = Annotated[bool, typer.Option("--check", help="Exit with 1 when a target is missed.")]
-
-
-@app.command("bench")
-def bench_command(
-    tasks: Annotated[
-        int, typer.Option(min=0, help="No-op cases per run of the comparison; 0: none.")
-    ] = 4000,
-    rounds: Annotated[int, typer.Option(min=1, help="Runs of each scheduler, interleaved.")] = 3,
-    cases: Annotated[
-        int, typer.Option(min=0, help="Cases of the large campaign, e.g. 100000; 0: none.")
-    ] = 0,
-    folder: JournalsOption = Path("runs"),
-    check: CheckOption = False,
-    output: OutputOption = Output.human,
-) -> None:
-    """Measure durable lease and commit of no-op cases beside dask.distributed and HyperQueue.
-
-    `make install-bench` installs the two; one that is missing is said by name.
-    """
-    from conductor.bench.command import bench
-
-    as_json = output is Output.json
-    raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
-
-
-@app.command("bench-report")
-def bench_report_command(
-    cases: Annotated[int, typer.Option(min=1, help="Cases, rounded up to 256.")] = 10_000,
-    folder: Annotated[Path, typer.Option(help="Where the files are written, 0.5 GB.")] = Path(
-        "runs"
-    ),
-    check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 beyond 60 s or 1 GB.")
-    ] = False,
-    output: OutputOption = Output.human,
-) -> None:
-    """Measure reports over a large campaign of real files: the first, and those after it."""
-    from conductor.bench.report import bench_report
-
-    as_json = output is Output.json
-    raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
-
-
-@app.command("bench-tls")
-def bench_tls_command(
-    cases: Annotated[int, typer.Option(min=1, help="No-op cases per run.")] = 2000,
-    rounds: Annotated[int, typer.Option(min=1, help="Runs of each, plain and TLS in turns.")] = 3,
-    folder: JournalsOption = Path("runs"),
-    check: CheckOption = False,
-    output: OutputOption = Output.human,
-) -> None:
-    """Measure what mutual TLS costs: lease and commit, and messages and pictures of a rig."""
-    from conductor.bench.tls import bench_tls
-
-    as_json = output is Output.json
-    raise typer.Exit(bench_tls(cases, rounds, folder, as_json=as_json, check=check))
-
-
-@app.command()
-def fields(
-    key: Annotated[
-        str, typer.Argument(help="Only keys that begin so, e.g. camera; default: all.")
-    ] = "",
-    output: OutputOption = Output.human,
-) -> None:
-    """Explain the keys of a campaign file: what is allowed, the default, the meaning."""
-    from conductor.commands.tables import key_table
-    from schemas.campaign import Campaign
-    from schemas.reference import keys_of
-    from schemas.validation import suggest
-
-    known = keys_of(Campaign)
-    top = [each.path for each in known if "." not in each.path]
-    found = [each for each in known if each.path.startswith(key)]
-    if not found:
-        raise UsageError(f"no key '{key}'; {suggest(key, top)}")
-    if output is Output.json:
-        print(json.dumps([asdict(each) for each in found]))
-    else:
-        key_table(found)
-
-
-@app.command("campaigns")
-def campaigns_command() -> None:
-    """List the shipped campaigns."""
-    from conductor.run.source import load, shipped
-    from schemas.campaign import expand
-
-    for name in shipped():
-        loaded = load(name)
-        print(f"{name:14} {len(expand(loaded)):5} cases  {loaded.description}")
+add_further_commands(app)
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import msgspec
 import typer
@@ -44,6 +44,26 @@ app.command("check")(check)
 app.command("replay")(replay)
 
 
+RigKey = Annotated[
+    Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
+]
+Join = Annotated[
+    Path | None,
+    typer.Option(
+        help="Serve every rig that you announce in this shared folder, which holds their keys, "
+        "too; nobody else may write there."
+    ),
+]
+Commands = Annotated[
+    bool,
+    typer.Option(
+        "--commands",
+        help="With --join: start the commands, bridges and containers that campaigns name.",
+    ),
+]
+T = TypeVar("T")
+
+
 @app.command()
 def host(
     context: typer.Context,
@@ -63,23 +83,9 @@ def host(
         str, typer.Option(help="What the stack consisted of at submission, as JSON.", hidden=True)
     ] = "{}",
     # No TWIN_KEY: that names keys of the conductor's fabric, none of which opens a rig.
-    key: Annotated[
-        Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
-    ] = None,
-    join: Annotated[
-        Path | None,
-        typer.Option(
-            help="Serve every rig that you announce in this shared folder, which holds their keys, "
-            "too; nobody else may write there."
-        ),
-    ] = None,
-    commands: Annotated[
-        bool,
-        typer.Option(
-            "--commands",
-            help="With --join: start the commands, bridges and containers that campaigns name.",
-        ),
-    ] = False,
+    key: RigKey = None,
+    join: Join = None,
+    commands: Commands = False,
     sandbox: Annotated[
         str, typer.Option(help="What is seen of the machine, as JSON.", hidden=True)
     ] = "",
@@ -106,18 +112,6 @@ def host(
     if not (connect and rig and (stack or foreign)):
         raise UsageError("give --connect, --rig and --stack, or --join FOLDER")
     values = parsed_parameters(parameters)
-    try:
-        command = msgspec.json.decode(foreign, type=Foreign) if foreign else None
-    except msgspec.MsgspecError as error:
-        raise UsageError(f"--foreign: {error}") from None
-    try:
-        first = msgspec.json.decode(expected, type=list[Expected])
-    except msgspec.MsgspecError as error:
-        raise UsageError(f"--expected: {error}") from None
-    try:
-        submitted = msgspec.json.decode(source, type=StackSource)
-    except msgspec.MsgspecError as error:
-        raise UsageError(f"--source: {error}") from None
     options = HostOptions(
         connect=connect,
         rig=rig,
@@ -126,12 +120,19 @@ def host(
         stack=stack,
         parameters=values,
         key=load_key(key, Role.stack) if key else None,
-        foreign=command,
-        expected=first,
-        source=submitted,
+        foreign=_decoded("--foreign", foreign, Foreign) if foreign else None,
+        expected=_decoded("--expected", expected, list[Expected]),
+        source=_decoded("--source", source, StackSource),
         view=decode(sandbox) if sandbox else None,
     )
     raise typer.Exit(run_host(options))
+
+
+def _decoded(option: str, text: str, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except msgspec.MsgspecError as error:
+        raise UsageError(f"{option}: {error}") from None
 
 
 def main() -> None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, UsageError
+
+if TYPE_CHECKING:
+    from conductor.trust.verify import Verified
 
 SHOWN_MAX = 50
 """Differences that are told to people."""
@@ -63,32 +66,37 @@ def verify(
             progress.update(bars[what], completed=done)  # type: ignore[arg-type]
 
         found = verify_run(folder, trusted, deep=deep, told=told)
+    _print_json(found) if output is Output.json else _print(found)
+    raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)
+
+
+def _print_json(found: Verified) -> None:
     manifest = found.manifest
-    if output is Output.json:
-        shown = {
-            "fits": not found.differences,
-            "differences": found.differences,
-            "notes": found.notes,
-            "key": manifest.key if manifest else None,
-            "fingerprint": manifest.fingerprint if manifest else None,
-            "files": found.files,
-            "wall_s": round(found.wall_s, 3),
-            "attempts": found.attempts,
-            "attempts_per_s": round(found.rate, 1),
-        }
-        print(json.dumps(shown))
-        raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)
+    shown = {
+        "fits": not found.differences,
+        "differences": found.differences,
+        "notes": found.notes,
+        "key": manifest.key if manifest else None,
+        "fingerprint": manifest.fingerprint if manifest else None,
+        "files": found.files,
+        "wall_s": round(found.wall_s, 3),
+        "attempts": found.attempts,
+        "attempts_per_s": round(found.rate, 1),
+    }
+    print(json.dumps(shown))
+
+
+def _print(found: Verified) -> None:
     for line in found.differences[:SHOWN_MAX]:
         print(line)
     if len(found.differences) > SHOWN_MAX:
         print(f"and {len(found.differences) - SHOWN_MAX} more; --output json lists all")
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
-    if manifest is not None:
+    if found.manifest is not None:
         print(
             f"{'differs' if found.differences else 'fits'}: {counted(found.files, 'file')} in "
-            f"{found.wall_s:.1f} s, signed by key {manifest.key}"
+            f"{found.wall_s:.1f} s, signed by key {found.manifest.key}"
         )
     if found.attempts:
         print(f"deep: {counted(found.attempts, 'attempt')}, {found.rate:.0f} per second")
-    raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)

@@ -18,6 +18,22 @@ if TYPE_CHECKING:
     from devkit.replaying.replay import Replayed, StackChoice
 
 
+RunCommand = Annotated[
+    bool,
+    typer.Option(
+        "--run-command",
+        help="Run the command that a record holds; without it, such a record is refused.",
+    ),
+]
+Tolerance = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="FIELD=NUMBER: a smaller difference is none; throttle, brake, steering_rad, "
+        "handbrake, detections (in pixels), pose (in metres). Default: exact. Repeatable."
+    ),
+]
+
+
 def replay(
     run: Annotated[
         Path, typer.Argument(help="Campaign folder, the folder of an attempt, or its drive.record.")
@@ -36,26 +52,14 @@ def replay(
         str,
         typer.Option(help="Stack parameters as JSON; of the recorded stack, those that change."),
     ] = "{}",
-    tolerance: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="FIELD=NUMBER: a smaller difference is none; throttle, brake, steering_rad, "
-            "handbrake, detections (in pixels), pose (in metres). Default: exact. Repeatable."
-        ),
-    ] = None,
+    tolerance: Tolerance = None,
     attempt: Annotated[
         int | None, typer.Option(min=1, help="Number of the attempt; default: the last recorded.")
     ] = None,
     device: Annotated[
         str, typer.Option(help="Where its networks compute, cpu or cuda:N; default: as recorded.")
     ] = "",
-    run_command: Annotated[
-        bool,
-        typer.Option(
-            "--run-command",
-            help="Run the command that a record holds; without it, such a record is refused.",
-        ),
-    ] = False,
+    run_command: RunCommand = False,
     plots: Annotated[
         Path | None, typer.Option(help="Folder for a picture per case, CASE.png.")
     ] = None,

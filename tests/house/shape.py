@@ -45,8 +45,7 @@ def look(root: Path = ROOT) -> House:
             house.folders[str(path.parent.relative_to(root))] += 1
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                assert node.end_lineno is not None
-                lines = node.end_lineno - node.lineno + 1
+                lines = _own_lines(node)
                 kind = house.kernels if _on_device(node) else house.functions
                 kind[f"{name}:{node.lineno} {node.name}"] = lines
             elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
@@ -57,6 +56,15 @@ def look(root: Path = ROOT) -> House:
 def _on_device(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
     words = " ".join(ast.unparse(decorator) for decorator in node.decorator_list)
     return "kernel" in words or "wp.func" in words
+
+
+def _own_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Without the functions in it: a factory of a kernel is as long as what it adds."""
+    own = set(range(node.lineno, (node.end_lineno or 0) + 1))
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.FunctionDef) and inner is not node:
+            own -= set(range(inner.lineno, (inner.end_lineno or 0) + 1))
+    return len(own)
 
 
 def at_share(values: list[int], share: float) -> int:

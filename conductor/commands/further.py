@@ -1,0 +1,114 @@
+"""Commands that measure and explain: benches, keys of a campaign file, shipped campaigns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.base.cli import Output, OutputOption
+from twin.base.errors import UsageError
+
+
+def add_further_commands(app: typer.Typer) -> None:
+    """Add the commands to ``app``."""
+    app.command("bench")(bench_command)
+    app.command("bench-report")(bench_report_command)
+    app.command("bench-tls")(bench_tls_command)
+    app.command()(fields)
+    app.command("campaigns")(campaigns_command)
+
+
+JournalsOption = Annotated[
+    Path, typer.Option("--folder", help="Where journals are written; on a real disk.")
+]
+CheckOption = Annotated[bool, typer.Option("--check", help="Exit with 1 when a target is missed.")]
+
+
+def bench_command(
+    tasks: Annotated[
+        int, typer.Option(min=0, help="No-op cases per run of the comparison; 0: none.")
+    ] = 4000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each scheduler, interleaved.")] = 3,
+    cases: Annotated[
+        int, typer.Option(min=0, help="Cases of the large campaign, e.g. 100000; 0: none.")
+    ] = 0,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure durable lease and commit of no-op cases beside dask.distributed and HyperQueue.
+
+    `make install-bench` installs the two; one that is missing is said by name.
+    """
+    from conductor.bench.command import bench
+
+    as_json = output is Output.json
+    raise typer.Exit(bench(tasks, rounds, cases, folder, as_json=as_json, check=check))
+
+
+def bench_report_command(
+    cases: Annotated[int, typer.Option(min=1, help="Cases, rounded up to 256.")] = 10_000,
+    folder: Annotated[Path, typer.Option(help="Where the files are written, 0.5 GB.")] = Path(
+        "runs"
+    ),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 beyond 60 s or 1 GB.")
+    ] = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure reports over a large campaign of real files: the first, and those after it."""
+    from conductor.bench.report import bench_report
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
+
+
+def bench_tls_command(
+    cases: Annotated[int, typer.Option(min=1, help="No-op cases per run.")] = 2000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each, plain and TLS in turns.")] = 3,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what mutual TLS costs: lease and commit, and messages and pictures of a rig."""
+    from conductor.bench.tls import bench_tls
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_tls(cases, rounds, folder, as_json=as_json, check=check))
+
+
+def fields(
+    key: Annotated[
+        str, typer.Argument(help="Only keys that begin so, e.g. camera; default: all.")
+    ] = "",
+    output: OutputOption = Output.human,
+) -> None:
+    """Explain the keys of a campaign file: what is allowed, the default, the meaning."""
+    from conductor.commands.tables import key_table
+    from schemas.campaign import Campaign
+    from schemas.reference import keys_of
+    from schemas.validation import suggest
+
+    known = keys_of(Campaign)
+    top = [each.path for each in known if "." not in each.path]
+    found = [each for each in known if each.path.startswith(key)]
+    if not found:
+        raise UsageError(f"no key '{key}'; {suggest(key, top)}")
+    if output is Output.json:
+        print(json.dumps([asdict(each) for each in found]))
+    else:
+        key_table(found)
+
+
+def campaigns_command() -> None:
+    """List the shipped campaigns."""
+    from conductor.run.source import load, shipped
+    from schemas.campaign import expand
+
+    for name in shipped():
+        loaded = load(name)
+        print(f"{name:14} {len(expand(loaded)):5} cases  {loaded.description}")

@@ -1,0 +1,108 @@
+"""Options of ``conductor run`` and ``conductor serve``, declared once."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from schemas.wire.view import ViewMode
+from twin.base.cli import duration
+
+Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]
+Listen = Annotated[
+    str,
+    typer.Option(
+        help="Where to listen; port 0 takes a free one. Beyond loopback (e.g. 0.0.0.0:0) it is "
+        "TLS, with the keys that --key names or keys/ in the state folder, made if missing."
+    ),
+]
+
+
+class OnOff(StrEnum):
+    """A switch."""
+
+    on = "on"
+    off = "off"
+
+
+View = Annotated[
+    ViewMode | None,
+    typer.Option(
+        help="live: `viewer live` may look; record: an .rrd per case; default: as the campaign's "
+        "`view` says, which is live."
+    ),
+]
+ByBatch = Annotated[
+    bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
+]
+RunFolder = Annotated[
+    Path | None, typer.Option(help="Campaign folder; default runs/CAMPAIGN. Run again: resume.")
+]
+Workers = Annotated[
+    str | None,
+    typer.Option(
+        help="Local workers; default: one per core, at most 8; with clock realtime or a bridge "
+        "one. cuda: one on every GPU, 4xcuda: four on every GPU, each with cores of its own; "
+        "without a GPU, the default."
+    ),
+]
+Slots = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=4096,
+        help="Cases together per worker; default: 1, with --workers cuda what fits, at most 256.",
+    ),
+]
+Device = Annotated[str, typer.Option(help="cpu or cuda:N; --workers cuda chooses by itself.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Replaces the campaign's seed.")]
+OneCase = Annotated[str, typer.Option(help="Only this case; choose another --out for it.")]
+FirstCases = Annotated[
+    int | None, typer.Option(min=1, help="Only so many, the first; choose another --out.")
+]
+RecordDrive = Annotated[
+    bool,
+    typer.Option(
+        "--record-drive",
+        help="Record what the stack sees and answers, without loss, for `devkit replay`.",
+    ),
+]
+Render = Annotated[
+    OnOff | None,
+    typer.Option(help="off: no camera sees anything; default: as the campaign says, on."),
+]
+MemoryGb = Annotated[
+    float | None,
+    typer.Option(min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."),
+]
+StateFolder = Annotated[
+    Path | None,
+    typer.Option(
+        help="State folder; one conductor each; default runs, with --campaign runs/CAMPAIGN, "
+        "which is then the campaign's folder."
+    ),
+]
+CampaignToServe = Annotated[
+    str, typer.Option(help="Submit this campaign: a shipped one, or the path of a file.")
+]
+UntilDone = Annotated[
+    bool,
+    typer.Option(
+        "--until-done",
+        help="End when every case of --campaign has ended, with its report and its exit code.",
+    ),
+]
+TimeToLive = Annotated[
+    float, duration("A silent worker's cases are given to others [s].", least=0.5, most=3600)
+]
+Metrics = Annotated[str, typer.Option(help="Serve Prometheus metrics, e.g. at 127.0.0.1:9100.")]
+AllowUnprotected = Annotated[
+    bool,
+    typer.Option(
+        "--allow-unprotected",
+        help="Beyond loopback: also accept campaigns and workers whose stacks have no sandbox.",
+    ),
+]
