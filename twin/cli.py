@@ -130,7 +130,8 @@ def worker(
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.fabric.keys.roles import Role
     from twin.worker.fitting import GPU_SLOTS
-    from twin.worker.shell import Worker, WorkerOptions
+    from twin.worker.options import WorkerOptions
+    from twin.worker.shell import Worker
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     if connect == LATER:

@@ -41,7 +41,7 @@ class HandMotion:
     def __init__(self, script: Motion, kinds: tuple[ObjectKind, ...], slots: int) -> None:
         self.count = script.count
         self.standing = script.standing
-        self._varied = Variations(script, slots)
+        self._varied = Variations(script.actors, slots)
         self._script = script
         self._kinds = kinds
         self._placed: dict[int, dict[int, _Placed]] = {}

@@ -11,7 +11,7 @@ import numpy as np
 from twin.world.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from twin.actors.script import Actor
+    from twin.actors.actor import Actor
     from twin.actors.variations import Variations
 
 

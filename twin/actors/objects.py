@@ -9,11 +9,12 @@ import numpy as np
 
 from schemas.messages import OBJECT_CLASSES
 from twin.actors import car_body, heavy_body
+from twin.actors.actor import Actor
 from twin.actors.cyclist import LENGTH_M, WAY_M, WIDTH_M, add_cyclist
 from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.path import Path, TimeLaw, build_path, law_of_speeds, law_of_times
 from twin.actors.person import PHASES, add_person, random_looks
-from twin.actors.script import Actor, MotionScript
+from twin.actors.script import MotionScript
 from twin.world.content import SceneObject
 from twin.world.meshes.mesh import Color, MeshBuilder
 from twin.world.street.parking import PAINTS

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from schemas.sections.objects import ObjectVariation
 from schemas.validation import suggest
-from twin.actors.motion import Motion
+from twin.actors.actor import Actor
 
 
 class Variations:
     """Variations of M objects in S slots; as the scene says until :meth:`begin`."""
 
-    def __init__(self, motion: Motion, slots: int) -> None:
-        self._motion = motion
-        self._usual_s = np.array([actor.start_s for actor in motion.actors], float)
+    def __init__(self, actors: Sequence[Actor], slots: int) -> None:
+        self._actors = actors
+        self._usual_s = np.array([actor.start_s for actor in actors], float)
         self.start_s = np.tile(self._usual_s, (slots, 1))
         """When each object sets off, sim time [S, M] [s]."""
-        self.pace = np.ones((slots, motion.count))
+        self.pace = np.ones((slots, len(actors)))
         """Factor of the scene's speeds [S, M] [-]."""
-        self.shift_m = np.zeros((slots, motion.count, 2))
+        self.shift_m = np.zeros((slots, len(actors), 2))
         """From the scene's way to this one, world x and y [S, M, 2] [m]."""
 
     def begin(self, slot: int, objects: Mapping[str, ObjectVariation]) -> None:
@@ -32,8 +32,8 @@ class Variations:
         """
         self.clear(slot)
         for name, variation in objects.items():
-            index = find_object(self._motion, name)
-            actor = self._motion.actors[index]
+            index = find_object(self._actors, name)
+            actor = self._actors[index]
             try:
                 self.pace[slot, index] = actor.pace_of(variation.speed_mps)
                 if variation.start_s is not None:
@@ -49,13 +49,13 @@ class Variations:
         self.shift_m[slot] = 0.0
 
 
-def find_object(motion: Motion, name: str) -> int:
+def find_object(actors: Sequence[Actor], name: str) -> int:
     """Index of the object that the scene calls so.
 
     Raises:
         ValueError: none, or several; one line.
     """
-    names = [actor.name for actor in motion.actors]
+    names = [actor.name for actor in actors]
     if name and names.count(name) == 1:
         return names.index(name)
     if name and name in names:

@@ -40,7 +40,7 @@ def mistakes_of(variants: Iterable[Variant]) -> list[str]:
                 continue
             varied.add(key)
             try:
-                Variations(motion, 1).begin(0, {object_name: variation})
+                Variations(motion.actors, 1).begin(0, {object_name: variation})
             except ValueError as error:
                 lines.append(f"scene {name}: {error}")
     return list(dict.fromkeys(lines))

@@ -19,8 +19,8 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageE
 from twin.base.software import device_class, software_digest
 from twin.rig.interventions.journal import read_journal
 from twin.rig.pipe import Broken, Built, CaseDone, Listening, Progress
+from twin.worker.options import WorkerOptions
 from twin.worker.rig_process import RigDied, RigProcess
-from twin.worker.shell import WorkerOptions
 
 
 def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> int:

@@ -93,8 +93,8 @@ DRAIN_GRACE_S = 12.0
 answer does so earlier [s]."""
 
 if TYPE_CHECKING:
+    from twin.worker.options import WorkerOptions
     from twin.worker.preload import Loading
-    from twin.worker.shell import WorkerOptions
 
 
 @dataclass(frozen=True, slots=True)

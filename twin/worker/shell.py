@@ -20,17 +20,15 @@ from typing import Any
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result, Share
+from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.sections.foreign import lacking_bridges
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.rpc_routes import door
-from schemas.wire.view import ViewMode
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
-from twin.fabric.endpoint import LOOPBACK, check_protected, to_listen
-from twin.fabric.keys.key_file import MemberKey
+from twin.fabric.endpoint import check_protected, to_listen
 from twin.fabric.port_turn import await_turn, turn_at
 from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import open_bus
@@ -50,6 +48,7 @@ from twin.worker import core as decisions
 from twin.worker.announcement import sweep
 from twin.worker.delivery import Delivery
 from twin.worker.fitting import fitting
+from twin.worker.options import WorkerOptions
 from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
@@ -70,40 +69,6 @@ BEAT_S = 2.0
 
 TURN_S = 0.05
 """Longest wait of the main loop, so that clocks and children are looked at [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class WorkerOptions:
-    """What the command line says."""
-
-    connect: str
-    """Endpoint of the conductor."""
-    namespace: str = "twin"
-    key: MemberKey | None = None
-    """The worker's key; with it the rig's own sessions are TLS too."""
-    slots: int = 1
-    fit: bool = False
-    """Take fewer if a GPU's free memory holds no more."""
-    device: str = "cpu"
-    drive_listen: str = LOOPBACK
-    """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
-    join_dir: str = ""
-    """Folder in which rigs for remote stacks are announced."""
-    view: ViewMode | None = None
-    """What simulators show; None: what the campaign says."""
-    until_done: bool = False
-    drain_s: float = 0.0
-    """How long running cases may go on after SIGTERM [s]."""
-    walltime_s: float | None = None
-    """The allocation ends so long after the start [s]; None: no end is known."""
-    memory_gb: float | None = None
-    """Most memory that the processes of a rig may use together; None: no limit [GB]."""
-    tags: tuple[str, ...] = ()
-    """What campaigns may ask for."""
-    share: Share | None = None
-    """Which cases are preferred."""
-    spool: Path | None = None
-    """Folder for results that the conductor has not got yet."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -169,7 +169,7 @@ def test_mistakes_in_scripts(given, expected):
 
 def varied(script, slots, **objects):
     """Variations of the last slot; the others are as the scene says."""
-    variations = Variations(script.motion, slots)
+    variations = Variations(script.motion.actors, slots)
     variations.begin(slots - 1, {n: ObjectVariation(**given) for n, given in objects.items()})
     return variations
 
@@ -206,7 +206,7 @@ def test_objects_of_one_slot_go_by_another_speed_start_and_place():
 def test_what_the_scene_says_anyway_changes_no_byte():
     world = build_world(load_scene("downtown"))
     times = np.arange(0.0, 60.0, 0.37)
-    variations = Variations(world.motion, len(times))
+    variations = Variations(world.motion.actors, len(times))
     usual = {"start_s": -50.0, "speed_mps": 1.3, "offset_m": 0.0}
     for slot in range(len(times)):
         variations.begin(slot, {"stroller": ObjectVariation(**usual)})

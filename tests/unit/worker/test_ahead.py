@@ -21,9 +21,9 @@ from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
 from twin.rig.pipe import BuildRig, Built, Listening, pack
 from twin.sandbox.start import own_code
+from twin.worker.options import WorkerOptions
 from twin.worker.preload import begin_loading
 from twin.worker.rig_process import RigProcess
-from twin.worker.shell import WorkerOptions
 from twin.worker.stack_process import load_stack, may_run, tell_stack
 
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)

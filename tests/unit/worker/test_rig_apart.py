@@ -21,9 +21,9 @@ from schemas.messages import Lease
 from schemas.sections.view_mode import ViewMode
 from twin.base.gpu.first_use import PIPES_VARIABLE, apart
 from twin.rig.pipe import Built, Listening
+from twin.worker.options import WorkerOptions
 from twin.worker.preload import begin_loading
 from twin.worker.rig_process import RigProcess
-from twin.worker.shell import WorkerOptions
 
 OPTIONS = WorkerOptions(connect="", slots=1, view=ViewMode.none)
 

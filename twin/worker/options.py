@@ -1,0 +1,45 @@
+"""Options of a worker, as its command line says them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from schemas.messages import Share
+from schemas.wire.view import ViewMode
+from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.keys.key_file import MemberKey
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerOptions:
+    """Options of a worker that serves one conductor with one rig at a time."""
+
+    connect: str
+    """Endpoint of the conductor."""
+    namespace: str = "twin"
+    key: MemberKey | None = None
+    """The worker's key; with it the rig's own sessions are TLS too."""
+    slots: int = 1
+    fit: bool = False
+    """Take fewer if a GPU's free memory holds no more."""
+    device: str = "cpu"
+    drive_listen: str = LOOPBACK
+    """Where simulators listen for remote stacks (``autonomy.placement: node``)."""
+    join_dir: str = ""
+    """Folder in which rigs for remote stacks are announced."""
+    view: ViewMode | None = None
+    """What simulators show; None: what the campaign says."""
+    until_done: bool = False
+    drain_s: float = 0.0
+    """How long running cases may go on after SIGTERM [s]."""
+    walltime_s: float | None = None
+    """The allocation ends so long after the start [s]; None: no end is known."""
+    memory_gb: float | None = None
+    """Most memory that the processes of a rig may use together; None: no limit [GB]."""
+    tags: tuple[str, ...] = ()
+    """What campaigns may ask for."""
+    share: Share | None = None
+    """Which cases are preferred."""
+    spool: Path | None = None
+    """Folder for results that the conductor has not got yet."""
