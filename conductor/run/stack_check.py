@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from schemas.campaign import Campaign, Case
+from schemas.kinds.bridge import bridges
 from schemas.sections.autonomy import Autonomy
-from schemas.sections.foreign import BRIDGE_PACKAGES
 from schemas.validation import Mistake
 from twin.stack_identity.imports import locate
 from twin.stack_identity.stack_class import class_mistakes
@@ -26,14 +26,15 @@ def stack_mistakes(campaign: Campaign, cases: Iterable[Case]) -> list[Mistake]:
 
 def _missing_packages(autonomy: Autonomy) -> list[Mistake]:
     """Packages of a bridge that is started on this machine or one that is set up alike."""
-    if autonomy.placement == "node":
+    bridge = bridges().get(autonomy.bridge)
+    if autonomy.placement == "node" or bridge is None:
         return []
     return [
         Mistake(
             "autonomy.bridge",
             f"'{autonomy.bridge}' needs the package {package}, which is not installed: "
-            f"pip install 'drivetwin[{autonomy.bridge}]'",
+            f"pip install '{bridge.installed_by}'",
         )
-        for package in BRIDGE_PACKAGES.get(autonomy.bridge, ())
+        for package in bridge.packages
         if locate(package) is None
     ]

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal, Protocol
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.kinds.bridge import NONE, BridgeChoice, bridges
 from schemas.names import Name
 from schemas.sections.foreign import (
-    BRIDGES,
     PASSWORD,
-    Bridge,
     ContainerImage,
     Foreign,
     Repository,
@@ -41,7 +40,7 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     command: list[Word] = []
     """Command line of a stack in a process of its own, instead of ``stack``; it finds the rig in
     its environment."""
-    bridge: Bridge = "none"
+    bridge: BridgeChoice = NONE
     """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
     Simulator; ``parameters`` are those of the bridge."""
     repository: Repository | None = None
@@ -136,9 +135,10 @@ def driver(
     source = StackSource(autonomy.files, plain, files)
     if not autonomy.command:
         return {"stack": autonomy.stack, "slots": autonomy.slots, "source": source}
+    bridge = bridges().get(autonomy.bridge)
     return {
         "source": source,
-        "stack": BRIDGES.get(autonomy.bridge, ""),
+        "stack": bridge.implementation if bridge is not None else "",
         "foreign": Foreign(
             command=autonomy.command,
             bridge=autonomy.bridge,
@@ -178,19 +178,23 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
 
 
 def _bridge_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> list[Mistake]:
-    if autonomy.bridge == "none":
+    if autonomy.bridge == NONE:
         return []
+    try:
+        bridge = bridges().find(autonomy.bridge)
+    except ValueError as error:
+        return [Mistake("autonomy.bridge", str(error))]
     mistakes = []
     if not autonomy.command:
         mistakes.append(Mistake("autonomy.bridge", "needs the command that starts the script"))
-    if autonomy.slots > 1:
-        mistakes.append(Mistake("autonomy.slots", f"given {autonomy.slots}, a bridge drives 1"))
-    off = [name for name in ("encoders", "imu", "pose") if not getattr(sensors, name).on]
+    if autonomy.slots > bridge.slots_max:
+        allowed = f"given {autonomy.slots}, a bridge drives {bridge.slots_max}"
+        mistakes.append(Mistake("autonomy.slots", allowed))
+    off = [name for name in bridge.sensors if not getattr(sensors, name).on]
     if off:
         wanted = ", ".join(f"{name}: {{}}" for name in off)
         mistakes.append(Mistake("sensors", f"the bridge sends them; add {wanted}"))
-    if not {"front_left", "front_right"} <= set(seeing):
-        mistakes.append(
-            Mistake("cameras", "the bridge sends pictures of front_left and front_right; add them")
-        )
+    if not set(bridge.cameras) <= set(seeing):
+        wanted = f"the bridge sends pictures of {' and '.join(bridge.cameras)}; add them"
+        mistakes.append(Mistake("cameras", wanted))
     return mistakes

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.kinds.bridge import NONE, BridgeChoice
+
 Word = Annotated[str, Meta(min_length=1, max_length=4096)]
 """One word of a command line."""
-
-Bridge = Literal["none", "autodrive"]
-"""Protocol that a stack speaks instead of the drive plane."""
-
-BRIDGES: dict[str, str] = {"autodrive": "devkit.bridges.autodrive:AutodriveBridge"}
-"""Bridge -> the stack class that translates."""
-
-BRIDGE_PACKAGES: dict[str, tuple[str, ...]] = {"autodrive": ("websockets",)}
-"""Bridge -> packages that it needs; the extra of the distribution is called like the bridge."""
-
-BRIDGE_PORTS: dict[str, int] = {"autodrive": 4567}
-"""Bridge -> port at which its scripts listen, unless `parameters.port` says another."""
-
 
 Runtime = Literal["auto", "apptainer", "charliecloud", "podman"]
 """What runs a container; ``auto``: the first of them that is installed."""
@@ -69,16 +57,7 @@ class Foreign(Struct, frozen=True, forbid_unknown_fields=True):
 
     command: list[Word]
     """Words of the command line."""
-    bridge: Bridge = "none"
+    bridge: BridgeChoice = NONE
     """``none``: the command speaks the drive plane itself."""
     repository: Repository | None = None
     image: ContainerImage | None = None
-
-
-def lacking_bridges() -> dict[str, str]:
-    """Bridges that cannot run in this installation, with what to do, in a line."""
-    return {
-        bridge: f"no package {lacking}: pip install 'drivetwin[{bridge}]'"
-        for bridge, packages in BRIDGE_PACKAGES.items()
-        if (lacking := ", ".join(name for name in packages if not importlib.util.find_spec(name)))
-    }

@@ -11,7 +11,7 @@ from typing import Any
 from fuzz_target import Target
 
 from conductor.serve.deliveries import Deliveries
-from devkit.bridges.socketio import SocketClient, SocketError
+from devkit.bridges.autodrive.socketio import SocketClient, SocketError
 from schemas.messages import (
     Commands,
     Episode,

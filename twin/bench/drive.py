@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.bridge import AUTODRIVE
 from schemas.messages import (
     ENCODER_COLUMNS,
     IMU_COLUMNS,
@@ -34,7 +35,6 @@ from schemas.messages import (
     LidarSite,
     Tick,
 )
-from schemas.sections.foreign import BRIDGES
 from schemas.sections.lens import Lens
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.sections.perception import GroundTruthPerception
@@ -116,7 +116,7 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
         payload = stack.enter_context(_running("devkit.idle:IdleStack", shared=False, tcp=True))
         bridge = None
         if all(importlib.util.find_spec(name) for name in NEEDED):
-            bridge = stack.enter_context(_running(BRIDGES["autodrive"], shared=True))
+            bridge = stack.enter_context(_running(AUTODRIVE.implementation, shared=True))
         peers = ("shared", "loopback", "payload", "bridge")
         rates: dict[str, list[float]] = {name: [] for name in peers}
         for _ in range(rounds):
@@ -228,11 +228,11 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
         *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", f"bench/{rig}"),
         *("--stack", stack, "--slots", "1"),
     ]
-    if stack == BRIDGES["autodrive"]:
+    if stack == AUTODRIVE.implementation:
         port = 20_000 + secrets.randbelow(10_000)
         script = str(Path(__file__).with_name("drive_script.py"))
         command = [sys.executable, script, str(port)]
-        arguments += ["--foreign", json.dumps({"command": command, "bridge": "autodrive"})]
+        arguments += ["--foreign", json.dumps({"command": command, "bridge": AUTODRIVE.name})]
         arguments += ["--parameters", json.dumps({"port": port})]
     with tempfile.TemporaryFile() as log:
         child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)

@@ -23,8 +23,8 @@ import msgspec
 import psutil
 
 from schemas.campaign import Case
+from schemas.kinds.bridge import bridges
 from schemas.messages import Lease, Release
-from schemas.sections.foreign import BRIDGE_PORTS
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.expected import expected_of
 from schemas.wire.interventions import RecordedAction
@@ -483,8 +483,11 @@ def port_of(case: Case) -> int:
     """The port at which the script of ``case`` listens on this host; 0: at none."""
     if case.foreign is None or case.placement != "worker":
         return 0
-    port = case.parameters.get("port", BRIDGE_PORTS.get(case.foreign.bridge, 0))
-    return port if case.foreign.bridge in BRIDGE_PORTS and isinstance(port, int) else 0
+    bridge = bridges().get(case.foreign.bridge)
+    if bridge is None or not bridge.port:
+        return 0
+    port = case.parameters.get("port", bridge.port)
+    return port if isinstance(port, int) else 0
 
 
 def _said(log: IO[bytes]) -> str:

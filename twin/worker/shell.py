@@ -20,8 +20,8 @@ from typing import Any
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.bridge import lacking_bridges
 from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result
-from schemas.sections.foreign import lacking_bridges
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.rpc_routes import door

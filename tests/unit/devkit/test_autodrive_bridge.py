@@ -14,8 +14,9 @@ import pytest
 from msgspec import structs
 from waiting import PATIENCE_S
 
-from devkit.bridges.autodrive import POINT, AutodriveBridge
-from devkit.bridges.autodrive_fields import (
+from devkit.bridges.autodrive import AutodriveBridge
+from devkit.bridges.autodrive.bridge import POINT
+from devkit.bridges.autodrive.fields import (
     FieldError,
     acceleration,
     command,
@@ -26,8 +27,9 @@ from devkit.hosting.foreign import ForeignProcess
 from devkit.hosting.foreign_place import placed
 from devkit.stack import Observation
 from schemas.campaign import expand, parse_campaign
+from schemas.kinds.bridge import lacking_bridges
 from schemas.messages import CameraSite, Episode, Pose
-from schemas.sections.foreign import BRIDGE_PACKAGES, Foreign, lacking_bridges
+from schemas.sections.foreign import Foreign
 from schemas.sections.perception import GroundTruthPerception
 from twin.base.errors import InfrastructureError, UnfinishedError
 from twin.fabric.port_turn import TURN_VARIABLE, await_turn, take_turn, turn_at
@@ -132,7 +134,7 @@ def test_every_failure_of_a_script_has_its_reason(mode, reason):
 )
 def test_a_server_that_says_nonsense_or_leaves_has_its_reason(packets, reason):
     server = pytest.importorskip("websockets.sync.server")
-    from devkit.bridges.socketio import SocketError, connect
+    from devkit.bridges.autodrive.socketio import SocketError, connect
 
     def receive_all(client):
         while True:
@@ -314,10 +316,10 @@ def test_a_published_script_runs_in_the_folder_in_which_it_lies(tmp_path):
 
 
 def test_a_missing_package_of_the_bridge_is_named_with_its_remedy(monkeypatch):
-    monkeypatch.setitem(BRIDGE_PACKAGES, "autodrive", ("no_such_package",))
-    line = "no package no_such_package: pip install 'drivetwin[autodrive]'"
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    line = "no package websockets: pip install 'drivetwin[autodrive]'"
     assert lacking_bridges() == {"autodrive": line}
-    with pytest.raises(InfrastructureError, match="no package no_such_package: pip install"):
+    with pytest.raises(InfrastructureError, match="no package websockets: pip install"):
         AutodriveBridge(1)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import schemas.kinds.batch_system
+import schemas.kinds.bridge
 import schemas.kinds.kpi
 import schemas.kinds.scenario
 from schemas.kinds.kpi import kpi_kinds, scalars_by_name, shipped
@@ -15,7 +16,12 @@ from schemas.kinds.scenario import kind_of, scenario_kinds
 from schemas.sections.scenario import Scenario
 
 ROOT = Path(__file__).parents[3]
-TABLES = (schemas.kinds.scenario, schemas.kinds.kpi, schemas.kinds.batch_system)
+TABLES = (
+    schemas.kinds.scenario,
+    schemas.kinds.kpi,
+    schemas.kinds.batch_system,
+    schemas.kinds.bridge,
+)
 
 SCENARIO = '''
 from msgspec import Struct
@@ -168,3 +174,48 @@ def test_a_name_is_taken_once(tmp_path):
     )
     assert lines[0] == "good"
     assert "other 1.5: entry point 'mine' of drivetwin.scenarios: the name 'jump_scare'" in lines[1]
+
+
+BRIDGE = """
+from schemas.kinds.bridge import BridgeKind
+
+KIND = BridgeKind(
+    name="tugboat", doc="the command speaks Tugboat", implementation="other_kinds:Tugboat",
+    packages=("json", "no_such_package"), installed_by="other[tug]", port=99, slots_max=3,
+    sensors=("imu",), cameras=("mast",),
+)
+"""
+
+
+def test_a_distribution_brings_a_bridge(tmp_path):
+    lines = _with_distribution(
+        tmp_path,
+        "[drivetwin.bridges]\ntugboat = other_kinds:KIND\nwreck = other_kinds:WRECK\n",
+        BRIDGE,
+        """
+from schemas.campaign import expand, parse_campaign
+from schemas.kinds.bridge import lacking_bridges
+from twin.worker.rig_process import port_of
+
+def check(**changed):
+    autonomy = {"bridge": "tugboat", "command": ["tug"], "slots": 3} | changed
+    campaign, mistakes = parse_campaign({
+        "campaign": "c", "autonomy": autonomy, "matrix": {"weather": ["clear"]},
+        "cameras": [{"name": "mast"}], "sensors": {"imu": {}},
+    })
+    print(*(f"{m.path}: {m.message}" for m in mistakes) if mistakes else ["good"])
+    return campaign
+
+case = expand(check())[0]
+print(case.stack, case.foreign.bridge, case.slots, port_of(case))
+print(lacking_bridges()["tugboat"])
+check(slots=4)
+check(bridge="wreck")
+check(bridge="raft")
+""",
+    )
+    assert lines[:2] == ["good", "other_kinds:Tugboat tugboat 3 99"]
+    assert lines[2] == "no package no_such_package: pip install 'other[tug]'"
+    assert lines[3] == "autonomy.slots: given 4, a bridge drives 3"
+    assert lines[4].startswith("autonomy.bridge: other 1.5: entry point 'wreck' of")
+    assert lines[5].startswith("autonomy.bridge: given 'raft', allowed: autodrive, none, tugboat")

@@ -17,12 +17,12 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from devkit.bridges import ScriptBridge
-from devkit.bridges.autodrive_fields import FieldError, asks_for_weather, command, telemetry
-from devkit.bridges.socketio import SocketClient, SocketError, connect
+from devkit.bridges.autodrive.fields import FieldError, asks_for_weather, command, telemetry
+from devkit.bridges.autodrive.socketio import SocketClient, SocketError, connect
 from devkit.hosting.foreign import ForeignProcess
 from devkit.stack import Observation
+from schemas.kinds.bridge import AUTODRIVE, lacking_bridges
 from schemas.messages import Command, Episode
-from schemas.sections.foreign import BRIDGE_PORTS, lacking_bridges
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.validation import convert_all
 from twin.base.errors import InfrastructureError, StackFaultError
@@ -53,7 +53,7 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
 
     host: str = "127.0.0.1"
     """Where the script listens."""
-    port: Annotated[int, Meta(ge=1, le=65_535)] = BRIDGE_PORTS["autodrive"]
+    port: Annotated[int, Meta(ge=1, le=65_535)] = AUTODRIVE.port
     """Its port; one rig of a host uses it at a time."""
     start_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
     """Longest time until it listens [s]."""
@@ -75,7 +75,7 @@ class AutodriveBridge(ScriptBridge):
         super().__init__(slots)
         if slots != 1:
             raise ValueError(f"given {slots} slots: the bridge drives one car; set slots: 1")
-        if lack := lacking_bridges().get("autodrive"):
+        if lack := lacking_bridges().get(AUTODRIVE.name):
             raise InfrastructureError(lack)
         found, mistakes = convert_all(parameters, BridgeParameters)
         if found is None:

@@ -1,0 +1,107 @@
+"""Kinds are named in their tables and in their own folders: no branch on one anywhere else."""
+
+import ast
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from schemas.kinds.batch_system import batch_systems
+from schemas.kinds.bridge import bridges
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+TABLES = "schemas/kinds/"
+"""Where every kind may be named."""
+
+KINDS = (*batch_systems().declared, *bridges().declared)
+"""Declarations that are looked for; a table joins with its own."""
+
+HOMONYMS = {
+    "autodrive": (
+        *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
+        *("twin/world/sky/weather.py", "devkit/reference/planning.py"),
+        *("devkit/replaying/parity.py", "conductor/report/autodrive/importing.py"),
+    ),
+}
+"""Files in which the same word means something else: weather families, rules of the planner, and
+the simulator of imported logs are called after AutoDRIVE, too."""
+
+
+def home(kind) -> str:
+    """Folder of a kind's implementation, from the root of the repository."""
+    path = kind.implementation.partition(":")[0].replace(".", "/")
+    return f"{path}/" if (ROOT / path).is_dir() else f"{path.rpartition('/')[0]}/"
+
+
+@cache
+def modules() -> dict[str, list[tuple[int, str]]]:
+    """The texts of every module outside the tables."""
+    paths = (path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    names = {path.relative_to(ROOT).as_posix(): path for path in paths}
+    return {
+        name: list(texts(ast.parse(path.read_text(encoding="utf-8"))))
+        for name, path in names.items()
+        if not name.startswith(TABLES)
+    }
+
+
+def texts(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Texts and imported modules of a syntax tree, with their lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
+        elif isinstance(node, ast.Import):
+            yield from ((node.lineno, f"{alias.name}.") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.lineno, f"{node.module}."
+            yield from ((node.lineno, f"{node.module}.{alias.name}.") for alias in node.names)
+
+
+def strays(found: Iterable[tuple[int, str]], name: str, folder: str) -> list[int]:
+    """Lines that name the kind, or a module of its folder."""
+    package = folder.replace("/", ".")
+    return sorted({line for line, text in found if text == name or text.startswith(package)})
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_nothing_outside_its_folder_names_a_kind(kind):
+    strangers = [
+        f"{path}:{line}"
+        for path, found in modules().items()
+        if not path.startswith(home(kind)) and path not in HOMONYMS.get(kind.name, ())
+        for line in strays(found, kind.name, home(kind))
+    ]
+    assert not strangers, f"'{kind.name}' is named there; ask its declaration in {TABLES} instead"
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_a_kind_has_a_folder_of_its_own(kind):
+    assert (ROOT / home(kind)).is_dir()
+    assert [other.name for other in KINDS if home(other) == home(kind)] == [kind.name]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'if system.name == "slurm": pass',
+        'WORDS = {"slurm": 1}',
+        "from hpc.slurm import commands",
+        "from hpc import slurm",
+        "import hpc.slurm.commands",
+        'load("hpc.slurm.commands:Slurm")',
+    ],
+)
+def test_a_stray_name_is_noticed(line):
+    assert strays(texts(ast.parse(line)), "slurm", "hpc/slurm/") == [1]
+
+
+def test_words_about_a_kind_are_no_branch():
+    words = ast.parse('"""Of Slurm, or slurm, and hpc.slurmy."""')
+    assert strays(texts(words), "slurm", "hpc/slurm/") == []
+
+
+@pytest.mark.parametrize(("word", "path"), [(w, p) for w, ps in HOMONYMS.items() for p in ps])
+def test_a_homonym_is_still_there(word, path):
+    assert any(text == word for _, text in modules()[path])
