@@ -52,7 +52,7 @@ class _Car:
     period_s: float
     view: CameraView
     lane: LaneTrack | None
-    """None: the wheel is held straight."""
+    """Tracker of the lane; None: the wheel is held straight."""
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
     wheel: Wheel = field(default_factory=Wheel)

@@ -78,10 +78,10 @@ class Perception(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Where a variant is used."""
+    """Setting in which a variant is used."""
 
     device: str = "cpu"
-    """Where the worker computes, ``cpu`` or ``cuda:N``."""
+    """Device on which the worker computes, ``cpu`` or ``cuda:N``."""
     size_px: tuple[int, int] = (640, 360)
     """Width and height of the frames [px]."""
     files: Mapping[str, str] = field(default_factory=dict)

@@ -17,7 +17,7 @@ class CampaignFacts:
     """What a job has to know about a campaign."""
 
     name: str
-    """As a job can name it: a shipped name, or a file's absolute path."""
+    """Name that a job can use: a shipped name, or a file's absolute path."""
     cases: tuple[str, ...]
     """Ids of the cases in file order."""
     deadline_s: float
@@ -25,7 +25,7 @@ class CampaignFacts:
     remote_stacks: bool
     """Simulators and stacks run on different nodes."""
     commands: bool = False
-    """Its stack is a command, which hosts on other nodes start only if they are told to."""
+    """Whether its stack is a command, which hosts on other nodes start only if they are told to."""
 
 
 def checked(campaign: str) -> CampaignFacts:

@@ -90,7 +90,7 @@ class Diagnosis:
     can_submit: bool = True
 
     def as_json(self, facts: Facts) -> dict[str, Any]:
-        """For programs."""
+        """Facts for programs."""
         return {
             "can_submit": self.can_submit,
             "lines": [asdict(line) for line in self.lines],

@@ -86,7 +86,7 @@ class FetchedRepository:
     """A repository in the cache."""
 
     folder: Path
-    """Its files, read-only."""
+    """Folder of its files, read-only."""
     commit: str
     key: str
     """Digest of content and set-up."""

@@ -68,8 +68,7 @@ class JobRequest:
     account: str = ""
     """Account to charge; empty: the user's default."""
     slots: int | None = None
-    """None: the worker chooses."""
-    """Cases that one worker simulates together, 1-4096."""
+    """Cases that one worker simulates together, 1-4096; None: the worker chooses."""
     cpus_per_worker: int | None = None
     """CPUs of one worker, 1-1024; None: 4 beside a GPU, 1 without."""
     signal_lead_s: int = 60
@@ -77,7 +76,8 @@ class JobRequest:
     restarts_max: int = 20
     """Most times an unfinished job queues itself again, 0-1000."""
     address: str = ""
-    """Where the conductor listens; empty: the address of the first node, see ``render``."""
+    """Address on which the conductor listens; empty: the address of the first node, see
+    ``render``."""
     interface: str = ""
     """Network interface (``ib0``), network (``10.1.0.0/16``) or address; each node takes its own
     address there, at run time. Empty: the address by which the scheduler reaches the node."""
@@ -102,7 +102,7 @@ class JobRequest:
     """``autonomy.placement: node``: as many tasks again run the stacks, on other nodes if the
     tasks of the workers fill theirs."""
     remote_commands: bool = False
-    """These stacks are commands."""
+    """Whether stacks on other nodes are commands."""
 
     def __post_init__(self) -> None:
         self._check_paths()

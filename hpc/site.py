@@ -70,5 +70,5 @@ def load_site(named: Path | None, environment: Mapping[str, str] = os.environ) -
 
 
 def usual_path(environment: Mapping[str, str] = os.environ) -> Path:
-    """Where the user's file is looked for."""
+    """Path at which the user's file is looked for."""
     return own_folder(environment) / "site.yaml"

@@ -1,4 +1,4 @@
-"""From a request to a queued job, or to one clear line and nothing left behind."""
+"""Submission of a request: a queued job, or one clear line and nothing left behind."""
 
 from __future__ import annotations
 

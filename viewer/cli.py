@@ -355,7 +355,7 @@ def web(
 
 
 def _end_with_parent() -> None:
-    """As a child of `viewer web`: leave when it is gone, however it ended."""
+    """Leave when the `viewer web` that is the parent is gone, however it ended."""
     if not os.environ.pop(PARENT_VARIABLE, ""):
         return
 

@@ -33,7 +33,7 @@ CHANNELS, COLUMNS = 8, 64
 """Format of every lidar here: small, whatever the campaign's profile says."""
 
 OBSTACLE = (60, 50, 50)
-"""Its colour, RGB."""
+"""Colour of the obstacle, RGB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class CheckDrive:
     case: str
     seed: int
     gap_m: float
-    """To the obstacle at tick 0 [m]."""
+    """Gap to the obstacle at tick 0 [m]."""
     speed_mps: float
 
     def distance_m(self, tick: int, period_s: float) -> float:
-        """To the obstacle; the car brakes evenly over the last metres."""
+        """Distance to the obstacle; the car brakes evenly over the last metres."""
         return max(1.0, self.gap_m - self.speed_mps * tick * period_s)
 
 

@@ -29,11 +29,11 @@ class DarknetLayer:
     """What all layers have."""
 
     index: int
-    """As Darknet counts: 0 is the first section behind ``[net]``."""
+    """Index as Darknet counts: 0 is the first section behind ``[net]``."""
     kind: str
     """Name of the section."""
     line: int
-    """Where the section begins in the cfg."""
+    """Line of the cfg at which the section begins."""
     inputs: tuple[int, ...]
     """Indices of the layers it reads, :data:`IMAGE` for the network's input."""
     shape: MapShape
@@ -75,7 +75,7 @@ class MaxPool(DarknetLayer):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route(DarknetLayer):
-    """Its inputs one behind the other; of each only part ``group_id`` of ``groups``."""
+    """Inputs one behind the other; of each only part ``group_id`` of ``groups``."""
 
     groups: int
     group_id: int
@@ -133,11 +133,11 @@ class DarknetNetwork:
     layers: tuple[DarknetLayer, ...]
 
     def heads(self) -> list[Head]:
-        """In the order of the file."""
+        """Heads in the order of the file."""
         return [layer for layer in self.layers if isinstance(layer, Head)]
 
     def convolutions(self) -> list[Convolutional]:
-        """In the order of the file, which is that of the weights."""
+        """Convolutions in the order of the file, which is that of the weights."""
         return [layer for layer in self.layers if isinstance(layer, Convolutional)]
 
     def shape_of(self, index: int) -> MapShape:

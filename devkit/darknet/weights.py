@@ -42,7 +42,7 @@ class Weights:
     seen: int
     """Images seen in training."""
     convolutions: Mapping[int, Convolution]
-    """By layer index."""
+    """Convolutions by layer index."""
 
 
 def float_count(layer: Convolutional) -> int:

@@ -74,13 +74,13 @@ class DetectionBatch:
         return self._messages(np.flatnonzero(self.image == image), by_place)
 
     def each(self, images: int, *, by_place: bool = False) -> list[list[Detection]]:
-        """As :meth:`of`, for every one of ``images``."""
+        """Detections as :meth:`of` gives them, for every one of ``images``."""
         messages = self._messages(np.arange(len(self.image)), by_place)
         ends = np.searchsorted(self.image, np.arange(images + 1)).tolist()
         return [messages[first:end] for first, end in pairwise(ends)]
 
     def _messages(self, rows: np.ndarray, by_place: bool) -> list[Detection]:
-        """By image; ``rows`` ascend."""
+        """Detections by image; ``rows`` ascend."""
         if by_place:
             rows = rows[np.lexsort((self.place[rows], self.image[rows]))]
         return [
@@ -250,7 +250,7 @@ def _from_grid(
 def _from_boxes(
     raw: np.ndarray, head: BoxHead, description: DetectorDescription, limit: float
 ) -> tuple[np.ndarray, ...]:
-    """As :func:`_from_grid`, of a head of finished boxes."""
+    """Boxes as :func:`_from_grid` gives them, of a head of finished boxes."""
     rows = raw if head.layout == "rows" else raw.transpose(0, 2, 1)
     scores = rows[..., 4 + head.objectness :]
     best = np.argmax(scores, axis=2)

@@ -86,7 +86,7 @@ class DetectorDescription(Struct, frozen=True, forbid_unknown_fields=True):
     """Factor of image levels, above 0 to 1 [-]."""
 
     def encode(self) -> str:
-        """As JSON, for the metadata."""
+        """Description as JSON, for the metadata."""
         return msgspec.json.encode(self).decode()
 
 

@@ -31,7 +31,7 @@ from devkit.detector.decode import DetectionBatch
 Method = Literal["voc", "coco"]
 
 RECALLS = np.linspace(0.0, 1.0, 101)
-"""Where ``coco`` reads the precision."""
+"""Recalls at which ``coco`` reads the precision."""
 
 _FALSE, _RIGHT, _IGNORED = 0, 1, 2
 
@@ -57,9 +57,9 @@ class Score:
     ap: float | None
     """Average precision, 0 to 1; None without a truth."""
     truths: int
-    """Those not ignored."""
+    """Truths that are not ignored."""
     detections: int
-    """Those not ignored."""
+    """Detections that are not ignored."""
 
 
 @dataclass(frozen=True, slots=True)

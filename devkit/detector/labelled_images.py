@@ -140,7 +140,7 @@ class LabelledImages:
         return moderate
 
     def truth(self, ignored: np.ndarray | None = None) -> Truth:
-        """For :func:`devkit.detector.evaluate.evaluate`: a box of no class is ignored.
+        """Truth for :func:`devkit.detector.evaluate.evaluate`: a box of no class is ignored.
 
         Args:
             ignored: bool [M], instead of the data's own.

@@ -1,4 +1,4 @@
-"""From a perception variant of type ``network`` to its detector: which files, which runtime."""
+"""Detectors of perception variants of type ``network``: which files, which runtime."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class DetectorPerception:
 
 
 def _most_confident(detections: list[Detection]) -> list[Detection]:
-    """At most :data:`REPORTED_MAX`, in the order they have."""
+    """Most confident detections, at most :data:`REPORTED_MAX`, in the order they have."""
     if len(detections) <= REPORTED_MAX:
         return detections
     by_confidence = sorted(range(len(detections)), key=lambda i: (-detections[i].confidence, i))

@@ -28,7 +28,7 @@ _ONE = wp.constant(ONE)
 
 
 def taps(given: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the pixels of a line come from.
+    """Source pixels of the pixels of a line.
 
     Args:
         given: pixels of the line.
@@ -90,7 +90,7 @@ class NetworkInput:
         prepare_kernels()
         self.device = wp.get_device(device)
         self.stream = None if self.device.is_cpu else wp.Stream(self.device)
-        """In which its work is queued; networks of a GPU run side by side."""
+        """Stream in which its work is queued; networks of a GPU run side by side."""
         width, height = description.width, description.height
         self._across, self._down = (
             wp.array(np.stack(taps(given, wanted)), dtype=wp.int32, device=self.device)

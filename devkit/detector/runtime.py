@@ -31,7 +31,7 @@ class Runtime(Protocol):
     """A loaded network."""
 
     name: str
-    """For people."""
+    """Name for people."""
     outputs: list[str]
     """Names of all its outputs."""
 

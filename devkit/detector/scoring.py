@@ -58,7 +58,8 @@ class Scorecard:
     """All scores of a detector on some images."""
 
     evaluation: Evaluation
-    """With groups ``hour`` (nearest full hour), ``weather``, ``block`` (hours) and ``joint``."""
+    """Evaluation with groups ``hour`` (nearest full hour), ``weather``, ``block`` (hours) and
+    ``joint``."""
     noon: Score | None
     """Score of :data:`MERIT` in :data:`NOON`; None without this class or such an image."""
     noon_images: int
@@ -175,7 +176,7 @@ def joined(parts: Sequence[DetectionBatch]) -> DetectionBatch:
 def _recalls(
     data: LabelledImages, truth: Truth, found: DetectionBatch
 ) -> dict[str, dict[str, dict[str, RecallShare]]]:
-    """By what an object looks like; of boxes of at least :data:`CONFIDENCE_SHOWN`."""
+    """Recalls by looks of an object; of boxes of at least :data:`CONFIDENCE_SHOWN`."""
     seen = _seen(truth, found)
     rows = np.flatnonzero(~truth.ignored)
     # The truth's rows that are not ignored are those of the data, in the same order.
@@ -221,7 +222,7 @@ def _range(edges: Sequence[float], index: int) -> str:
 
 
 def plain(card: Scorecard) -> dict[str, Any]:
-    """As JSON has it."""
+    """Scorecard as JSON has it."""
     result = card.evaluation
 
     def of_class(score: Score | None) -> dict[str, Any]:

@@ -36,7 +36,8 @@ ROUNDS_MAX = 100
 """Most rounds of ending descendants; new ones may appear meanwhile."""
 
 MARK_VARIABLE = "TWIN_SCRIPT"
-"""In the environment of a script and all that it starts: tells them from what else we started."""
+"""Variable in the environment of a script and all that it starts: tells them from what else we
+started."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 

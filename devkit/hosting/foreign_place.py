@@ -1,4 +1,4 @@
-"""Where a foreign stack runs: in the files of a repository, in a container, or right here.
+"""Places where a foreign stack runs: the files of a repository, in a container, or right here.
 
 Fetching and entering are the business of ``hpc``, which is asked by processes of its own.
 """

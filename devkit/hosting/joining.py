@@ -60,7 +60,7 @@ class UnfitError(ValueError):
 
 @dataclass(slots=True)
 class Announcements:
-    """Those of one folder; what is none is told once and left where it is."""
+    """Announcements of one folder; what is none is told once and left where it is."""
 
     folder: Path
     commands: bool = False

@@ -29,12 +29,12 @@ class LaneCurve:
     """a [m], b [-], c [1/m], d [1/m^2]."""
 
     def left_m(self, ahead_m: Any) -> Any:
-        """Where the centre line is, at one or many distances before the rear axle [m]."""
+        """Position of the centre line at one or many distances before the rear axle [m]."""
         a, b, c, d = self.coefficients
         return a + ahead_m * (b + ahead_m * (c / 2.0 + ahead_m * (d / 6.0)))
 
     def slope(self, ahead_m: Any) -> Any:
-        """Its direction there: tangent of the angle to the vehicle's axis [-]."""
+        """Direction of the centre line: tangent of the angle to the vehicle's axis [-]."""
         _, b, c, d = self.coefficients
         return b + ahead_m * (c + ahead_m * (d / 2.0))
 

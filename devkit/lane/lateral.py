@@ -17,7 +17,7 @@ from devkit.lane.track import Chassis
 AHEAD_MIN_M = 4.0
 """Shortest distance to the point that is driven to: at walking pace the gain stays finite [m]."""
 BEND_AT_M = 14.0
-"""Where the bend of the lane is taken from: as far as markings are seen well [m]."""
+"""Distance at which the bend of the lane is taken: as far as markings are seen well [m]."""
 BEND_S = 0.25
 """The bend that is handed on follows the one that is seen with this lag [s]."""
 
@@ -30,7 +30,7 @@ class LateralParameters(Struct, frozen=True, forbid_unknown_fields=True):
     to it. ``visual``: keeps the lane between the markings in the camera image; for streets whose
     markings do not stop, as they do at crossings."""
     lane_width_m: Annotated[float, Meta(ge=2, le=6)] = 3.5
-    """From the middle line to the inner border of the edge line [m], 2 to 6."""
+    """Width from the middle line to the inner border of the edge line [m], 2 to 6."""
     marking_width_m: Annotated[float, Meta(ge=0.05, le=0.5)] = 0.1
     """Width of the edge line, which lies outside the lane [m], 0.05 to 0.5."""
     preview_s: Annotated[float, Meta(ge=0.2, le=3)] = 0.7
@@ -47,9 +47,9 @@ class LateralParameters(Struct, frozen=True, forbid_unknown_fields=True):
     steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.6
     """Largest road-wheel angle that is asked for [rad], above 0 to 1.5."""
     steering_rate_radps: Annotated[float, Meta(gt=0, le=10)] = 0.5
-    """It changes no faster than this [rad/s], above 0 to 10."""
+    """Fastest change of the steering angle [rad/s], above 0 to 10."""
     fade_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
-    """Without a lane in sight the last bend is let go of in this time [s], above 0 to 10."""
+    """Time in which the last bend is let go of without a lane in sight [s], above 0 to 10."""
 
     def __post_init__(self) -> None:
         """Refuse parameters that ``straight`` would not look at."""

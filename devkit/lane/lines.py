@@ -19,7 +19,7 @@ from schemas.messages import Detection
 CORE = 1
 """Half the width of the stripe that is summed up: three points, 0.12 m [points]."""
 FLANK = 5
-"""From the middle of a stripe to the middle of either flank: 0.20 m [points]."""
+"""Distance from the middle of a stripe to the middle of either flank: 0.20 m [points]."""
 LEVELS_MIN = 3.0
 """Least brightness above the flanks [image levels of 255]."""
 CONTRAST_MIN = 0.06

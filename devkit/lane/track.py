@@ -71,14 +71,14 @@ class LaneTrack:
 
     view: LaneView
     lines_m: tuple[float, ...]
-    """Where markings are painted, left of the lane's centre [m]."""
+    """Places of painted markings, left of the lane's centre [m]."""
     chassis: Chassis
     curve: LaneCurve = field(default_factory=LaneCurve)
     """The lane's centre line, or the last that was known of it."""
     known: bool = False
     """Enough markings agree with the curve."""
     sure: bool = False
-    """As many as it takes to find a lane; less keep it."""
+    """Whether there are as many as it takes to find a lane; fewer keep it."""
     _rows: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
     """Ahead, left [m], painted at [m] and weight of the points, [4, P]."""
 

@@ -26,7 +26,7 @@ PITCH_M = 0.04
 HALF_WIDTH_M = 10.0
 """The grid reaches this far to either side [m]."""
 AHEAD_MAX_M = 16.0
-"""It ends this far before the rear axle: a cubic does not follow a narrow bend any further [m]."""
+"""End of the view before the rear axle: a cubic does not follow a narrow bend any further [m]."""
 ROW_MAX_M = 0.8
 """Or where one row of the image covers more of the road than this [m]."""
 
@@ -53,7 +53,7 @@ class LaneView:
     def rolled(
         self, ahead_m: np.ndarray, left_m: np.ndarray, roll_rad: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where places of the grid are while the car leans to its right by a small angle.
+        """Places of the grid while the car leans to its right by a small angle.
 
         In bends the image turns about the camera's axis, and the camera at height h and e to the
         left of the centre line moves down by e roll and aside by h roll. For one that looks ahead,

@@ -36,9 +36,9 @@ class LightsSwitch(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the lights: two thresholds per quantity, between them nothing changes."""
 
     dark_below_lx: Annotated[float, Meta(ge=0, le=200_000)] = 1000.0
-    """It is night below this illuminance [lx], 0 to 200,000."""
+    """Illuminance below which it is night [lx], 0 to 200,000."""
     bright_above_lx: Annotated[float, Meta(ge=0, le=200_000)] = 2000.0
-    """It is day above this illuminance [lx], 0 to 200,000, not below ``dark_below_lx``."""
+    """Illuminance above which it is day [lx], 0 to 200,000, not below ``dark_below_lx``."""
     fog_above_per_m: Annotated[float, Meta(ge=0, le=1)] = 0.006
     """There is fog above this extinction [1/m], 0 to 1; 0.006 is 650 m visibility (2 %).
 

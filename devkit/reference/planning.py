@@ -183,9 +183,9 @@ class NearestObject(NamedTuple):
     """The nearest relevant object in the ego's path."""
 
     ahead_m: float
-    """Its near end before the camera [m]."""
+    """Distance of its near end before the camera [m]."""
     place: int
-    """In the detections; of several at the same distance the first."""
+    """Place in the detections; of several at the same distance the first."""
 
 
 def nearest(
@@ -221,14 +221,14 @@ def is_relevant(detection: Detection, view: CameraView, planner: Planner) -> boo
 
 
 class Extent(NamedTuple):
-    """Where an object stands."""
+    """Extent of an object on the road."""
 
     ahead_m: float
-    """Its near end before the camera [m]."""
+    """Distance of its near end before the camera [m]."""
     right_m: float
-    """Its right end, left of the middle of the ego's path [m]."""
+    """Place of its right end, left of the middle of the ego's path [m]."""
     left_m: float
-    """Its left end, likewise [m]."""
+    """Place of its left end, likewise [m]."""
 
     def touches(self, half_m: float) -> bool:
         """Whether it reaches into a path of this half width [m]."""
@@ -236,7 +236,7 @@ class Extent(NamedTuple):
 
 
 def extent_m(detection: Detection, view: CameraView, curvature_per_m: float = 0.0) -> Extent | None:
-    """Where an object stands on a flat road, from its box alone.
+    """Extent of an object on a flat road, from its box alone.
 
     The bottom edge of the box is the object's near end. Objects stand along the path, which has
     the slope k x with curvature k and x from the rear axle. One that is seen to one side of that

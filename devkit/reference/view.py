@@ -57,7 +57,7 @@ class CameraView:
         return x * self.above_m / -z
 
     def across_m(self, x_px: float, y_px: float, ahead_m: float) -> float:
-        """Where the ray of a point of the image is ``ahead_m`` before the camera, seen from above:
+        """Place of an image point's ray ``ahead_m`` before the camera, seen from above:
         left of the centre line [m]; infinite of a ray to the side or to the back."""
         x, y, _ = self.ray(x_px, y_px)
         if x <= 0.0:

@@ -34,7 +34,7 @@ class FieldRow:
     """Largest difference that counts as none, in the field's unit; of detections in pixels, and
     for their confidence; of poses in metres, and for their quaternion."""
     ticks: int
-    """That were compared."""
+    """Ticks that were compared."""
     differ: int
     """Ticks of them whose difference is above the tolerance."""
     largest: float

@@ -50,13 +50,13 @@ class StackChoice:
     """Which stack is to drive."""
 
     campaign: Campaign | None = None
-    """Whose stack and parameters count; None: the recorded ones."""
+    """Campaign whose stack and parameters count; None: the recorded ones."""
     variants: Mapping[str, Perception] = field(default_factory=dict)
     """Perception variants that replace recorded ones of the same name."""
     parameters: Mapping[str, Any] | None = None
     """Replace single ones of the recorded stack."""
     device: str = ""
-    """Where its networks may compute, ``cpu`` or ``cuda:N``; empty: as recorded."""
+    """Device on which its networks may compute, ``cpu`` or ``cuda:N``; empty: as recorded."""
     timeout_s: float = 60.0
     """Longest time for an answer, start-up included [s]."""
     run_command: bool = False

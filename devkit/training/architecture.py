@@ -75,7 +75,7 @@ def _anchors(
     data: LabelledImages,
     parameters: TrainingParameters,
 ) -> np.ndarray:
-    """In the unit of the cfg's heads, [K, 2]."""
+    """Anchors in the unit of the cfg's heads, [K, 2]."""
     heads = [section for section in sections if section.name in ("region", "yolo")]
     counts = {int(section.options["num"].text) for section in heads}
     regions = [section for section in heads if section.name == "region"]

@@ -48,7 +48,7 @@ class Trained:
     """The ONNX file."""
     card: str
     scores: dict[str, Any]
-    """By split, see :func:`devkit.detector.scoring.plain`."""
+    """Scores by split, see :func:`devkit.detector.scoring.plain`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,7 +184,7 @@ def _score(model: Path, data: DatasetHead, parameters: TrainingParameters) -> di
 
 
 def _about(data: DatasetHead) -> dict[str, Any]:
-    """For people: what the data was, and other versions."""
+    """Lines for people: what the data was, and other versions."""
     names = ("drivetwin", "numpy", "opencv-python-headless", "onnx")
     versions = {name: importlib.metadata.version(name) for name in names}
     return {

@@ -1,4 +1,4 @@
-"""Where a training runs, set up so that it does the same every time there."""
+"""Device of a training, set up so that it does the same every time there."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class TrainingFolder:
         self.write(CHECKPOINT, buffer.getvalue())
 
     def load_checkpoint(self, device: torch.device) -> dict[str, Any] | None:
-        """Where the training is; None: at its beginning.
+        """State of the training; None: at its beginning.
 
         Raises:
             UsageError: the file is damaged; one line.

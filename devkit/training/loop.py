@@ -32,11 +32,11 @@ Row = dict[str, Any]
 
 @dataclass(slots=True)
 class _Progress:
-    """Where a training is."""
+    """Progress of a training."""
 
     epoch: int
     step: int
-    """In this epoch."""
+    """Step in this epoch."""
     sums: Tensor
     """Sums of the losses in this epoch."""
     history: list[Row]

@@ -151,7 +151,7 @@ class ConvolutionBlock(nn.Module):
             nn.init.kaiming_normal_(kernels, a=0.1, generator=generator)
 
     def numbers(self) -> Convolution:
-        """As Darknet has them."""
+        """Numbers of the weights as Darknet has them."""
         kernels = _array(self.convolution.weight)
         norm = self.normalisation
         if norm is None:

@@ -177,7 +177,7 @@ workers=$!"""
 
 
 def _seconds(request: JobRequest) -> int:
-    """From the start of the script until it is told to stop [s]."""
+    """Time from the start of the script until it is told to stop [s]."""
     return 60 * request.walltime_min - request.signal_lead_s
 
 

@@ -136,7 +136,8 @@ def mounted(container: Container) -> tuple[str, ...]:
 
 
 def shell_lines(container: Container) -> list[str]:
-    """For a job script: prepares the image and puts :func:`prefix` into the array ``inside``.
+    """Lines for a job script: they prepare the image and put :func:`prefix` into the array
+    ``inside``.
 
     ``"${inside[@]}" COMMAND`` then runs it in the container.
     """

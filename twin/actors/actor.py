@@ -13,14 +13,14 @@ class Actor:
     """One object of a script."""
 
     path: Path | None
-    """None: it stands."""
+    """Path of the object; None: it stands."""
     law: TimeLaw | None
     start_s: float
     loop: bool
     repeat_s: float
     """0: once."""
     present: bool
-    """It is also there before its start and after its end."""
+    """Whether it is also there before its start and after its end."""
     pose: tuple[float, float, float, float]
     """x, y, z [m] and yaw [rad] of one that stands."""
     kind: int
@@ -30,9 +30,9 @@ class Actor:
     way_m: float
     """Way in which all phases pass once."""
     vehicle: bool
-    """It has lamps."""
+    """Whether it is a vehicle and has lamps."""
     name: str = ""
-    """As the scene calls it; empty: it has none."""
+    """Name in the scene; empty: it has none."""
     speed_mps: float | None = None
     """All the way; None: it stands, or its speed changes."""
 

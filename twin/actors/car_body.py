@@ -45,7 +45,7 @@ class CarShape:
     wheel_m: float
     """Radius of a wheel."""
     pillars_m: tuple[float, ...]
-    """Where pillars stand between the side windows, x."""
+    """Places of the pillars between the side windows, x."""
     blind: tuple[float, float] | None = None
     """Stretch of the sides without windows, x; a delivery van has one."""
     tail_z_m: float = 0.70

@@ -107,7 +107,7 @@ def _rider(mesh: MeshBuilder, looks: Looks, crank: np.ndarray, phase: float) -> 
 
 
 def _knee(hip: np.ndarray, foot: np.ndarray, thigh: float, shin: float) -> np.ndarray:
-    """Where the knee is, to the front, for limbs of these lengths (two circles)."""
+    """Place of the knee, to the front, for limbs of these lengths (two circles)."""
     way = foot - hip
     reach = min(float(np.linalg.norm(way)), 0.999 * (thigh + shin))
     along = (thigh**2 - shin**2 + reach**2) / (2.0 * reach)

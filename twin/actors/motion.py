@@ -28,7 +28,7 @@ class ObjectKind:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where the M objects of S slots are; a function of the slots' times alone."""
+    """Places of the M objects of S slots; a function of the slots' times alone."""
 
     kind: np.ndarray
     """int32 [S, M], index of the kind; -1: not there."""
@@ -59,7 +59,7 @@ class Motion(Protocol):
         """int32 [M]: kind of each object as it stands."""
 
     def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
-        """Where everything is at the sim times ``time_s`` [S]; None: as the scene says."""
+        """Places of all objects at the sim times ``time_s`` [S]; None: as the scene says."""
 
 
 class Still:

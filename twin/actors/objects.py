@@ -113,7 +113,7 @@ def _actor(item: SceneObject, kind: int, phases: int, way_m: float) -> Actor:
 
 
 def _even_speed(item: SceneObject) -> float | None:
-    """Its speed all the way [m/s]; None: it changes, or nobody said one."""
+    """Speed of an object all the way [m/s]; None: it changes, or nobody said one."""
     speeds = set(item.speeds_mps or ())
     return speeds.pop() if len(speeds) == 1 else item.speed_mps
 

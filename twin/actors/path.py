@@ -14,11 +14,11 @@ class Path:
     """Pieces of constant curvature, in order; P of them."""
 
     station_m: np.ndarray
-    """Where each piece begins, along the way [P]."""
+    """Beginning of each piece, along the path [P]."""
     start: np.ndarray
     """x, y [m] and heading [rad] at its beginning [P, 3]; headings go on past pi."""
     curvature: np.ndarray
-    """To the left [1/m], [P]."""
+    """Curvature to the left [1/m], [P]."""
     height: np.ndarray
     """Station and z of points in between which z changes evenly [Q, 2] [m]."""
     length_m: float

@@ -123,8 +123,8 @@ class MotionScript:
 
 
 def _settled(values: np.ndarray) -> np.ndarray:
-    """On a grid of a millionth: sines that differ in the last bit between processors, as those of
-    NumPy may, give the same values."""
+    """Values on a grid of a millionth: sines that differ in the last bit between processors, as
+    those of NumPy may, give the same values."""
     return np.rint(values * _GRID) / _GRID
 
 

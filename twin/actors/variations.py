@@ -22,7 +22,7 @@ class Variations:
         self.pace = np.ones((slots, len(actors)))
         """Factor of the scene's speeds [S, M] [-]."""
         self.shift_m = np.zeros((slots, len(actors), 2))
-        """From the scene's way to this one, world x and y [S, M, 2] [m]."""
+        """Shift from the scene's path to this one, world x and y [S, M, 2] [m]."""
 
     def begin(self, slot: int, objects: Mapping[str, ObjectVariation]) -> None:
         """The objects of a slot are those of a case.

@@ -19,7 +19,7 @@ from twin.dataset.tally import print_tally, tally
 
 _GPU_JOBS = 4
 _BATCH = {True: (1 << 20, 16), False: (1 << 24, 64)}
-"""On a CPU and on a GPU: pixels of a batch, and most images of it."""
+"""Batches on a CPU and on a GPU: pixels of a batch, and most images of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

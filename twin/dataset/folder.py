@@ -98,7 +98,7 @@ class Folder:
             left.unlink(missing_ok=True)
 
     def writing(self) -> contextlib.AbstractContextManager[None]:
-        """In a process that writes images for the only writer."""
+        """Context of a process that writes images for the only writer."""
         return one_of_the_writers(self.path / _PARTS)
 
     def _check(self, head: dict[str, Any], recipe: DatasetRecipe, maker: Maker) -> None:
@@ -118,11 +118,11 @@ class Folder:
                 )
 
     def image_path(self, recipe: DatasetRecipe, split: str, index: int) -> Path:
-        """Where an image lies."""
+        """Path of an image."""
         return self.path / "images" / split / f"{index:06d}.{recipe.format}"
 
     def part_path(self, split: str, index: int) -> Path:
-        """Where its labels lie until all images are there."""
+        """Path of its labels until all images are there."""
         return self.path / _PARTS / f"{split}-{index:06d}.json"
 
     def done(self, recipe: DatasetRecipe, split: str, index: int) -> bool:

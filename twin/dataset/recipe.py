@@ -10,7 +10,7 @@ from schemas.validation import convert_all
 from twin.base.errors import UsageError
 
 SPLITS = ("train", "held_out", "other_scene")
-"""In the order in which images are numbered."""
+"""Splits in the order in which images are numbered."""
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 

@@ -20,7 +20,7 @@ class KernelOptions:
     """Blocks that fit a multiprocessor at least, which bounds the registers; 0: no bound."""
 
     def arguments(self) -> dict[str, Any]:
-        """For ``wp.kernel``: a module of its own."""
+        """Arguments for ``wp.kernel``: a module of its own."""
         arguments: dict[str, Any] = {
             "module": "unique",
             "enable_backward": False,

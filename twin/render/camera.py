@@ -72,7 +72,7 @@ class RayCamera:
         slots, device = geometry.slots, geometry.device
         self.shape = (slots, camera.height, camera.width, 3)
         self.geometry = geometry
-        """What it sees; whoever made it places the objects."""
+        """Geometry that it sees; its maker places the objects."""
         self._device = device
         self._period_s = 1.0 / camera.hz
         self._lamps = street_lamps(world, furniture, geometry.device)

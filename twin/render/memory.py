@@ -57,7 +57,7 @@ class MemoryRow:
     """Slots beyond this number take nothing more; None: all take the same."""
 
     def total(self, slots: int) -> int:
-        """For so many slots [bytes]."""
+        """Memory for so many slots [bytes]."""
         return self.fixed + min(slots, self.slots_max or slots) * self.per_slot
 
 
@@ -74,7 +74,7 @@ class MemoryPlan:
         return self.total(self.slots)
 
     def total(self, slots: int) -> int:
-        """For another number of slots [bytes]."""
+        """Memory for another number of slots [bytes]."""
         return sum(row.total(slots) for row in self.rows)
 
     def slots_max(self, free: int) -> int:

@@ -42,7 +42,7 @@ class Wanted:
     def of(
         cls, outputs: Iterable[str], *, hdr: bool, second: bool, depth: bool, flow: bool
     ) -> Wanted:
-        """For the outputs that a camera declares and what its effects need."""
+        """Outputs that a camera declares and what its effects need."""
         names = {*outputs, *(("depth",) if depth else ()), *(("flow",) if flow else ())}
         return cls(hdr=hdr, second=second, **{name: name in names for name in OUTPUTS})
 

@@ -98,7 +98,8 @@ def flow_at(
     before: SlotPose,
     period_s: wp.float32,
 ) -> wp.vec2:
-    """Where a place was in the picture before, minus where it is [px]; the sky is infinitely far.
+    """Place of a point in the picture before, minus that in this one [px]; the sky is infinitely
+    far.
 
     The pixel whose ray points there is found with the table of rays, by Newton's method from here
     on: any lens will do. Way that is longer than the picture is cut.

@@ -1,4 +1,4 @@
-"""From a point that a ray has met to the light that comes from it."""
+"""Light that comes from a point that a ray has met."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ShadedPoint:
     u: wp.float32
     v: wp.float32
     distance: wp.float32
-    """From the camera along the way of the light [m]."""
+    """Distance from the camera along the way of the light [m]."""
     lit: wp.float32
     """Share of the sun that gets there [-]."""
 

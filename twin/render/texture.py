@@ -12,10 +12,10 @@ from twin.world.meshes.srgb import linear, srgb
 
 @wp.struct
 class TextureImage:
-    """Where an image is in the array."""
+    """Place of an image in the array."""
 
     first: wp.int32
-    """Its first byte; the halves follow, each half as wide and high (rounded up)."""
+    """Place of its first byte; the halves follow, each half as wide and high (rounded up)."""
     width: wp.int32
     height: wp.int32
     levels: wp.int32

@@ -1,4 +1,4 @@
-"""From linear signal to 8-bit sRGB, through a table: the same bytes on every device."""
+"""Conversion of linear signal to 8-bit sRGB by a table: the same bytes on every device."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class Arc(Spec):
     radius_m: Length
     """Radius of the lane's centre [m]."""
     turn_deg: Annotated[float, Meta(ge=-350, le=350)]
-    """To the left positive [deg]."""
+    """Turn, to the left positive [deg]."""
 
 
 class Segment(Spec, kw_only=True):
@@ -47,7 +47,7 @@ class Segment(Spec, kw_only=True):
             )
 
     def piece(self) -> Piece:
-        """Its length and curvature."""
+        """Length and curvature of the piece."""
         if self.arc is None:
             return Piece(self.line_m or 0.0, 0.0)
         radius, turn = self.arc.radius_m, math.radians(self.arc.turn_deg)

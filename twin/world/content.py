@@ -43,7 +43,7 @@ class SceneObject(Spec, kw_only=True):
 
     kind: Kind
     name: str = ""
-    """For messages; the kind and its number by default."""
+    """Name for messages; the kind and its number by default."""
     waypoints: Annotated[list[Waypoint], Meta(min_length=1, max_length=WAYPOINTS_MAX)]
     """Way on the ground: world x, y and, where the ground is not at 0, z [m]."""
     speed_mps: Annotated[float, Meta(gt=0, le=60)] | None = None
@@ -57,7 +57,7 @@ class SceneObject(Spec, kw_only=True):
     start_s: Time = 0.0
     """Sim time at which it sets off; before, it stands at the first waypoint [s]."""
     loop: bool = False
-    """From the last waypoint on to the first, and round again, for ever."""
+    """Whether it goes on from the last waypoint to the first, round and round."""
     repeat_s: Annotated[float, Meta(gt=0, le=3600)] | None = None
     """Sets off anew every so many seconds, and stands at the end until then [s]."""
     present: Literal["always", "moving"] = "always"
@@ -117,7 +117,7 @@ class MeshFile(Spec, kw_only=True):
     file: str
     """glTF, GLB, OBJ, PLY or STL; relative to the scene file."""
     position_m: Point = field(default_factory=_origin)
-    """Where its origin comes to lie."""
+    """Place of its origin."""
     rotation_deg: Annotated[
         list[Annotated[float, Meta(ge=-360, le=360)]], Meta(min_length=3, max_length=3)
     ] = field(default_factory=_origin)

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept; a folder of the user in /tmp when the usual one is read-only."""
+"""Folder of compiled kernels; one of the user in /tmp when the usual one is read-only."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def prepare_kernels() -> None:
 
 
 NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
-"""In the line that Warp writes where there is no GPU, whatever its log level."""
+"""Part of the line that Warp writes where there is no GPU, whatever its log level."""
 
 
 @functools.cache

@@ -39,9 +39,9 @@ class Road(Spec):
     """
 
     start_m: Position = -70.0
-    """Where the street begins, world x [m]."""
+    """Beginning of the street, world x [m]."""
     end_m: Position = _END_M
-    """Where a building closes a straight street, world x [m]."""
+    """Place where a building closes a straight street, world x [m]."""
     path: Annotated[list[Segment], Meta(max_length=SEGMENTS_MAX)] = field(default_factory=list)
     """Straights and curves of a closed road, in the direction of travel."""
     lane_width_m: Length = 3.5
@@ -98,19 +98,20 @@ class Obstacle(Spec):
     """The broken-down car in the ego's lane, standing along the street."""
 
     x_m: Position
-    """Its rear bumper, world x; on a road with a path, along the lane [m]."""
+    """Place of its rear bumper, world x; on a road with a path, along the lane [m]."""
     y_m: Annotated[float, Meta(ge=-3.5, le=0.8)] = 0.0
-    """To the left of the lane's centre; about -2.9 is the strip of parked cars beside it [m]."""
+    """Place to the left of the lane's centre; about -2.9 is the strip of parked cars beside it
+    [m]."""
     color: Annotated[list[Share], Meta(min_length=3, max_length=3)] = field(
         default_factory=lambda: [0.5, 0.05, 0.04]
     )
     """Linear RGB reflectance [-]."""
     hazard_lights: bool = False
-    """Its hazard lamps blink; false: its battery is dead."""
+    """Whether its hazard lamps blink; false: its battery is dead."""
 
 
 class Origin(Spec):
-    """Where the world's origin lies on the Earth (WGS-84), and where its x axis points."""
+    """Place of the world's origin on the Earth (WGS-84), and direction of its x axis."""
 
     latitude_deg: Annotated[float, Meta(ge=-89.9, le=89.9)] = 0.0
     longitude_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0

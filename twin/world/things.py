@@ -15,7 +15,7 @@ class Thing:
     """The object behind a hull."""
 
     name: str
-    """As the scene calls it; of unnamed things kind and number."""
+    """Name in the scene; of unnamed things kind and number."""
     kind: str
     """Class of a box sensor's object, or what else it is, such as ``building``."""
     hull: int = 1
@@ -24,7 +24,7 @@ class Thing:
 
     @property
     def words(self) -> str:
-        """For reasons: ``'oncoming van' (car)``, ``'trailer' (truck, hull 2 of 2)``."""
+        """Name in reasons: ``'oncoming van' (car)``, ``'trailer' (truck, hull 2 of 2)``."""
         which = f", hull {self.hull} of {self.hulls}" if self.hulls > 1 else ""
         return f"'{self.name}' ({self.kind}{which})"
 

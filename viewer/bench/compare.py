@@ -36,7 +36,7 @@ class CourseSample:
     """A campaign at one moment."""
 
     cases: int
-    """That have ended."""
+    """Cases that have ended."""
     at_s: float
     """A clock that does not jump [s]."""
     cpu_s: float
@@ -142,7 +142,7 @@ def unclear(found: dict[str, Any]) -> list[str]:
 
 
 def lines(found: dict[str, Any]) -> list[str]:
-    """For people."""
+    """Lines for people."""
     told = []
     for mode in MODES:
         rate, load = found["cases_per_min"][mode], found["cpu_s_per_case"][mode]

@@ -18,7 +18,7 @@ class CampaignCourse:
         """``pid``: of the conductor; ``out``: its campaign folder."""
         self.samples: list[CourseSample] = []
         self.workers = 0
-        """That have had a lease."""
+        """Workers that have had a lease."""
         self._process = psutil.Process(pid)
         self._timeline = out / "timeline.jsonl"
         self._read = 0

@@ -31,7 +31,7 @@ class PanelRequest(Struct, frozen=True, forbid_unknown_fields=True):
     token: Annotated[int, Meta(ge=1)]
     """Token of the attempt, as the list of running ones says."""
     settings: dict[str, str | float | bool] = {}
-    """As for ``viewer set``."""
+    """Settings as for ``viewer set``."""
     action: Action | None = None
 
 
@@ -99,5 +99,5 @@ class Desk:
 
 
 def refusal(error: TwinError) -> bytes:
-    """As JSON, for the page."""
+    """Refusal as JSON, for the page."""
     return msgspec.json.encode({"error": str(error)})

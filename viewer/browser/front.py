@@ -37,13 +37,13 @@ POLICY = (
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
-"""Only this front, whatever a script wants."""
+"""Content-Security-Policy: this front only, whatever a script wants."""
 
 READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 """The one call of the hub that is passed on: browsers look, and write nothing."""
 
 STEERS = "/steer"
-"""Where the control panel posts."""
+"""Path to which the control panel posts."""
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
@@ -85,11 +85,11 @@ class ShownSite:
     folder: Path | None = None
     """Campaign folder whose recordings are served."""
     at: str = "aeb"
-    """Where they open."""
+    """Moment at which recordings open."""
     hub: tuple[str, int] | None = None
     """Or: host and port of a live hub."""
     desk: Desk | None = None
-    """With it: the way to running cases, for those who know its token."""
+    """Way to running cases, for pages that know its token; None: there is none."""
 
     def about(self, case: str) -> bytes:
         """What the pages need to know, as JSON; ``case`` empty: of all cases.
@@ -132,7 +132,7 @@ class BrowserFront(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where a browser of this host finds it."""
+        """Address for browsers of this host."""
         return f"http://127.0.0.1:{self.server_address[1]}/"
 
     def verify_request(self, request: Any, *_: Any) -> bool:

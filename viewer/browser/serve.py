@@ -44,7 +44,7 @@ class WebOptions:
     live: tuple[str, ...] = ()
     """Or: options of `viewer live`."""
     where: LiveOptions | None = None
-    """With them: the same conductor, for the control panel."""
+    """Options of the same conductor, for the control panel; None: there is none."""
     json: bool = False
 
 

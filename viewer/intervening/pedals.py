@@ -51,7 +51,7 @@ class Pedals:
         return self
 
     def action(self) -> Takeover:
-        """For the simulator."""
+        """Action for the simulator."""
         return Takeover(self.throttle, self.brake, self.steering_rad)
 
     def _steer(self, step_rad: float) -> Pedals:

@@ -53,7 +53,7 @@ class LiveOptions:
     run: Path | None = None
     """State or campaign folder, whose ``conductor.json`` may change meanwhile."""
     ssh: str = ""
-    """Both are meant as this host sees them, which ssh reaches."""
+    """Host that ssh reaches; the options above are meant as that host sees them."""
     node: str = ""
     """Host behind it that the tunnel ends at."""
     namespace: str = "twin"
@@ -84,7 +84,7 @@ class LiveOptions:
 
     @property
     def where(self) -> str:
-        """For people."""
+        """Name of the conductor for people."""
         place = self.connect or str(self.run or self.key)
         return f"{self.ssh}:{place}" if self.ssh else place
 
@@ -111,7 +111,7 @@ class LiveOptions:
         return Tunnel(far, self.namespace, self.key, self.role)
 
     def target(self) -> Target:
-        """Where the conductor is now.
+        """Place of the conductor now.
 
         Raises:
             UnreachableError: its folder does not say (yet).
@@ -186,7 +186,8 @@ class Live:
         self._link = Link(resolve, options.wait_s, self.slots)
         self._scenes = Scenes(self._link.send_for)
         self._focuses: dict[str, dict[str, FocusedCase]] = {}
-        """By case and, as several campaigns may have one of that name, by campaign."""
+        """Focused cases by case and, as several campaigns may have one of that name, by
+        campaign."""
         self._waiting: dict[str, Sample] = {}
         """The newest of single cases, by key, until viewers keep up."""
         self._pending = False

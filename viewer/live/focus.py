@@ -27,7 +27,7 @@ class Scenes:
         """``ask(rig, sha256)`` sends for a world, which comes by :meth:`came` at some time."""
         self._ask = ask
         self._meshes: dict[str, rr.Mesh3D | None] = {}
-        """None: cannot be shown."""
+        """Meshes of worlds by digest; None: cannot be shown."""
         self._asked: set[str] = set()
 
     def want(self, rig: str, sha256: str) -> None:
@@ -53,7 +53,7 @@ class Scenes:
         return ""
 
     def known(self, sha256: str) -> bool:
-        """It came, usable or not."""
+        """Whether the world has come, usable or not."""
         return sha256 in self._meshes
 
     def mesh(self, sha256: str) -> rr.Mesh3D | None:

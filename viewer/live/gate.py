@@ -32,7 +32,7 @@ NATIVE = b"PRI * HTTP/2.0\r\n"
 """First bytes of native viewers. Browsers speak no HTTP/2 without TLS, so no page sends it."""
 REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n\r\n"
 LINES_MAX = 64
-"""At the same time, at most; browsers need one per page."""
+"""Most lines at the same time; browsers need one per page."""
 
 
 @dataclass(slots=True, eq=False)
@@ -41,7 +41,7 @@ class ViewerLine:
 
     viewer: socket.socket
     passed_bytes: int = 0
-    """From the hub to the viewer so far [bytes]."""
+    """Amount sent from the hub to the viewer so far [bytes]."""
     passed_s: float = 0.0
     """When the latest of them were."""
 

@@ -72,7 +72,8 @@ class ViewerHub:
         inner: InnerPort | None = None,
     ) -> None:
         self.url = url
-        """Where viewers come, and recordings that are to be shown: at the gate, if there is one."""
+        """Address for viewers, and for recordings that are to be shown: the gate's, if there is
+        one."""
         self._inner = inner
         self.logged = 0
         self.skipped = 0

@@ -126,7 +126,7 @@ class Link:
         self._thread.join(CONNECT_S + ASK_S)
 
     def look_at(self, case: str) -> None:
-        """From now on, all of this case."""
+        """Subscribe to all of this case from now on."""
         with self._lock:
             self._cases.add(case)
         self._wake.set()

@@ -52,7 +52,7 @@ class MosaicTile:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Where ``count`` tiles stand: rows from the left upper corner, as large as they fit."""
+    """Places of ``count`` tiles: rows from the left upper corner, as large as they fit."""
 
     count: int
 

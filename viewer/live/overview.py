@@ -108,7 +108,7 @@ class Overview:
         return True
 
     def forget(self, campaign: str) -> None:
-        """It was begun anew: its tokens start again."""
+        """Forget a campaign that was begun anew: its tokens start again."""
         for known in (self._latest, self._ends):
             for key in [key for key in known if key[0] == campaign]:
                 del known[key]

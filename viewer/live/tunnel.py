@@ -49,14 +49,14 @@ _OPTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class Far:
-    """Where the conductor is, as ssh and the far end see it."""
+    """Place of the conductor, as ssh and the far end see it."""
 
     login: str
     """``me@login``, as ssh takes it."""
     node: str = ""
     """Host behind it that the tunnel ends at; empty: where the conductor listens."""
     connect: str = ""
-    """Its endpoint over there; or:"""
+    """Endpoint of the conductor over there; empty: :attr:`folder` says it."""
     folder: str = ""
     """The folder over there that holds its ``conductor.json``."""
 
@@ -82,7 +82,7 @@ class Tunnel:
         self._far = far
         self._key = load_key(key, role) if key is not None else None
         self._fetched_from = ""
-        """Where the key lies over there; empty: it was given here."""
+        """Path of the key over there; empty: it was given here."""
         self._namespace = agreed_namespace(namespace, self._key)
         self._role = role
         self._child: subprocess.Popen[bytes] | None = None
@@ -90,12 +90,12 @@ class Tunnel:
         """Endpoint over there that the child forwards to."""
         self._port = 0
         self._stood = False
-        """It has been open once; what fails now may come back."""
+        """Whether it has been open once; what fails then may come back."""
         self._called_s = float("-inf")
         self._closed = False
 
     def target(self) -> Target:
-        """This end of the tunnel, which stands now.
+        """End of the tunnel on this host, which stands now.
 
         Raises:
             InfrastructureError: ssh does not get there.

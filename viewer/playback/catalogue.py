@@ -36,7 +36,7 @@ class RecordingRow:
     found: FoundRecording
     recording_id: str
     moment: RecordedMoment
-    """Where it opens."""
+    """Moment at which it opens."""
     verdict: str
     """Or the outcome, if there is no verdict; empty: the attempt did not end."""
     passed: bool
@@ -46,7 +46,7 @@ class RecordingRow:
     """HH:MM."""
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--output json``."""
+        """Row for ``--output json``."""
         return {
             "case": self.found.case,
             "verdict": self.verdict,
@@ -78,7 +78,7 @@ class Catalogue:
         return [row.found.case for row in self.rows if not row.found.complete]
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--output json``."""
+        """Catalogue for ``--output json``."""
         return {
             "cases": [row.as_json() for row in self.rows],
             "missing": self.missing,
@@ -141,7 +141,7 @@ def read_row(folder: Path, case: str, at: str) -> RecordingRow:
 
 
 def table(catalogue: Catalogue) -> Table:
-    """For people."""
+    """Table for people."""
     shown = Table(
         *("case", "verdict", "passed", "model", "hour", "weather", "complete", "opens at"),
         box=None,

@@ -31,7 +31,7 @@ class FoundRecording:
 
     @property
     def other(self) -> bool:
-        """It is of another attempt than the one that was committed."""
+        """Whether it is of another attempt than the one that was committed."""
         return bool(self.committed) and self.path.parent.name != self.committed
 
     def remarks(self) -> list[str]:
@@ -70,7 +70,7 @@ def find_recording(folder: Path, case: str) -> FoundRecording:
 
 
 def recording_of(folder: Path, case: str, names: list[str], committed: str) -> FoundRecording:
-    """As :func:`find_recording`, of a folder that was looked at already.
+    """Recording as :func:`find_recording` finds it, of a folder that was looked at already.
 
     Args:
         folder: the campaign's.

@@ -80,7 +80,7 @@ class RecordedCase:
     path: Path
     recording_id: str
     frames: list[PlayedTick] = field(default_factory=list)
-    """In order of sim time, one per time."""
+    """Frames in order of sim time, one per time."""
     events: list[LogEvent] = field(default_factory=list)
     properties: dict[str, dict[str, Any]] = field(default_factory=dict)
     """``case`` (campaign, model, weather, ...) and, unless the recorder was killed, ``verdict``."""

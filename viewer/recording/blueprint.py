@@ -21,7 +21,7 @@ WALL_SECONDS = 300
 """Length of the past that the overview's plots show [s]."""
 
 NAMES = uuid.UUID("6c0c39b5-6a29-5f0f-9a5e-0c4b6e1a3d57")
-"""Where the ids of a layout's parts come from."""
+"""Namespace of the ids of a layout's parts."""
 
 TRAIL_SECONDS_MAX = 3600
 """Length of the ego's trail; longer than any case [s]."""
@@ -132,7 +132,7 @@ def _camera(message: str, *, main: bool) -> rrb.Spatial2DView:
 
 
 def _street(stage: Stage) -> rrb.Spatial3DView:
-    """From above, beside the street: its buildings are as flat as their plan."""
+    """View from above, beside the street: its buildings are as flat as their plan."""
     x_m = (stage.obstacle_center_m or [stage.lane[0][0] + 80.0])[0]
     return rrb.Spatial3DView(
         origin=naming.WORLD,
@@ -150,7 +150,7 @@ def _street(stage: Stage) -> rrb.Spatial3DView:
 
 
 def _chase(lidars: Sequence[LidarSite]) -> rrb.Spatial3DView:
-    """From behind the ego, in its own axes: the walls beside the street are solid."""
+    """View from behind the ego, in its own axes: the walls beside the street are solid."""
     return rrb.Spatial3DView(
         origin=naming.EGO,
         name="Street, lidar" if lidars else "Street",

@@ -191,7 +191,7 @@ class CaseConverter:
         return rows_at(naming.TRIGGER, samples, _marks(rows, labels))
 
     def _gaps(self, measured: Sequence[tuple[StateSample, float]]) -> list[rr.ComponentColumn]:
-        """From the ego's nose to the obstacle's rear, labelled with the distance [m]."""
+        """Lines from the ego's nose to the obstacle's rear, labelled with the distance [m]."""
         stage = self._start.stage
         nose = stage.ego_center_m[0] + stage.ego_size_m[0] / 2
         center = stage.obstacle_center_m
@@ -225,7 +225,7 @@ def triggering(controls: Controls) -> Detection | None:
 
 
 def _bare(start: CaseStart) -> bytes:
-    """Without what differs from case to case of a campaign."""
+    """Start without what differs from case to case of a campaign."""
     return encode(
         structs.replace(
             start,

@@ -36,7 +36,7 @@ class _Child:
     rest: bytes = b""
     """The beginning of a line."""
     free: bool = False
-    """It was told that nothing is left."""
+    """Whether it was told that nothing is left."""
 
     def tell(self, *lines: bytes) -> None:
         """What a dead child is told is lost; that it is dead shows in what it says."""

@@ -68,7 +68,7 @@ def _rendered(renderer: Renderer, begin: Begin, tasks: list[Task], jobs: int) ->
 
 
 def _missing(folder: Folder, recipe: DatasetRecipe, slots: int) -> Iterator[Task]:
-    """By street, then by camera: both take time to set up."""
+    """Missing images by street, then by camera: both take time to set up."""
     for split, count in recipe.counts().items():
         found: dict[tuple[int, int], list[int]] = {}
         for index in range(count):

@@ -10,7 +10,7 @@ from twin.dataset.recipe import DatasetRecipe
 
 
 class Begin(Struct, frozen=True, tag="begin"):
-    """To a child, first: what all its tasks are about."""
+    """First message to a child: what all its tasks are about."""
 
     folder: str
     recipe: DatasetRecipe
@@ -19,23 +19,23 @@ class Begin(Struct, frozen=True, tag="begin"):
 
 
 class ChildWork(Struct, frozen=True, tag="work"):
-    """To a child: its next task."""
+    """Message to a child: its next task."""
 
     task: Task
 
 
 class ChildReady(Struct, frozen=True, tag="ready"):
-    """From a child: it waits for a task."""
+    """Message from a child: it waits for a task."""
 
 
 class ImageWritten(Struct, frozen=True, tag="written"):
-    """From a child: an image and its labels are there."""
+    """Message from a child: an image and its labels are there."""
 
     index: int
 
 
 class Trouble(Struct, frozen=True, tag="trouble"):
-    """From a child, last: why it cannot go on, one line."""
+    """Last message from a child: why it cannot go on, one line."""
 
     text: str
     usage: bool
@@ -47,7 +47,7 @@ _FROM_CHILD = msgspec.json.Decoder(ChildReady | ImageWritten | Trouble)
 
 
 def line_of(message: Struct) -> bytes:
-    """As it is written."""
+    """Line of a message, as it is written."""
     return msgspec.json.encode(message) + b"\n"
 
 

@@ -31,7 +31,7 @@ class Eye:
     """One camera."""
 
     name: str
-    """Its number, lens and field of view, as in ``3 fisheye 104 film``."""
+    """Name of its number, lens and field of view, as in ``3 fisheye 104 film``."""
     camera: Camera
     mount: CameraMount
 

@@ -30,7 +30,7 @@ class Look:
     """One member of the cast."""
 
     kind: str
-    """As in scene files: car, van, truck, bus, pedestrian, cyclist."""
+    """Kind as in scene files: car, van, truck, bus, pedestrian, cyclist."""
     body: str
     """Body of a car; otherwise the kind."""
     color: Paint
@@ -63,9 +63,9 @@ class Street:
 
     split: str
     name: str
-    """As in ``downtown/train-3``."""
+    """Name as in ``downtown/train-3``."""
     scene: Scene
-    """Its objects are the cast, in order."""
+    """Scene whose objects are the cast, in order."""
     cast: tuple[Look, ...]
     obstacle: Look
 

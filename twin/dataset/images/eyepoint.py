@@ -1,4 +1,4 @@
-"""Where a camera stands, and what that makes of points: rectangles, shares outside the image."""
+"""Place of a camera, and what that makes of points: rectangles, shares outside the image."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class EyeView:
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Where an object lies in an image."""
+    """Outline of an object in an image."""
 
     bounds_px: tuple[int, int, int, int]
     """Low x, low y, high x, high y of the pixels that may see it; the high ones are not in it. All
@@ -79,7 +79,7 @@ Shape = tuple[np.ndarray, np.ndarray]
 
 
 def outlines_of(view: EyeView, shapes: list[Shape]) -> list[Outline]:
-    """Where objects lie in the image; their points are in the camera frame.
+    """Outlines of objects in the image; their points are in the camera frame.
 
     Truncation is the share outside the image of what an object covers as seen from the camera: the
     solid angle of its triangles, summed without regard to what lies before what. So it is the same

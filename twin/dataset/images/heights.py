@@ -12,7 +12,7 @@ from twin.world.sky.almanac import Heavens
 SUN_STEP_DEG = 0.5
 """[deg]"""
 MOON_STEP_DEG = 2.0
-"""Its sky is faint [deg]."""
+"""Step of the moon's height; its sky is faint [deg]."""
 
 
 def on_steps(bodies: Heavens) -> Heavens:

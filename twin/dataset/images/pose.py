@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class VehiclePose:
-    """Where the ego is: its rear axle on the ground, and how its body stands."""
+    """Pose of the ego: its rear axle on the ground, and how its body stands."""
 
     x_m: float
     y_m: float

@@ -41,7 +41,7 @@ class Shot:
 
     split: str
     index: int
-    """In its split."""
+    """Index in its split."""
     street: int
     eye: int
     date: str
@@ -58,11 +58,11 @@ class Shot:
     hazard: float
     """Hazard lamps are lit, 0 or 1."""
     high_beam: bool
-    """It is wanted, if it is dark and there is no fog."""
+    """Whether high beam is wanted, if it is dark and there is no fog."""
 
     @property
     def name(self) -> str:
-        """As in ``train/17``."""
+        """Name as in ``train/17``."""
         return f"{self.split}/{self.index}"
 
     def lights(self, illuminance_lx: float) -> Lights:

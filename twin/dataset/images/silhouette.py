@@ -135,7 +135,7 @@ class Subject:
     eyepoint: Eyepoint
 
     def shape(self, bodies: list[ObjectBody]) -> Shape:
-        """Its points in the camera's frame, and its triangles."""
+        """Points of the object in the camera's frame, and its triangles."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         body = bodies[self.body]

@@ -31,7 +31,7 @@ _TRIES = 8
 
 
 class Heading(Protocol):
-    """Where the ego looks."""
+    """Direction in which the ego looks."""
 
     yaw_rad: float
 
@@ -223,7 +223,7 @@ def _cyclists(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:
 
 
 def _people(crowd: _Crowd, ego_x_m: float, ahead: float) -> None:
-    """On the sidewalks, and some of them crossing the road."""
+    """People on the sidewalks, and some of them crossing the road."""
     rng, layout = crowd.rng, crowd.room.layout
     kerb_m = crowd.room.scene.road.kerb_height_m
     for _ in range(int(rng.integers(PLACES["pedestrian"] + 1))):

@@ -33,7 +33,7 @@ class SlotLight:
     cloud_drift: wp.vec2
     """Speed of the clouds, over their height [1/s]."""
     cloud_offset: wp.vec2
-    """Where they have got to, in their height."""
+    """Place that they have reached, over their height."""
     extinction: wp.float32
     exposure: wp.float32
     cloud_cover: wp.float32

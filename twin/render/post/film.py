@@ -26,11 +26,11 @@ class FilmConstants:
     """Constants of the last step."""
 
     centre_x: wp.float32
-    """Where the optical axis meets the image, whole numbers being pixel centres [px]."""
+    """Place at which the optical axis meets the image, whole numbers being pixel centres [px]."""
     centre_y: wp.float32
     """[px]"""
     red_scale: wp.float32
-    """Where red is read, over where it is drawn, from the centre [-]."""
+    """Distance from the centre at which red is read, over that at which it is drawn [-]."""
     blue_scale: wp.float32
     bloom: wp.float32
     """Share of scattered light [-]."""

@@ -50,7 +50,7 @@ class Face:
 
 @wp.struct
 class ObjectPose:
-    """Where a movable object of a slot is."""
+    """Pose of a movable object of a slot."""
 
     root: wp.int32
     """Root of its kind's hierarchy; 0: it is not there."""

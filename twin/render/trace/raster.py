@@ -29,7 +29,7 @@ class Raster:
     """[px]"""
     fy: wp.float32
     cx: wp.float32
-    """Where the optical axis meets the picture, from its upper left corner [px]."""
+    """Place at which the optical axis meets the picture, from its upper left corner [px]."""
     cy: wp.float32
     tiles_x: wp.int32
     tiles_y: wp.int32
@@ -38,7 +38,8 @@ class Raster:
 
 
 def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device) -> Raster | None:
-    """For the pictures of a table of rays [H, W, 3]; None: the lens distorts, or it is a GPU."""
+    """Rasters for the pictures of a table of rays [H, W, 3]; None: the lens distorts, or it is a
+    GPU."""
     if not device.is_cpu or lens.model not in ("pinhole", "frustum"):
         return None
     height, width = table.shape[:2]

@@ -1,4 +1,4 @@
-"""Where the rays of a camera begin and point: one table for all slots, one pose per slot."""
+"""Rays of a camera, where they begin and point: one table for all slots, one pose per slot."""
 
 from __future__ import annotations
 

@@ -373,7 +373,7 @@ def closest_scalar(
     direction: wp.vec3,
     far: wp.float32,
 ) -> wp.vec4:
-    """As :func:`closest`, the code of a GPU on every device."""
+    """Closest hit as of :func:`closest`, by the code of a GPU on every device."""
 
 
 @wp.func_native(_RAY + _BLOCKED4)
@@ -385,7 +385,7 @@ def blocked_scalar(
     direction: wp.vec3,
     far: wp.float32,
 ) -> wp.bool:
-    """As :func:`blocked`, the code of a GPU on every device."""
+    """Answer of :func:`blocked`, by the code of a GPU on every device."""
 
 
 _NEAR = """

@@ -124,7 +124,7 @@ def _check_named(file: Path, path: Path) -> None:
 
 
 def _read(path: Path) -> list[Any]:
-    """Its geometries, moved to where the file's nodes put them."""
+    """Geometries of a file, moved to where the file's nodes put them."""
     import trimesh  # heavy, and most scenes have no mesh files
 
     log = logging.getLogger("trimesh")

@@ -1,4 +1,4 @@
-"""Where sun and moon stand, from place, date and time.
+"""Positions of sun and moon, from place, date and time.
 
 Sun: Meeus, *Astronomical Algorithms* (1998), chapter 25 (low accuracy, 0.01 deg), as in NOAA's
 solar calculator, with its refraction. Moon: the low-precision series of the *Astronomical Almanac*
@@ -19,7 +19,8 @@ FULL_MOON_LX = 0.263
 
 
 class EarthPlace(Protocol):
-    """Where a scene lies, such as :class:`twin.world.scene.Origin`; x points to ``heading_deg``."""
+    """Place of a scene on the Earth, such as :class:`twin.world.scene.Origin`; x points to
+    ``heading_deg``."""
 
     latitude_deg: float
     longitude_deg: float
@@ -119,7 +120,7 @@ def moon_position(
 
 
 def moon_illuminance_lx(phase_angle_deg: float) -> float:
-    """By the magnitude -12.73 + 0.026 |i| + 4e-9 i^4 of phase angle i (Allen) [lx]."""
+    """Illuminance by the magnitude -12.73 + 0.026 |i| + 4e-9 i^4 of phase angle i (Allen) [lx]."""
     i = abs(phase_angle_deg)
     return FULL_MOON_LX * 10.0 ** (-0.4 * (0.026 * i + 4.0e-9 * i**4))
 

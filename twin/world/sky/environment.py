@@ -86,7 +86,7 @@ class CaseEnvironment:
 
     @property
     def wind_towards(self) -> tuple[float, float]:
-        """Where the wind blows, unit vector in the world frame."""
+        """Direction in which the wind blows, unit vector in the world frame."""
         return wind_towards(self._environment, self._place)
 
     def at(self, time_ns: int) -> tuple[WeatherParameters, Daylight]:
@@ -137,7 +137,7 @@ def light_of(
 
 
 def wind_towards(environment: Environment, place: EarthPlace) -> tuple[float, float]:
-    """Where the wind blows, unit vector in the world frame, x and y."""
+    """Direction in which the wind blows, unit vector in the world frame, x and y."""
     turn = math.radians(environment.wind_from_deg - place.heading_deg)
     return round(-math.cos(turn), 9), round(math.sin(turn), 9)  # the same on every host
 

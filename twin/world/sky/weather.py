@@ -40,7 +40,7 @@ VISIBILITY_PER_EXTINCTION = 3.912
 AIR_PER_M = MOR_PER_EXTINCTION / 30_000.0
 """Extinction of clear air [1/m]."""
 SHADOW_CLOUD_COVER_MAX = 0.6
-"""From this cloud cover on the sun casts no shadow [-]."""
+"""Cloud cover from which on the sun casts no shadow [-]."""
 
 _FOG_MOR_M = (500.0, 120.0)
 _SNOW_VISIBILITY_M = (3000.0, 400.0)

@@ -53,7 +53,7 @@ class World:
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
-    """Where the movable objects are."""
+    """Places of the movable objects."""
     textures: tuple[np.ndarray, ...] = ()
     """Images uint8 [h, w, 3], sRGB."""
     static_classes: tuple[int, ...] = ()

@@ -24,7 +24,7 @@ _KERB_M = 0.18
 _PITCH_M = 3.2  # fine enough for the shade at the foot of a wall
 _MARK_Z = 0.006
 DASH_PITCH_M = 7.5
-"""From the beginning of one dash of the middle line to that of the next [m]."""
+"""Distance from the beginning of one dash of the middle line to that of the next [m]."""
 _GRASS: Color = (0.09, 0.13, 0.045)
 _MARGIN_M = 60.0
 _APRON_M = 1.6

@@ -1,4 +1,4 @@
-"""Where the parts of a generated street lie: lines across, blocks along, side streets.
+"""Places of the parts of a generated street: lines across, blocks along, side streets.
 
 Street coordinates: x along the street from ``road.start_m`` on, y to the left of the ego's lane. Of
 a straight street they are the world's; a road with a path bends them along its lane.
@@ -52,7 +52,7 @@ class StreetBlock:
 
     @property
     def walls(self) -> tuple[float, float]:
-        """Where its rows of buildings begin and end, behind the sidewalks of the side streets."""
+        """Beginning and end of its rows of buildings, behind the sidewalks of the side streets."""
         return (
             self.start + SIDE_WALK_M * self.opens,
             self.end - SIDE_WALK_M * self.closes,
@@ -60,7 +60,7 @@ class StreetBlock:
 
     @property
     def parking(self) -> tuple[float, float]:
-        """Where parking places begin and end: clear of crossings and tight curves."""
+        """Beginning and end of parking places: clear of crossings and tight curves."""
         if abs(self.curvature) * PARKING_RADIUS_M > 1.0:
             return self.start, self.start
         return self.start + CORNER_M, self.end - CORNER_M
@@ -72,7 +72,7 @@ class Layout:
 
     lane: LanePath
     start: float
-    """Where the street begins, x [m]."""
+    """Beginning of the street, x [m]."""
     end: float
     ends: float
     """The street goes on this far before its start and behind its end [m]."""
@@ -108,7 +108,7 @@ class Layout:
         return (lateral > self.wall_right - _CLEAR_M) & (lateral < self.wall_left + _CLEAR_M)
 
     def centre_distance(self, block: StreetBlock, y: float) -> float:
-        """From the centre of a curved block to its line at ``y`` [m]."""
+        """Distance from the centre of a curved block to its line at ``y`` [m]."""
         return abs(1.0 / block.curvature - y)
 
     def has_square(self, block: StreetBlock, sign: float) -> bool:
@@ -134,7 +134,7 @@ class Layout:
         return np.stack([pose.x_m, pose.y_m, points[:, 2]], axis=1)
 
     def cuts(self, x0: float, x1: float, count: int) -> np.ndarray:
-        """Where to cut what lies along the street from ``x0`` to ``x1``.
+        """Places at which to cut what lies along the street from ``x0`` to ``x1``.
 
         In ``count`` equal pieces where the street is straight. In a curve at the same places
         whatever is cut, so that edges of neighbours meet, and as finely as lines need it.

@@ -13,7 +13,7 @@ from twin.world.street import plants, signs
 from twin.world.street.layout import SIDE_WALK_M, Hull, Layout, StreetBlock, generator
 
 STOP_SHARE = 0.3
-"""Where along its block the bus stop lies, on the left side [-]."""
+"""Place of the bus stop along its block, on the left side [-]."""
 STOP_M = 18.0
 """Length of the bus stop, free of parked cars [m]."""
 

@@ -19,7 +19,7 @@ from twin.world.street.parking import add_obstacle, add_parked
 @dataclass(frozen=True, slots=True)
 class _Vehicle:
     name: str
-    """As a message calls it."""
+    """Name in messages."""
     hull: Hull
     placed: bool
     """The scene file says where it stands; False: the street was generated so."""
