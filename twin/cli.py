@@ -11,13 +11,51 @@ from typing import Annotated
 
 import typer
 
-from schemas.wire.view import ViewMode
-from twin.base.cli import SECONDS_MAX, Output, OutputOption, duration, make_app, run
+from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import UsageError
 from twin.bench.command import app as bench_app
+from twin.dataset.command_options import (
+    BatchOption,
+    CameraOption,
+    CamerasOption,
+    CountOption,
+    FileFormatOption,
+    JobsOption,
+    OtherSceneOption,
+    OutArgument,
+    PreviewOption,
+    QualityOption,
+    RuleOption,
+    SceneOption,
+    SeedOption,
+    SizeOption,
+    SplitSharesOption,
+    StreetsOption,
+    VehicleOption,
+)
 from twin.fabric.connection_options import InsecureOption, KeyOption
 from twin.fabric.endpoint import LOOPBACK
 from twin.validate.command import app as validate_app
+from twin.worker.command_options import (
+    ConnectOption,
+    CoresOption,
+    DrainSOption,
+    DriveListenOption,
+    ExplainOption,
+    JoinDirOption,
+    LoadSimulatorOption,
+    MemoryGbOption,
+    NamespaceOption,
+    SlotsOption,
+    SpoolOption,
+    StateOption,
+    TagOption,
+    UntilDoneOption,
+    ViewOption,
+    WaitOption,
+    WalltimeSOption,
+    stay_on,
+)
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
 app.add_typer(validate_app, name="validate")
@@ -28,91 +66,31 @@ Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 
 @app.command()
 def worker(
-    connect: Annotated[
-        str,
-        typer.Option(
-            help="The conductor's endpoint, e.g. tls/login1:7447; -: as `conductor run` will say "
-            "on standard input."
-        ),
-    ] = "",
-    state: Annotated[
-        Path | None,
-        typer.Option(help="Or: the conductor's state folder, on a shared file system."),
-    ] = None,
-    wait: Annotated[float, duration("With --state: wait this long for a conductor [s].")] = 0.0,
-    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
+    connect: ConnectOption = "",
+    state: StateOption = None,
+    wait: WaitOption = 0.0,
+    namespace: NamespaceOption = "twin",
     key: KeyOption = None,
     _insecure: InsecureOption = False,
-    slots: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=4096,
-            help="Cases simulated together; default: 1 on the CPU, on a GPU 128, or as many as its "
-            "free memory holds.",
-        ),
-    ] = None,
+    slots: SlotsOption = None,
     device: Device = "cpu",
-    cores: Annotated[
-        str, typer.Option(help="Processor cores for it and its rigs, as in 0-7,12; default: all.")
-    ] = "",
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Say how its frames would travel, and end.")
-    ] = False,
-    drive_listen: Annotated[
-        str,
-        typer.Option(
-            help="Where simulators listen for stacks on other nodes; beyond loopback TLS."
-        ),
-    ] = LOOPBACK,
-    join_dir: Annotated[
-        str,
-        typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
-    ] = "",
-    view: Annotated[
-        ViewMode | None,
-        typer.Option(
-            help="live: viewers may look; record: one .rrd per attempt beside its KPIs; "
-            "default: as the campaign says."
-        ),
-    ] = None,
-    until_done: Annotated[
-        bool, typer.Option("--until-done", help="Leave when no case is left.")
-    ] = False,
-    drain_s: Annotated[
-        float, duration("After SIGTERM, running cases may go on this long [s].")
-    ] = 0.0,
-    walltime_s: Annotated[
-        float | None,
-        duration(
-            "The allocation ends so long from now: only cases that fit are leased, and "
-            "everything is given back before it; below 0: it is over [s].",
-            least=-SECONDS_MAX,
-            envvar="TWIN_WALLTIME_S",
-        ),
-    ] = None,
-    memory_gb: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."
-        ),
-    ] = None,
-    tag: Annotated[
-        list[str] | None,
-        typer.Option(help="A word that campaigns may ask for (`requires.tags`); repeatable."),
-    ] = None,
-    spool: Annotated[
-        Path | None,
-        typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
-    ] = None,
-    load_simulator: Annotated[bool, typer.Option("--load-simulator", hidden=True)] = False,
+    cores: CoresOption = "",
+    explain: ExplainOption = False,
+    drive_listen: DriveListenOption = LOOPBACK,
+    join_dir: JoinDirOption = "",
+    view: ViewOption = None,
+    until_done: UntilDoneOption = False,
+    drain_s: DrainSOption = 0.0,
+    walltime_s: WalltimeSOption = None,
+    memory_gb: MemoryGbOption = None,
+    tag: TagOption = None,
+    spool: SpoolOption = None,
+    load_simulator: LoadSimulatorOption = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
     from twin.base.worker_start import LATER
 
     if cores:
-        from twin.worker.cores import stay_on
-
         stay_on(cores)
     if explain:
         from twin.worker.explain import explanation
@@ -129,8 +107,7 @@ def worker(
     from twin.base.process import keep_to_itself
     from twin.fabric.discovery import await_conductor, choose_target
     from twin.fabric.keys.roles import Role
-    from twin.worker.fitting import GPU_SLOTS
-    from twin.worker.options import WorkerOptions
+    from twin.worker.options import GPU_SLOTS, WorkerOptions
     from twin.worker.shell import Worker
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
@@ -270,57 +247,23 @@ def snapshot(
 
 @app.command()
 def dataset(
-    out: Annotated[Path, typer.Argument(help="Folder of the dataset; one that is there goes on.")],
-    count: Annotated[int | None, typer.Option(help="Images; default 1000.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Decides everything; default 1.")] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT; default 320x192 [px].")] = None,
-    file_format: Annotated[
-        str | None, typer.Option("--format", help="jpg or png; default jpg.")
-    ] = None,
-    quality: Annotated[int | None, typer.Option(help="Of JPEG, 1 to 100; default 92.")] = None,
-    scene: Annotated[
-        str | None, typer.Option(help="Its variants are the streets; default downtown.")
-    ] = None,
-    other_scene: Annotated[
-        str | None, typer.Option(help="Absent from training; default crossing.")
-    ] = None,
-    vehicle: Annotated[
-        str | None, typer.Option(help="Shipped vehicle, or a vehicle file; default opencav.")
-    ] = None,
-    camera: Annotated[
-        str | None, typer.Option(help="Which of its cameras; default front_right.")
-    ] = None,
-    cameras: Annotated[
-        int | None, typer.Option(help="How many cameras with other lenses and effects; default 8.")
-    ] = None,
-    split_shares: Annotated[
-        str | None,
-        typer.Option(help="Shares of train, held_out and other_scene; default 0.8,0.1,0.1."),
-    ] = None,
-    streets: Annotated[
-        str | None, typer.Option(help="Streets of train, held_out, other_scene; default 6,2,1.")
-    ] = None,
-    rule: Annotated[
-        list[str] | None,
-        typer.Option(help="A rule of what is a label, KEY=NUMBER, repeatable; docs/dataset.md."),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=256, help="Processes; default: cores, on a GPU at most 4. Changes no byte."
-        ),
-    ] = None,
-    slots: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=4096,
-            help="Images a process renders together; default: by their size. Changes no byte.",
-        ),
-    ] = None,
-    preview: Annotated[
-        Path | None, typer.Option(help="Write a contact sheet with boxes, .png or .jpg.")
-    ] = None,
+    out: OutArgument,
+    count: CountOption = None,
+    seed: SeedOption = None,
+    size: SizeOption = None,
+    file_format: FileFormatOption = None,
+    quality: QualityOption = None,
+    scene: SceneOption = None,
+    other_scene: OtherSceneOption = None,
+    vehicle: VehicleOption = None,
+    camera: CameraOption = None,
+    cameras: CamerasOption = None,
+    split_shares: SplitSharesOption = None,
+    streets: StreetsOption = None,
+    rule: RuleOption = None,
+    jobs: JobsOption = None,
+    slots: BatchOption = None,
+    preview: PreviewOption = None,
     device: Device = "cpu",
     output: OutputOption = Output.human,
 ) -> None:

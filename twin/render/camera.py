@@ -96,19 +96,7 @@ class RayCamera:
         self._seen = visibility.allocate_seen(
             self._chunk, camera.height, camera.width, device, self._wanted.second
         )
-        effects = camera.active_effects()
-        self._effects: PostEffects | None = None
-        if effects:
-            self._effects = PostEffects(
-                effects,
-                mount.lens,
-                slots,
-                camera.height,
-                camera.width,
-                device,
-                hfov_deg=camera.hfov_deg,
-                hz=camera.hz,
-            )
+        self._effects = _effects_of(camera, mount, slots, device)
         self._tuning = tuning or tuning_for(device)
         self._kernels = (
             self._first_kernel(mount, table, camera.hfov_deg),
@@ -311,6 +299,19 @@ def _host_backed(
     ):
         raise ValueError(f"{name} must be a contiguous {numpy_type} array of shape {shape}")
     return Mirror(shape, dtype, device, host, large=True)
+
+
+def _effects_of(
+    camera: Camera, mount: CameraMount, slots: int, device: wp.Device
+) -> PostEffects | None:
+    """Effects on finished pictures; None: the camera has none."""
+    effects = camera.active_effects()
+    if not effects:
+        return None
+    size = camera.height, camera.width
+    return PostEffects(
+        effects, mount.lens, slots, *size, device, hfov_deg=camera.hfov_deg, hz=camera.hz
+    )
 
 
 def _optics(camera: Camera, mount: CameraMount, lamps_m: tuple[float, float, float]) -> Optics:

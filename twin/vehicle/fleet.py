@@ -64,15 +64,8 @@ class Fleet:
         self._host_models = [vehicle_model(v) for v in vehicles]
         self._models = wp.array(self._host_models, dtype=VehicleModel, device=device)
         self._ground = ground or FlatGround(device)
-        step_s = PHYSICS_STEP_NS / 1e9
-        scene = kernel.VehicleScene()
-        scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
-        scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
-        kinds = [prop_model(kind, step_s) for kind in props]
-        scene.props = wp.array(kinds or [PropModel()], dtype=PropModel, device=device)
-        scene.ground = self._ground.kernel
-        scene.stop_at_impact = int(stop_at_impact)
-        self._scene = scene
+        self._scene = self._build_scene(colliders, props)
+        self._scene.stop_at_impact = int(stop_at_impact)
         count = len(self.vehicles)
         self._state = Mirror((slots, count, len(TELEMETRY)), wp.float64, device)
         self._rows = wp.array(
@@ -82,7 +75,7 @@ class Fleet:
             device=device,
             copy=False,
         )
-        self._props = Mirror((slots, len(kinds), len(PROP_STATE)), wp.float64, device)
+        self._props = Mirror((slots, len(props), len(PROP_STATE)), wp.float64, device)
         self._events = Mirror((slots, kernel.EVENTS_MAX, len(kernel.EVENT)), wp.float64, device)
         self._event_count = Mirror((slots,), wp.int32, device)
         self._friction = Mirror((slots,), wp.float64, device)
@@ -99,7 +92,7 @@ class Fleet:
         self._unseen = False
         """Events on the device are newer than those on the host."""
         self._placed: list[int] = []
-        if kinds:
+        if props:
             self._outputs.append(self._props)
         self.state = self._state.host
         self.props = self._props.host
@@ -114,6 +107,16 @@ class Fleet:
         self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
         wp.load_module(nearest, device=device, block_dim=_BLOCK)
+
+    def _build_scene(self, colliders: np.ndarray, props: Sequence[PropKind]) -> kernel.VehicleScene:
+        """Everything that vehicles can stand on or hit."""
+        device, scene = self._device, kernel.VehicleScene()
+        scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
+        scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
+        models = [prop_model(kind, PHYSICS_STEP_NS / 1e9) for kind in props]
+        scene.props = wp.array(models or [PropModel()], dtype=PropModel, device=device)
+        scene.ground = self._ground.kernel
+        return scene
 
     @property
     def events(self) -> np.ndarray:

@@ -30,6 +30,22 @@ from schemas.messages import (
 from schemas.wire.bounds import SEALED_MAX
 from schemas.wire.interventions import JOURNAL_FILE
 from schemas.words import agree, counted
+from twin.worker.effects import (
+    AbandonToken,
+    Ask,
+    AssignLease,
+    Effect,
+    FailCase,
+    FailUnbegun,
+    KeepLogs,
+    Leave,
+    Say,
+    SpoolForget,
+    SpoolWrite,
+    StartRig,
+    StopRig,
+)
+from twin.worker.held import Held, Rig
 from twin.worker.spool import pack, unpack
 
 SECOND_NS = 1_000_000_000
@@ -44,148 +60,6 @@ BROKEN_PAUSE_MAX_NS = 10 * SECOND_NS
 """Longest pause after rigs that died one after the other [ns]."""
 GOODBYE_TRIES = 8
 """Requests without an answer after which a draining worker leaves without a goodbye."""
-
-
-# --- effects ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Ask:
-    """Send a request to the conductor; the shell answers with :meth:`Core.on_reply`."""
-
-    request: Request
-
-
-@dataclass(frozen=True, slots=True)
-class StartRig:
-    """Start simulator and stack for this lease's rig key."""
-
-    lease: Lease
-    slots: int
-    """Cases that the rig drives at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class StopRig:
-    """End both processes of the rig."""
-
-
-@dataclass(frozen=True, slots=True)
-class AssignLease:
-    """Hand a lease to the simulator."""
-
-    lease: Lease
-
-
-@dataclass(frozen=True, slots=True)
-class AbandonToken:
-    """The simulator stops working on a token."""
-
-    token: int
-
-
-@dataclass(frozen=True, slots=True)
-class FailCase:
-    """The simulator ends the case of a token as ``failed``: its stack cannot go on."""
-
-    token: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class FailUnbegun:
-    """Make results of cases whose stack failed before they began; :meth:`Core.on_done` hears of
-    each."""
-
-    leases: tuple[Lease, ...]
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class KeepLogs:
-    """Write what the stack printed into the logs of attempts that end without a result."""
-
-    leases: tuple[Lease, ...]
-    end: str
-    """How they ended, in a line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Say:
-    """One line for the log."""
-
-    line: str
-
-
-@dataclass(frozen=True, slots=True)
-class Leave:
-    """End the worker; ``error`` not empty: the conductor refused it."""
-
-    error: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SpoolWrite:
-    """Keep a result that the conductor has not got yet; a later incarnation delivers it."""
-
-    token: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class SpoolForget:
-    """The conductor has settled this result."""
-
-    token: int
-
-
-Effect = (
-    Ask
-    | StartRig
-    | StopRig
-    | AssignLease
-    | AbandonToken
-    | FailCase
-    | FailUnbegun
-    | KeepLogs
-    | Say
-    | Leave
-    | SpoolWrite
-    | SpoolForget
-)
-
-
-# --- state --------------------------------------------------------------------------------------
-
-
-@dataclass(slots=True)
-class Held:
-    """Lease that the worker holds."""
-
-    lease: Lease
-    progress: int = -1
-    moved_ns: int = 0
-    """When progress was last seen [ns]."""
-    touch: Touch | None = None
-    """Last intervention in it."""
-    told: bool = True
-    """The conductor knows."""
-    over: bool = False
-    """The case has ended; its result is on the way to the disk."""
-
-
-@dataclass(slots=True)
-class Rig:
-    """The running rig."""
-
-    key: str
-    slots: int
-    """Cases that it drives at once."""
-    apart: bool = False
-    """It shares its GPU in turns, for the sake of one case; others get another rig."""
-    ready: bool = False
-    faulty: bool = False
-    """Its stack has failed by itself: it ends when the results are there."""
 
 
 @dataclass(slots=True)
@@ -349,7 +223,7 @@ class Core:
             f"steered by hand, {changes} changes, ended with '{result.verdict or result.outcome}'; "
             f"{JOURNAL_FILE} and kpi {result.kpi_sha256[:12]} are in its folder"
         )
-        self.ended.append(self._end_of(result.token, held, "intervened", detail))
+        self.ended.append(held.ended("intervened", detail))
         self.broken = 0
         self.ask_at_ns = now_ns
         return []
@@ -401,8 +275,8 @@ class Core:
         Its cases go back uncharged; until :meth:`on_port_free` nothing is asked for.
         """
         line = f"waits for port {port}, which another rig of this host uses"
-        for token, held in self.held.items():
-            self.ended.append(self._end_of(token, held, "released", line))
+        for held in self.held.values():
+            self.ended.append(held.ended("released", line))
         self.held.clear()
         self.rig, self.waits = None, True
         self.ask_at_ns = now_ns
@@ -423,7 +297,7 @@ class Core:
         the campaign was submitted with; no case is to blame.
         """
         several = sum(not held.over for held in self.held.values()) > 1
-        for token, held in self.held.items():
+        for held in self.held.values():
             suspect = several or (self._on_gpu and not held.lease.alone)
             blames = reason not in ("released", "refused")
             why: Release = "suspect" if suspect and blames else reason
@@ -431,7 +305,7 @@ class Core:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:
                 why = "intervened"  # a hand may have been the reason
-            self.ended.append(self._end_of(token, held, why, detail))
+            self.ended.append(held.ended(why, detail))
         kept = (
             self._keep_logs(f"{reason}: {detail}") if reason not in ("released", "refused") else []
         )
@@ -501,8 +375,8 @@ class Core:
 
     def _end_all(self, reason: Release, detail: str) -> list[Effect]:
         """Give every case back and stop the rig."""
-        for token, held in self.held.items():
-            self.ended.append(self._end_of(token, held, reason, detail))
+        for held in self.held.values():
+            self.ended.append(held.ended(reason, detail))
         kept = self._keep_logs(f"{reason}: {detail}")
         self.held.clear()
         effects: list[Effect] = [*kept, StopRig()] if self.rig else []
@@ -639,10 +513,7 @@ class Core:
             effects += self._asked_to_drain(now_ns)
         if self.phase != "working":
             # Granted while we were about to leave: hand them back.
-            self.ended += [
-                self._end_of(lease.token, Held(lease), "released", "worker leaves")
-                for lease in reply.leases
-            ]
+            self.ended += [Held(lease).ended("released", "worker leaves") for lease in reply.leases]
             return effects
         if self._free() and not reply.leases:
             self.ask_at_ns = now_ns + int(max(reply.retry_after_s * SECOND_NS, IDLE_NS))
@@ -657,7 +528,7 @@ class Core:
                 continue
             if self.rig is not None and self.rig.faulty:
                 why = "the stack of the rig has failed"
-                self.ended.append(self._end_of(lease.token, Held(lease), "released", why))
+                self.ended.append(Held(lease).ended("released", why))
                 self.ask_at_ns = now_ns
                 continue
             key = rig_key(lease.case)
@@ -671,7 +542,7 @@ class Core:
             elif len(self.held) >= self.rig.slots:
                 # Asked for before its rig was known: it may hold fewer cars than were offered.
                 why = f"the rig drives {self.rig.slots} at once"
-                self.ended.append(self._end_of(lease.token, Held(lease), "released", why))
+                self.ended.append(Held(lease).ended("released", why))
                 self.ask_at_ns = now_ns
                 continue
             elif self.rig.ready:
@@ -705,7 +576,3 @@ class Core:
                 )
                 return self.on_rig_died("deadline", detail, now_ns)
         return []
-
-    def _end_of(self, token: int, held: Held, reason: Release, detail: str) -> Ended:
-        case = held.lease.case
-        return Ended(case.campaign, case.id, token, reason, detail[:500])

@@ -1,14 +1,22 @@
-"""Options of a worker, as its command line says them."""
+"""Options of a worker, as its command line says them, and how many slots a rig on a GPU gets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
+from schemas.campaign import Case
 from schemas.messages import Share
 from schemas.wire.view import ViewMode
+from twin.base.gpu.slot_count import MemoryCount
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.keys.key_file import MemberKey
+
+GPU_SLOTS = 128
+"""Slots of a worker on a GPU unless the user says otherwise, where they fit: with more it gets
+little faster, and other workers get less to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +51,10 @@ class WorkerOptions:
     """Which cases are preferred."""
     spool: Path | None = None
     """Folder for results that the conductor has not got yet."""
+
+
+def fitting(device: str, slots: int, case: Case) -> int:
+    """At most ``slots``, and no more than fit into what is free on ``device``."""
+    options = ("--case", "-", "--slots", str(slots), "--device", device)
+    fits = MemoryCount(msgspec.json.encode(case), options).slots()
+    return slots if fits is None else min(slots, fits)

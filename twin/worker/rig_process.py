@@ -178,16 +178,8 @@ class RigProcess:
             stack.log.close()
         self._stack_log = loaded.stack_log if loaded else tempfile.TemporaryFile()  # noqa: SIM115
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
-        if self._folder is not None:
-            listen = self._folder.drive
-        else:
-            listen = options.drive_listen
-            # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
-            listen = to_listen(listen, keyed=options.key is not None or not is_loopback(listen))
+        listen = self._listens_at()
         self._keys = RigKeys(self._id) if is_tls(listen) else None
-        view = options.view or ViewMode(lease.case.view)
-        if lease.case.keep == "none":
-            view = view.unrecorded
         inline = lease.case.placement == "inline"
         simulator = loaded and _usable(loaded.simulator, not inline)
         simulator = simulator or start_simulator(
@@ -198,8 +190,26 @@ class RigProcess:
         self._simulator, self._log = simulator.process, simulator.log
         log = None if remote else self._log if inline else self._stack_log
         self._output = StackOutput(None if log is None else log.fileno())
-        build = BuildRig(
-            lease=lease,
+        self._write(pack(self._building(listen)))
+        threading.Thread(target=self._read, name="rig", daemon=True).start()
+
+    def _listens_at(self) -> str:
+        """Where the rig's session listens."""
+        if self._folder is not None:
+            return self._folder.drive
+        listen = self._options.drive_listen
+        # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
+        return to_listen(listen, keyed=self._options.key is not None or not is_loopback(listen))
+
+    def _building(self, listen: str) -> BuildRig:
+        """First message to the simulator."""
+        options, case = self._options, self._lease.case
+        view = options.view or ViewMode(case.view)
+        if case.keep == "none":
+            view = view.unrecorded
+        elsewhere = case.placement in ("node", "inline")  # or nowhere: its words are among ours
+        return BuildRig(
+            lease=self._lease,
             rig=self._id,
             listen=listen,
             namespace=self._namespace,
@@ -210,10 +220,8 @@ class RigProcess:
             view_connect=options.connect,
             key=str(options.key.path) if options.key else "",
             rig_key=self._keys.simulator_key if self._keys else b"",
-            output=-1 if remote or inline else self._stack_log.fileno(),
+            output=-1 if elsewhere else self._stack_log.fileno(),
         )
-        self._write(pack(build))
-        threading.Thread(target=self._read, name="rig", daemon=True).start()
 
     @property
     def _namespace(self) -> str:

@@ -44,11 +44,25 @@ from twin.rig.pipe import (
     SteeredDone,
     Touched,
 )
-from twin.worker import core as decisions
 from twin.worker.announcement import sweep
+from twin.worker.core import SECOND_NS, Core
 from twin.worker.delivery import Delivery
-from twin.worker.fitting import fitting
-from twin.worker.options import WorkerOptions
+from twin.worker.effects import (
+    AbandonToken,
+    Ask,
+    AssignLease,
+    Effect,
+    FailCase,
+    FailUnbegun,
+    KeepLogs,
+    Leave,
+    Say,
+    SpoolForget,
+    SpoolWrite,
+    StartRig,
+    StopRig,
+)
+from twin.worker.options import WorkerOptions, fitting
 from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
@@ -115,7 +129,7 @@ class Worker:
         # In the memory of this process alone: no child inherits it, and nothing of it is written.
         session = new_secret()
         self._resources = ResourceLog(self.id, host, options.device, _log)
-        self._core = decisions.Core(
+        self._core = Core(
             Hello(
                 v=SCHEMA_VERSION,
                 worker=self.id,
@@ -134,7 +148,7 @@ class Worker:
                 session=session,
             ),
             until_done=options.until_done,
-            drain_ns=int(options.drain_s * decisions.SECOND_NS),
+            drain_ns=int(options.drain_s * SECOND_NS),
             walltime_end_ns=_walltime_end_ns(options.walltime_s),
             memory_max_bytes=memory_bytes,
             fitting=partial(fitting, options.device, options.slots) if options.fit else None,
@@ -270,13 +284,13 @@ class Worker:
             lease for lease in leases if not self._delivery.holds(lease.token)
         )
 
-    def _handle(self, event: Any, now: int) -> list[decisions.Effect]:
+    def _handle(self, event: Any, now: int) -> list[Effect]:
         core = self._core
         match event:
             case _Answered(request, reply):
                 return core.on_reply(request, reply, now)
             case _Undeliverable(error):
-                return [decisions.Leave(error)]
+                return [Leave(error)]
             case _PortFree():
                 return core.on_port_free(now)
             case _Signalled(name):
@@ -340,7 +354,7 @@ class Worker:
         await_turn(port)
         self._inbox.put(_PortFree())
 
-    def _start_others(self, endpoint: str, view: str, now: int) -> list[decisions.Effect]:
+    def _start_others(self, endpoint: str, view: str, now: int) -> list[Effect]:
         """The simulator listens: start the stack, and a recorder that reads at ``view``."""
         assert self._rig is not None
         try:
@@ -390,46 +404,46 @@ class Worker:
                 _log(str(error))
                 return
 
-    def _carry_out(self, effects: list[decisions.Effect]) -> None:
+    def _carry_out(self, effects: list[Effect]) -> None:
         assert self._delivery is not None
         for effect in effects:
             match effect:
-                case decisions.Ask(request):
+                case Ask(request):
                     self._requests.put(request)
-                case decisions.StartRig(lease, slots):
+                case StartRig(lease, slots):
                     lease = self._delivery.localized(lease)
                     self._start_rig(lease, slots)
-                case decisions.StopRig():
+                case StopRig():
                     if self._rig is not None:
                         self._rig.stop()
                         self._rig = None
-                case decisions.AssignLease(lease):
+                case AssignLease(lease):
                     if self._rig is not None:
                         self._rig.assign(self._delivery.localized(lease))
-                case decisions.AbandonToken(token):
+                case AbandonToken(token):
                     if self._rig is not None:
                         self._rig.abandon(token)
-                case decisions.FailCase(token, reason):
+                case FailCase(token, reason):
                     if self._rig is not None:
                         self._rig.fail(token, reason)
-                case decisions.FailUnbegun(leases, reason):
+                case FailUnbegun(leases, reason):
                     now = time.monotonic_ns()
                     for result in self._failures(leases, reason):
                         self._carry_out(self._core.on_done(result, now))
-                case decisions.KeepLogs(leases, end):
+                case KeepLogs(leases, end):
                     self._keep_logs(leases, end)
-                case decisions.Say(line):
+                case Say(line):
                     _log(line)
-                case decisions.SpoolWrite(token, data):
+                case SpoolWrite(token, data):
                     if self._delivery.holds(token):
                         continue  # without its files, which end with us, it is worth nothing
                     try:
                         self._spool.write(token, data)
                     except OSError as error:
                         _log(f"{storage_error(error, 'spool')}; results wait in memory")
-                case decisions.SpoolForget(token):
+                case SpoolForget(token):
                     self._spool.forget(token)
-                case decisions.Leave(error):
+                case Leave(error):
                     self._error = error
                     self._left = True
 
@@ -438,7 +452,7 @@ def _walltime_end_ns(walltime_s: float | None) -> int | None:
     """The end of the allocation, less the time to leave, on the clock of the main loop [ns]."""
     if walltime_s is None:
         return None
-    return time.monotonic_ns() + int((walltime_s - HAND_BACK_S) * decisions.SECOND_NS)
+    return time.monotonic_ns() + int((walltime_s - HAND_BACK_S) * SECOND_NS)
 
 
 def _log(line: str) -> None:

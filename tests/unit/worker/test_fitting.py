@@ -1,4 +1,4 @@
-"""twin.worker.fitting: slots by the simulator's own count. What fits on a GPU only one can say."""
+"""twin.worker.options: slots by the simulator's own count. What fits on a GPU only one can say."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import msgspec
 from conductor.run.source import find
 from schemas.campaign import parse_cases
 from schemas.files.yaml_file import load_yaml
-from twin.worker.fitting import fitting
+from twin.worker.options import fitting
 
 CASE = parse_cases(load_yaml(find("aeb-demo")))[1][0]
 

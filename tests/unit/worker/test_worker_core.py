@@ -11,15 +11,11 @@ from schemas.identity import rig_key
 from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
 from schemas.wire.codec import decode
 from twin.fabric.session import is_sealed, signer_of
-from twin.worker.core import (
-    GOODBYE_TRIES,
-    IDLE_NS,
-    RETRY_NS,
-    SECOND_NS,
+from twin.worker.core import GOODBYE_TRIES, IDLE_NS, RETRY_NS, SECOND_NS, Core
+from twin.worker.effects import (
     AbandonToken,
     Ask,
     AssignLease,
-    Core,
     FailCase,
     FailUnbegun,
     KeepLogs,

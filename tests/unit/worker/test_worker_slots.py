@@ -5,7 +5,8 @@ from __future__ import annotations
 import msgspec
 from test_worker_core import CASES, joined, lease, reply, result
 
-from twin.worker.core import SECOND_NS, AssignLease, StartRig
+from twin.worker.core import SECOND_NS
+from twin.worker.effects import AssignLease, StartRig
 
 
 def test_a_stack_that_drives_one_car_gets_one_case_at_a_time():

@@ -1,0 +1,112 @@
+"""Options of the command ``twin worker``, and the processor cores that one of them names."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from schemas.wire.view import ViewMode
+from twin.base.cli import SECONDS_MAX, duration
+from twin.base.errors import UsageError
+
+ConnectOption = Annotated[
+    str,
+    typer.Option(
+        help="The conductor's endpoint, e.g. tls/login1:7447; -: as `conductor run` will say "
+        "on standard input."
+    ),
+]
+StateOption = Annotated[
+    Path | None,
+    typer.Option(help="Or: the conductor's state folder, on a shared file system."),
+]
+WaitOption = Annotated[float, duration("With --state: wait this long for a conductor [s].")]
+NamespaceOption = Annotated[str, typer.Option(help="Namespace of the conductor.")]
+SlotsOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=4096,
+        help="Cases simulated together; default: 1 on the CPU, on a GPU 128, or as many as its "
+        "free memory holds.",
+    ),
+]
+CoresOption = Annotated[
+    str, typer.Option(help="Processor cores for it and its rigs, as in 0-7,12; default: all.")
+]
+ExplainOption = Annotated[
+    bool, typer.Option("--explain", help="Say how its frames would travel, and end.")
+]
+DriveListenOption = Annotated[
+    str,
+    typer.Option(help="Where simulators listen for stacks on other nodes; beyond loopback TLS."),
+]
+JoinDirOption = Annotated[
+    str,
+    typer.Option(help="Shared folder that tells `devkit host --join` of such simulators."),
+]
+ViewOption = Annotated[
+    ViewMode | None,
+    typer.Option(
+        help="live: viewers may look; record: one .rrd per attempt beside its KPIs; "
+        "default: as the campaign says."
+    ),
+]
+UntilDoneOption = Annotated[bool, typer.Option("--until-done", help="Leave when no case is left.")]
+DrainSOption = Annotated[float, duration("After SIGTERM, running cases may go on this long [s].")]
+WalltimeSOption = Annotated[
+    float | None,
+    duration(
+        "The allocation ends so long from now: only cases that fit are leased, and "
+        "everything is given back before it; below 0: it is over [s].",
+        least=-SECONDS_MAX,
+        envvar="TWIN_WALLTIME_S",
+    ),
+]
+MemoryGbOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, max=1e6, help="Most memory of a rig; one that needs more is ended [GB]."),
+]
+TagOption = Annotated[
+    list[str] | None,
+    typer.Option(help="A word that campaigns may ask for (`requires.tags`); repeatable."),
+]
+SpoolOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
+]
+LoadSimulatorOption = Annotated[bool, typer.Option("--load-simulator", hidden=True)]
+
+
+def stay_on(text: str) -> None:
+    """Keep this process and its children on the cores of ``text``, as in ``0-7,12``.
+
+    Raises:
+        UsageError: not such a list, or none of the cores may be used here.
+    """
+    wanted = parse_cores(text)
+    allowed = os.sched_getaffinity(0)
+    if not wanted & allowed:
+        here = ",".join(str(core) for core in sorted(allowed)[:16])
+        raise UsageError(f"--cores {text}: none of them is allowed here; allowed: {here}")
+    os.sched_setaffinity(0, wanted & allowed)
+
+
+def parse_cores(text: str) -> set[int]:
+    """Numbers and ranges with commas.
+
+    Raises:
+        UsageError: something else.
+    """
+    found: set[int] = set()
+    for part in text.split(","):
+        match = re.fullmatch(r"([0-9]{1,5})(?:-([0-9]{1,5}))?", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if first > last:
+            raise UsageError(f"--cores {text[:80]}: expected numbers and ranges, as in 0-7,12")
+        found |= set(range(first, last + 1))
+    return found
