@@ -38,7 +38,10 @@ class LeadMeasure:
     """A sentence about the column."""
     text: str
     """In sentences, without the unit."""
+    hover: str
+    """Of one case, with its value: ``smallest distance {:.3f} m``."""
     digits: int = 2
+    """After the point, in tables; in the cells of a map one less."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,22 +2,8 @@
 
 from __future__ import annotations
 
+from schemas.kinds.kpi import scalars_by_name
 from schemas.wire.view import CaseEnd, CaseStart, clock
-
-_SCALARS = {
-    "dtc_min_m": ("closest", "m"),
-    "aeb_time_s": ("AEB after", "s"),
-    "aeb_dtc_m": ("AEB at", "m"),
-    "impact_speed_mps": ("impact", "m/s"),
-    "decel_peak_mps2": ("peak deceleration", "m/s²"),
-    "sim_time_s": ("sim time", "s"),
-}
-_LANE_SCALARS = {
-    "distance_m": ("along the lane", "m"),
-    "lateral_error_rms_m": ("lateral error RMS", "m"),
-    "lateral_error_max_m": ("largest lateral error", "m"),
-}
-"""Scalar -> what it is called, unit."""
 
 
 def running_text(start: CaseStart, hand: str = "") -> str:
@@ -49,9 +35,12 @@ def _what(start: CaseStart) -> str:
 
 def _figures(end: CaseEnd) -> str:
     """All scalars as running text: a row for each would not fit into the panel."""
-    lane = {} if end.scalars.get("distance_m") is None else _LANE_SCALARS
+    kinds = sorted(scalars_by_name().values(), key=lambda kind: not kind.by_scenario)
     said = []
-    for name, (label, unit) in {**lane, **_SCALARS}.items():
-        value = end.scalars.get(name)
-        said.append(f"{label} -" if value is None else f"{label} {value:.2f} {unit}")
+    for kind in kinds:
+        value = end.scalars.get(kind.name)
+        if not kind.panel or (value is None and kind.by_scenario):
+            continue
+        unit = kind.unit.replace("^2", "²")
+        said.append(f"{kind.panel} -" if value is None else f"{kind.panel} {value:.2f} {unit}")
     return " · ".join(said)

@@ -95,7 +95,7 @@ def _missing(dossier: Dossier) -> list[Finding]:
     blind = [row for row in decided if row.scalar("dtc_min_m") is None]
     # Where nothing stands in the lane no case has a distance, and none is missing.
     free = len(blind) == len(decided) and dossier.imported is None
-    if blind and not free and not dossier.lane_keeping:
+    if blind and not free and dossier.scenario.stops_for_target:
         text = (
             f"Of {counted(len(blind), 'case', 'cases')} with a verdict the smallest distance is "
             "missing; the figures below leave them out."
@@ -242,7 +242,7 @@ def _hidden(dossier: Dossier) -> list[Finding]:
     found = [
         Finding("hidden", f"{text}{': ' if parts else ''}{', '.join(parts)}.", cases=_ids(short))
     ]
-    return found + ([] if dossier.lane_keeping else _braked_early(dossier))
+    return found + (_braked_early(dossier) if dossier.scenario.stops_for_target else [])
 
 
 def _braked_early(dossier: Dossier) -> list[Finding]:

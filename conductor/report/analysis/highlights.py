@@ -28,8 +28,7 @@ class Highlights:
     false_braking_by: list[tuple[str, list[tuple[Any, dict[str, str]]]]]
     """By axis: per value and model how many of how many."""
     closest: list[CaseRow]
-    """Cases without a collision with the smallest distance to the obstacle; of lane keeping those
-    furthest from the lane's centre."""
+    """Those that :attr:`schemas.kinds.scenario.ScenarioReport.extreme` is about."""
     hardest: list[CaseRow]
     slowest: list[CaseRow]
     """Cases that took the most wall time."""
@@ -46,14 +45,16 @@ def highlights(dossier: Dossier, rests_m: dict[str, list[float]]) -> Highlights:
     ]
     braked.sort(key=lambda pair: -(pair[1] or 0.0))
     by = [(axis_label(axis), counts_by(dossier, axis, "false_braking")) for axis in _axes(dossier)]
-    closest = ("lateral_error_max_m", True) if dossier.lane_keeping else ("dtc_min_m", False)
+    extreme = dossier.scenario.report.extreme
     timed = [row for row in dossier.rows if row.end.attempt and row.end.wall_s > 0]
     return Highlights(
         models=[str(model) for model in axis_values(dossier, "model")],
         false_braking=braked[:FALSE_BRAKING_MAX],
         false_braking_more=max(0, len(braked) - FALSE_BRAKING_MAX),
         false_braking_by=[table for table in by if table[1]],
-        closest=extremes(unhurt, closest[0], largest=closest[1]),
+        closest=extremes(
+            unhurt if extreme.of == "unhurt" else decided, extreme.scalar, largest=extreme.largest
+        ),
         hardest=extremes(decided, "impact_speed_mps", largest=True),
         slowest=sorted(timed, key=lambda row: -row.end.wall_s)[:SLOWEST_MAX],
     )

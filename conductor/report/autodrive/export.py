@@ -57,6 +57,7 @@ from schemas.files.autodrive_log import (
     WEATHER,
     log_name,
 )
+from schemas.kinds.scenario import scenario_kinds
 from schemas.names import WEATHERS
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
@@ -138,10 +139,11 @@ def _instance(row: CaseRow, log_sha256: str) -> Instance:
 
 
 def _check(dossier: Dossier, out: Path) -> None:
-    if dossier.lane_keeping:
+    if not dossier.scenario.as_autodrive:
+        known = " or ".join(k.name for k in scenario_kinds().declared if k.as_autodrive)
         raise UsageError(
-            f"{dossier.folder}: cases keep their lane, and the logs of the AutoDRIVE study are "
-            "about braking for an obstacle; export a campaign of type jump_scare"
+            f"{dossier.folder}: in its cases {dossier.scenario.doc}, and the logs of the AutoDRIVE "
+            f"study are about braking for an obstacle; export a campaign of type {known}"
         )
     strange = sorted({row.case.weather for row in dossier.rows} - set(WEATHERS))
     if strange:

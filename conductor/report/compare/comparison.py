@@ -24,19 +24,9 @@ from conductor.report.reading.axes import axis_label, axis_value, axis_values, v
 from conductor.report.reading.dossier import CaseRow, Dossier
 from schemas.campaign import Case
 from schemas.identity import by_content
+from schemas.kinds.kpi import KpiKind, scalars_by_name
 from schemas.sections.stack_identity import difference
 from twin.base.errors import UsageError
-
-SHIFTS = (
-    ("dtc_min_m", "Closest distance [m]"),
-    ("aeb_dtc_m", "Distance at the AEB trigger [m]"),
-    ("aeb_time_s", "Time of the AEB trigger [s]"),
-    ("impact_speed_mps", "Impact speed [m/s]"),
-    ("lateral_error_rms_m", "Lateral error RMS [m]"),
-    ("lateral_error_max_m", "Largest lateral error [m]"),
-    ("sim_time_s", "Duration of the case [s]"),
-)
-"""Scalars that are compared."""
 
 Change = Literal["worse", "better", "other"]
 
@@ -188,7 +178,7 @@ def compare(
         p_value=mcnemar(won, lost),
         difference=newcombe_paired(*counts),
         axes=_axes(before, pairs),
-        shifts=[shift for name, label in SHIFTS if (shift := _shift(name, label, pairs))],
+        shifts=[shift for kind in _compared(before) if (shift := _shift(kind, pairs))],
         notes=_notes(before, after, pairs, identical=identical),
     )
 
@@ -283,10 +273,17 @@ def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLi
     ]
 
 
-def _shift(name: str, label: str, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
+def _compared(dossier: Dossier) -> list[KpiKind]:
+    """Scalars that are compared: those of the scenario's case table first, in its order."""
+    table = dossier.scenario.report.table
+    found = [kind for kind in scalars_by_name().values() if kind.compared]
+    return sorted(found, key=lambda k: table.index(k.name) if k.name in table else len(table))
+
+
+def _shift(kind: KpiKind, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
     """None: neither run has it anywhere."""
     lost = gained = 0
-    known: list[tuple[float, str]] = []
+    name, known = kind.name, list[tuple[float, str]]()
     for a, b in pairs:
         first, second = _finite(a, name), _finite(b, name)
         if first is not None and second is not None:
@@ -300,7 +297,7 @@ def _shift(name: str, label: str, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift
     largest, case = max(changed, key=lambda pair: abs(pair[0]), default=(None, ""))
     return Shift(
         name=name,
-        label=label,
+        label=kind.compared,
         pairs=len(known),
         changed=len(changed),
         median=median_interval(differences),

@@ -15,6 +15,7 @@ from conductor.report.plots.palette import status_color, status_symbol
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.systems import system_names
+from schemas.kinds.scenario import kind_of
 
 _REASONS, _REASON_CHARS = 2, 90
 _MEASURES_MAX = 4
@@ -81,12 +82,10 @@ def _is_number(value: float | int | None) -> TypeGuard[float | int]:
 def _hover(row: CaseRow) -> str:
     """Lines without the name; markup of Plotly's kind, so everything given is escaped."""
     lines = [html.escape(row.status.replace("_", " "), quote=False)]
-    distance, speed = row.scalar("dtc_min_m"), row.scalar("impact_speed_mps")
-    error = row.scalar("lateral_error_rms_m")
-    if error is not None:
-        lines.append(f"lateral error {error:.3f} m RMS")
-    elif distance is not None:
-        lines.append(f"smallest distance {distance:.3f} m")
+    lead = kind_of(row.case.scenario).report.lead
+    value, speed = row.scalar(lead.scalar), row.scalar("impact_speed_mps")
+    if value is not None:
+        lines.append(lead.hover.format(value))
     if speed is not None:
         lines.append(f"impact at {speed:.2f} m/s")
     if row.status != "pass":

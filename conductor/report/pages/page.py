@@ -36,12 +36,13 @@ from conductor.report.reading.axes import (
     heat_axes,
     varied_axes,
 )
-from conductor.report.reading.curves import Floats, drawn, time_label
+from conductor.report.reading.curves import LOOKS, Floats, drawn, overview, time_label
 from conductor.report.reading.dossier import Dossier
 from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
+from schemas.kinds.kpi import scalars_by_name
 
 _SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
 """Parts of one script, in this order."""
@@ -72,6 +73,9 @@ def render(content: Content, failures: list[Failure]) -> str:
         perception=perception_costs(dossier),
         names=names,
         systems=verdict_table(dossier),
+        report=dossier.scenario.report,
+        digits={kind.name: kind.digits for kind in scalars_by_name().values()},
+        lead_unit=scalars_by_name()[dossier.scenario.report.lead.scalar].unit,
         statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
         trouble=without_verdict(dossier),
         lines_max=LINES_MAX,
@@ -121,7 +125,7 @@ def _page_data(content: Content) -> dict[str, Any]:
     """What the page's script draws from."""
     dossier = content.dossier
     curves = _known(content)
-    grid = tuple(name for name in curves if name != "speed_mps" or dossier.lane_keeping)
+    grid = overview(dossier, curves)
     names = system_names(dossier)
     models = list(names)
     rows = [names[model] for model in models[:GRID_ROWS_MAX]]
@@ -175,7 +179,7 @@ def _ranges(content: Content, names: tuple[str, ...]) -> dict[str, tuple[float, 
         joined = np.concatenate(known) if known else np.zeros(0)
         if len(joined):
             low, high = float(joined.min()), float(joined.max())
-            found[name] = (low, max(high, low + 1.0) if name != "lateral_error_m" else high)
+            found[name] = (low, max(high, low + 1.0) if LOOKS[name].scale != "signed" else high)
     return found
 
 

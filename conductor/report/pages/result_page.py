@@ -45,6 +45,7 @@ from conductor.report.reading.recorded import ask_viewer
 from conductor.report.reading.systems import system_name, system_names, system_text
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.files.yaml_file import dump_yaml
+from schemas.kinds.kpi import scalars_by_name
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 
@@ -121,6 +122,7 @@ def _render(
     content: Content, sections: list[ModelSection], texts: dict[str, str], folder: str
 ) -> str:
     dossier = content.dossier
+    report = dossier.scenario.report
     jinja = environment(autoescape=False)
     jinja.filters["md"] = escaped
     rows = dossier.rows
@@ -145,12 +147,17 @@ def _render(
         axes=[axis_label(axis) for axis in page_axes(dossier)],
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
-        false_braking=_counted(dossier, "false_braking"),
-        lane_departures=_counted(dossier, "lane_departure"),
+        report=report,
+        digits={kind.name: kind.digits for kind in scalars_by_name().values()},
+        lead_unit=scalars_by_name()[report.lead.scalar].unit,
+        counted=[(table, _counted(dossier, table.verdict)) for table in report.counted],
         extremes={
             "hardest": extremes(rows, "impact_speed_mps", largest=True),
-            "nearest": extremes(unhurt, "dtc_min_m", largest=False),
-            "astray": extremes(rows, "lateral_error_max_m", largest=True),
+            "scenario": extremes(
+                unhurt if report.extreme.of == "unhurt" else rows,
+                report.extreme.scalar,
+                largest=report.extreme.largest,
+            ),
             "longest": extremes(rows, "sim_time_s", largest=True),
         },
         sections=sections,
@@ -232,7 +239,8 @@ def _shown(dossier: Dossier, row: CaseRow, missing: str) -> Shown:
     time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
     aeb = "No AEB."
     if time is not None:
-        where = "" if dossier.lane_keeping else f", {number(distance)} m before it"
+        before = f", {number(distance)} m before it"
+        where = before if dossier.scenario.stops_for_target else ""
         aeb = f"AEB at {time:.2f} s{where}."
     return Shown(
         kind=kind_of(row),

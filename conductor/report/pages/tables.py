@@ -14,6 +14,7 @@ from conductor.report.reading.curves import time_label
 from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
 from schemas.files.kpi import NAMES, SCALARS
+from schemas.kinds.kpi import scalars_by_name
 
 KNOWN_STATUSES = (
     "pass",
@@ -50,6 +51,8 @@ class SystemRow:
     """Status -> cases, in the order of :func:`statuses`; 0 where there is none."""
     stops_m: tuple[float, float, float] | None
     """Smallest, median and largest of the smallest distances of cases without a collision [m]."""
+    lead: tuple[float, float, float] | None
+    """Smallest, median and largest value of the scalar that the scenario leads with."""
     lateral_rms_m: tuple[float, float, float] | None
     """Smallest, median and largest lateral error (RMS) of decided cases; lane keeping [m]."""
 
@@ -94,11 +97,21 @@ def _system(dossier: Dossier, model: str, rows: list[CaseRow]) -> SystemRow:
         no_collision=sum(row.no_collision is True for row in rows),
         total=len(rows),
         counts={s: sum(row.status == s for row in rows) for s in statuses(dossier)},
+        lead=_lead(dossier, rows),
         stops_m=_spread([row.scalar("dtc_min_m") for row in rows if row.no_collision]),
         lateral_rms_m=_spread(
             [row.scalar("lateral_error_rms_m") for row in rows if row.passed is not None]
         ),
     )
+
+
+def _lead(dossier: Dossier, rows: list[CaseRow]) -> tuple[float, float, float] | None:
+    lead = dossier.scenario.report.lead
+    if lead.of == "unhurt":
+        counted = [row for row in rows if row.no_collision]
+    else:
+        counted = [row for row in rows if row.passed is not None]
+    return _spread([row.scalar(lead.scalar) for row in counted])
 
 
 def _spread(values: list[float | int | None]) -> tuple[float, float, float] | None:
@@ -108,21 +121,12 @@ def _spread(values: list[float | int | None]) -> tuple[float, float, float] | No
 
 def case_columns(dossier: Dossier) -> list[tuple[str, str]]:
     """Title and scalar of the numbers in the case table."""
-    lane = [
-        ("Distance [m]", "distance_m"),
-        ("Lateral error RMS [m]", "lateral_error_rms_m"),
-        ("Largest [m]", "lateral_error_max_m"),
+    known = scalars_by_name()
+    labels = {name: known[name].label for name in dossier.scenario.report.table}
+    columns = [
+        (time_label(dossier) if name == "sim_time_s" else label, name)
+        for name, label in labels.items()
     ]
-    brake = [
-        ("Min DTC [m]", "dtc_min_m"),
-        ("Impact [m/s]", "impact_speed_mps"),
-        ("AEB at [s]", "aeb_time_s"),
-        ("AEB DTC [m]", "aeb_dtc_m"),
-        ("AEB TTC [s]", "aeb_ttc_s"),
-        ("Peak decel. [m/s²]", "decel_peak_mps2"),
-    ]
-    drive = [("Top speed [m/s]", "speed_max_mps"), (time_label(dossier), "sim_time_s")]
-    columns = [*(lane + brake[1:3] if dossier.lane_keeping else brake), *drive]
     if dossier.imported is None:
         return columns
     # Logs never hold some of them, and a column of dashes looks like cases without a value.

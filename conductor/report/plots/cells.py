@@ -7,6 +7,7 @@ from typing import Any
 
 from conductor.report.reading.axes import axis_value, axis_values
 from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
+from schemas.kinds.scenario import kind_of
 
 _OTHER = ""
 # From bad to good: a cell of several cases shows the worst of them.
@@ -54,13 +55,11 @@ def cell_number(cell: list[CaseRow]) -> str:
 
 
 def case_number(row: CaseRow) -> str:
-    """Smallest distance of a case with a verdict [m], of a collision the impact speed [m/s], of
-    lane keeping the lateral error [m]. Empty: it is not known."""
+    """The scalar that its scenario leads with, of a collision the impact speed [m/s]. Empty: it is
+    not known."""
     if row.status == "collision":
         speed = row.scalar("impact_speed_mps")
         return "" if speed is None else f"{speed:.1f}"
-    error = row.scalar("lateral_error_rms_m")
-    if error is not None:
-        return f"{error:.2f}"
-    distance = row.scalar("dtc_min_m") if row.no_collision else None
-    return "" if distance is None else f"{distance:.1f}"
+    lead = kind_of(row.case.scenario).report.lead
+    value = row.scalar(lead.scalar) if lead.of == "decided" or row.no_collision else None
+    return "" if value is None else f"{value:.{lead.digits - 1}f}"

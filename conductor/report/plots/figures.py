@@ -13,45 +13,21 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from conductor.report.plots.spread import SHARES
+from conductor.report.reading.curves import LOOKS
 
-SAFETY_M = 1.0
-"""Factor of safety of the paper's Fig. 5 [m]."""
 GRID_ROWS_MAX = 8
 """Most systems under test in the figure of all."""
 
-TITLES = {
-    "lateral_error_m": ("Lateral error", "left of lane's centre [m]"),
-    "aeb": ("AEB trigger", "AEB [0/1]"),
-    "dtc_m": ("Distance to collision", "DTC [m]"),
-    "collisions": ("Collisions so far", "count [-]"),
-    "throttle": ("Throttle command", "throttle [-]"),
-    "brake": ("Brake command", "brake [-]"),
-    "speed_mps": ("Speed", "speed [m/s]"),
-}
-"""Curve -> title of its row, title of its axis."""
-SPREAD_TITLES = {
-    "aeb": ("AEB trigger, share of cases", "share [-]"),
-    "collisions": ("Collided, share of cases", "share [-]"),
-    "throttle": ("Throttle, spread over cases", "throttle [-]"),
-    "brake": ("Brake, spread over cases", "brake [-]"),
-}
-"""Likewise, where there are too many cases for a line each."""
-
 _SAFETY_COLOR = "#B3261E"
-_ROW_HEIGHTS = {
-    "aeb": 0.6,
-    "dtc_m": 1.6,
-    "collisions": 0.6,
-    "speed_mps": 1.2,
-    "lateral_error_m": 1.6,
-}
 _GRID_ROW_PX = 170
 
 
 def titles(*, spread: bool) -> dict[str, tuple[str, str]]:
-    """Titles of the curves; ``spread``: of distributions over many cases."""
-    return {**TITLES, **SPREAD_TITLES} if spread else TITLES
+    """Title of a curve's row, title of its axis; ``spread``: of distributions over many cases."""
+    return {
+        name: look.spread if spread and look.spread else (look.title, look.axis)
+        for name, look in LOOKS.items()
+    }
 
 
 def column_title(name: str, *, spread: bool) -> str:
@@ -84,12 +60,13 @@ def grid_frame(
         for column, name in enumerate(curves, 1):
             row, col = (number * len(curves) + column, 1) if stacked else (number + 1, column)
             _set_range(figure, name, row, col, spread=spread)
-            if name not in ("aeb", "throttle", "brake", *(SHARES if spread else ())):
+            look = LOOKS[name]
+            if look.scale not in ("switch", "0 to 1") and not (spread and look.share):
                 low, high = ranges.get(name, (0.0, 1.0))
                 span = [min(low, 0.0), high + 0.04 * (high - low)]
                 figure.update_yaxes(range=span, row=row, col=col)
-            if name == "dtc_m":
-                _safety_line(figure, row, col, told=number == 0)
+            if look.safety_m:
+                _safety_line(figure, row, col, look.safety_m, told=number == 0)
     if not stacked:
         figure.update_xaxes(title={"text": time_label}, row=len(models))
     figure.update_layout(
@@ -143,7 +120,7 @@ def curve_frame(
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.035,
-        row_heights=[_ROW_HEIGHTS.get(name, 0.8) for name in curves],
+        row_heights=[LOOKS[name].height for name in curves],
         subplot_titles=[told[name][0] for name in curves],
     )
     # make_subplots centres the titles; a reader looks for them at the left.
@@ -152,7 +129,8 @@ def curve_frame(
     for index, name in enumerate(curves, 1):
         figure.update_yaxes(title={"text": told[name][1]}, row=index, col=1)
         _set_range(figure, name, index, 1, spread=spread)
-    _safety_line(figure, curves.index("dtc_m") + 1, 1, told=True)
+        if LOOKS[name].safety_m:
+            _safety_line(figure, index, 1, LOOKS[name].safety_m, told=True)
     figure.update_xaxes(title={"text": time_label}, row=len(curves), col=1)
     figure.update_layout(
         template=go.layout.Template(),
@@ -176,39 +154,42 @@ _LEGEND = {
 
 
 def _set_range(figure: Any, name: str, row: int, column: int, *, spread: bool) -> None:
-    if name in ("aeb", "collisions") and spread:
-        figure.update_yaxes(range=[0, 1.04], tickvals=[0, 0.5, 1], row=row, col=column)
-    elif name == "aeb":
-        figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 1], row=row, col=column)
-    elif name in ("throttle", "brake"):
-        figure.update_yaxes(range=[-0.08, 1.08], tickvals=[0, 0.5, 1], row=row, col=column)
-    elif name == "collisions":
-        figure.update_yaxes(rangemode="tozero", dtick=1, row=row, col=column)
-    elif name == "lateral_error_m":
-        figure.update_yaxes(zeroline=True, row=row, col=column)
-    else:
-        figure.update_yaxes(rangemode="tozero", row=row, col=column)
+    look = LOOKS[name]
+    axis: dict[str, Any] = _AXES[look.scale]
+    if spread and look.share:
+        axis = {"range": [0, 1.04], "tickvals": [0, 0.5, 1]}
+    figure.update_yaxes(**axis, row=row, col=column)
 
 
-def _safety_line(figure: Any, row: int, column: int, *, told: bool) -> None:
+_AXES: dict[str, dict[str, Any]] = {
+    "switch": {"range": [-0.08, 1.08], "tickvals": [0, 1]},
+    "0 to 1": {"range": [-0.08, 1.08], "tickvals": [0, 0.5, 1]},
+    "count": {"rangemode": "tozero", "dtick": 1},
+    "signed": {"zeroline": True},
+    "from 0": {"rangemode": "tozero"},
+}
+"""Axes by the scale of a curve."""
+
+
+def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, told: bool) -> None:
     figure.add_shape(
         type="line",
         xref="x domain",
         x0=0,
         x1=1,
-        y0=SAFETY_M,
-        y1=SAFETY_M,
+        y0=safety_m,
+        y1=safety_m,
         line={"color": _SAFETY_COLOR, "width": 1.5, "dash": "dash"},
         row=row,
         col=column,
     )
     if told:
         figure.add_annotation(
-            text=f"factor of safety {SAFETY_M:g} m",
+            text=f"factor of safety {safety_m:g} m",
             xref="x domain",
             x=0.004,
             xanchor="left",
-            y=SAFETY_M,
+            y=safety_m,
             yanchor="bottom",
             showarrow=False,
             font={"color": _SAFETY_COLOR, "size": 11},

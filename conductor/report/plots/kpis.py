@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from conductor.report.pages.content import Content
-from conductor.report.plots.figures import GRID_ROWS_MAX, SAFETY_M, column_title
+from conductor.report.plots.figures import GRID_ROWS_MAX, column_title
 from conductor.report.plots.palette import line_styles, status_color
 from conductor.report.plots.parts import (
     LEGEND_ROW_IN,
@@ -18,7 +18,7 @@ from conductor.report.plots.parts import (
 )
 from conductor.report.plots.spread import SHARES, Spread, spread_of
 from conductor.report.reading.axes import axis_value, axis_values, varied_axes
-from conductor.report.reading.curves import KpiCurve, drawn, time_label
+from conductor.report.reading.curves import LOOKS, KpiCurve, drawn, overview, time_label
 from conductor.report.reading.dossier import CaseRow
 from conductor.report.reading.systems import system_names
 
@@ -27,15 +27,13 @@ LINES_MAX = 400
 _PANEL_IN = (2.9, 1.7)
 """Width and height of a panel [inches]."""
 _INK = "#3B4754"
-_UNITY = ("aeb", "throttle", "brake")
-"""Curves from 0 to 1."""
 
 
 def kpis_plot(content: Content, sheet: Figure) -> bool:
     """A row per system under test, a column per KPI; a line per case, or of many cases how they
     are spread. False: there is nothing to draw."""
     dossier = content.dossier
-    names = [n for n in drawn(dossier) if n != "speed_mps" or dossier.lane_keeping]
+    names = list(overview(dossier, drawn(dossier)))
     systems = dict(list(system_names(dossier).items())[:GRID_ROWS_MAX])
     with_curve = [row for row in content.shown if row.case.id in content.curves]
     by_model = {m: [row for row in with_curve if row.case.model == m] for m in systems}
@@ -87,8 +85,8 @@ def _draw_lines(panel: Figure, name: str, curves: list[KpiCurve], colors: list[s
         )
     )
     panel.autoscale_view()
-    if name == "dtc_m":
-        panel.axhline(SAFETY_M, color="#B3261E", lw=0.8, ls="--")
+    if LOOKS[name].safety_m:
+        panel.axhline(LOOKS[name].safety_m, color="#B3261E", lw=0.8, ls="--")
 
 
 def _draw_spread(panel: Figure, name: str, spread: Spread) -> None:
@@ -105,10 +103,11 @@ def _draw_spread(panel: Figure, name: str, spread: Spread) -> None:
 
 def _limit(panel: Figure, name: str, *, share: bool) -> None:
     """Nothing is drawn below 0 but what can be negative; limits are those of the whole column."""
-    if name in _UNITY or share:
+    scale = LOOKS[name].scale
+    if scale in ("switch", "0 to 1") or share:
         panel.set_ylim(0, 1.04)
-    elif name != "lateral_error_m":
+    elif scale != "signed":
         top = panel.get_ylim()[1]
-        panel.set_ylim(0, max(top, 1.04) if name == "collisions" else top)
-    if name == "collisions" and not share:
+        panel.set_ylim(0, max(top, 1.04) if scale == "count" else top)
+    if scale == "count" and not share:
         panel.yaxis.get_major_locator().set_params(integer=True)

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from conductor.report.reading.curves import BINS, SHARED, Floats, KpiCurve, binned
+from conductor.report.reading.curves import BINS, LOOKS, SHARED, Floats, KpiCurve, binned
 
 LINES_MAX = 24
 """Most cases of a panel whose switches are drawn as lines."""
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of a command, the median in the middle."""
-SHARES = ("aeb", "collisions")
+SHARES = tuple(name for name, look in LOOKS.items() if look.share)
 """Columns of which the share of cases is drawn instead of quantiles."""
 _LEAST = 0.25
 """Where fewer of the cases still run, nothing is drawn of them [-]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,9 +10,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from conductor.report.reading.dossier import Dossier
+from schemas.kinds.kpi import drawn_columns
 
-CURVES = ("lateral_error_m", "aeb", "dtc_m", "collisions", "throttle", "brake", "speed_mps")
-"""KPI columns that are drawn, from top to bottom."""
+LOOKS = {kind.name: kind.curve for kind in drawn_columns() if kind.curve is not None}
+"""Looks of the KPI columns that are drawn, from top to bottom."""
+CURVES = tuple(LOOKS)
 
 POINTS_MAX = 600
 """Most points per curve of one case."""
@@ -20,12 +23,10 @@ POINTS_MIN = 60
 POINTS_TOTAL = 64_000
 """Points of all cases on a page, together; keeps the page of 256 cases below 10 MB."""
 
-SHARED = ("aeb", "collisions", "throttle", "brake")
+SHARED = tuple(name for name, look in LOOKS.items() if look.spread is not None)
 """Columns of which many cases are drawn as a distribution: their lines would fill the panel."""
 BINS = 100
 """Stretches of equal length into which the time of a case is cut for distributions."""
-
-_STEPS = ("aeb", "collisions")
 
 Floats = NDArray[np.float32]
 """As precise as a screen; half the size."""
@@ -48,7 +49,13 @@ class KpiCurve:
 
 def drawn(dossier: Dossier) -> tuple[str, ...]:
     """The curves that the scenario of a campaign fills."""
-    return tuple(name for name in CURVES if name != "lateral_error_m" or dossier.lane_keeping)
+    return dossier.scenario.report.curves
+
+
+def overview(dossier: Dossier, curves: Sequence[str]) -> tuple[str, ...]:
+    """Those of ``curves`` that are drawn side by side for all systems under test."""
+    chosen = dossier.scenario.report.overview
+    return tuple(name for name in curves if name in chosen)
 
 
 def time_label(dossier: Dossier) -> str:
@@ -128,7 +135,7 @@ def _kept(values: dict[str, _Column], points_max: int) -> NDArray[np.intp]:
     for name, column in values.items():
         missing = np.isnan(column)
         changed = np.diff(missing)
-        if name in _STEPS:
+        if LOOKS[name].steps:
             # A change out of or into a gap is a change of `missing`; NaN != NaN is none.
             changed |= (np.diff(column) != 0) & ~missing[1:] & ~missing[:-1]
         edges[:-1] |= changed

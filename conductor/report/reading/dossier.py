@@ -14,6 +14,7 @@ from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.campaign import Campaign, Case, expand, parse_campaign
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.identity import campaign_digest
+from schemas.kinds.scenario import ScenarioKind, kind_of
 from schemas.verdict import no_collision
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -79,9 +80,14 @@ class Dossier:
         return sum(not row.end.outcome for row in self.rows)
 
     @property
-    def lane_keeping(self) -> bool:
-        """The ego keeps its lane, and nothing stands in it; else it brakes for an obstacle."""
-        return self.campaign.scenario.type == "lane_keeping"
+    def scenario(self) -> ScenarioKind:
+        """The declaration of the campaign's scenario family."""
+        return kind_of(self.campaign.scenario)
+
+    def of_scenario(self, text: str) -> str:
+        """A text of the scenario's declaration with the values of the scenario's keys."""
+        config = self.scenario.config_of(self.campaign.scenario)
+        return text.format(**{name: getattr(config, name) for name in config.__struct_fields__})
 
     @property
     def passed(self) -> int:

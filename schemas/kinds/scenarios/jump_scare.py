@@ -43,6 +43,7 @@ _REPORT = ScenarioReport(
         head="Closest approach without a collision",
         title="Smallest distance to collision of the cases without a collision",
         text="the smallest distance to the obstacle",
+        hover="smallest distance {:.3f} m",
     ),
     extreme=ExtremeTable(
         scalar="dtc_min_m",

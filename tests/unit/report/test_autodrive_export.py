@@ -143,7 +143,7 @@ def test_what_does_not_fit_is_one_line_and_nothing_is_written(tmp_path: Path) ->
         matrix={"model": ["yolov3"], "weather": ["drizzle"]},
     )
     make_campaign(tmp_path / "own", own)
-    for name, said in (("lane", "keep their lane"), ("own", "'drizzle' has no id")):
+    for name, said in (("lane", "follows its lane"), ("own", "'drizzle' has no id")):
         with pytest.raises(UsageError, match=said) as caught:
             export_autodrive(tmp_path / name, tmp_path / "out")
         assert "\n" not in str(caught.value)
