@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import UNSET, Struct
 
-from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.kpi import KpiKind, scalars_by_name, shipped
 from schemas.kinds.registry import Kinds, read_kinds
 
 if TYPE_CHECKING:  # the section is made of this table
@@ -118,6 +118,11 @@ class ScenarioKind:
     """Its cases can be exported as logs of the AutoDRIVE study, which knows this one scenario."""
     kpis: tuple[str, ...] = ()
     """Scalars that its cases have beside those of all; each is declared as a KPI."""
+
+    @property
+    def scalars(self) -> tuple[KpiKind, ...]:
+        """Scalars of its cases, in the order of files."""
+        return (*shipped("scalar"), *(scalars_by_name()[name] for name in self.kpis))
 
     def config_of(self, scenario: Scenario) -> Any:
         """The keys of this family in a scenario, as ``config``.

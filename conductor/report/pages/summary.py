@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from conductor.report.reading.axes import PLAIN, axis_value, further_axes
 from conductor.report.reading.dossier import Dossier, open_dossier
-from schemas.files.kpi import NAMES, SCALARS
+from schemas.files.kpi import NAMES
 from schemas.wire.realtime import Realtime
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
@@ -29,7 +29,7 @@ def write_summary(folder: Path) -> pa.Table:
 
     One row per case in campaign order: id, axes, outcome, verdict, ``passed`` and
     ``no_collision`` (null without a verdict: missing is never a pass), reasons, the scalars of
-    :data:`schemas.files.kpi.SCALARS` and :data:`schemas.files.kpi.NAMES`, and where the
+    the scenario's cases, :data:`schemas.files.kpi.NAMES`, and where the
     result came from.
 
     Raises:
@@ -82,7 +82,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
     add("passed", [row.passed for row in rows], pa.bool_())
     add("no_collision", [row.no_collision for row in rows], pa.bool_())
     add("reasons", [row.end.reasons for row in rows], pa.list_(pa.string()))
-    for column in SCALARS:
+    for column in dossier.scenario.scalars:
         values = [row.scalar(column.name) for row in rows]
         add(column.name, values, _SCALAR_TYPES[column.type])
     for column in NAMES:

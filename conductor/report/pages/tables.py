@@ -13,7 +13,7 @@ from conductor.report.reading.axes import axis_value, further_axes
 from conductor.report.reading.curves import time_label
 from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
-from schemas.files.kpi import NAMES, SCALARS
+from schemas.files.kpi import NAMES
 from schemas.kinds.kpi import scalars_by_name
 
 KNOWN_STATUSES = (
@@ -151,7 +151,7 @@ def case_record(dossier: Dossier, row: CaseRow) -> dict[str, Any]:
         "passed": row.passed,
         "no_collision": row.no_collision,
         "reasons": end.reasons,
-        **{column.name: row.scalar(column.name) for column in SCALARS},
+        **{column.name: row.scalar(column.name) for column in dossier.scenario.scalars},
         **{column.name: row.end.names.get(column.name) for column in NAMES},
         "realtime": msgspec.to_builtins(end.realtime),
         "attempts": end.attempts if dossier.imported is None else None,
