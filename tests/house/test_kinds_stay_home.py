@@ -1,6 +1,7 @@
 """Kinds are named in their tables and in their own folders: no branch on one anywhere else."""
 
 import ast
+import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -9,13 +10,14 @@ import pytest
 
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
+from schemas.kinds.scenario import scenario_kinds
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
 TABLES = "schemas/kinds/"
 """Where every kind may be named."""
 
-KINDS = (*batch_systems().declared, *bridges().declared)
+KINDS = (*batch_systems().declared, *bridges().declared, *scenario_kinds().declared)
 """Declarations that are looked for; a table joins with its own."""
 
 HOMONYMS = {
@@ -60,9 +62,16 @@ def texts(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 
 def strays(found: Iterable[tuple[int, str]], name: str, folder: str) -> list[int]:
-    """Lines that name the kind, or a module of its folder."""
+    """Lines that name the kind, or a module of its folder, or its own module beside the tables."""
     package = folder.replace("/", ".")
-    return sorted({line for line, text in found if text == name or text.startswith(package)})
+    declaration = re.compile(rf"schemas\.kinds\.\w+\.{name}[.:]")
+    return sorted(
+        {
+            line
+            for line, text in found
+            if text == name or text.startswith(package) or declaration.match(text)
+        }
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -74,6 +83,14 @@ def test_nothing_outside_its_folder_names_a_kind(kind):
         for line in strays(found, kind.name, home(kind))
     ]
     assert not strangers, f"'{kind.name}' is named there; ask its declaration in {TABLES} instead"
+
+
+def test_no_template_names_a_kind():
+    paths = [p for name in PACKAGES for end in ("*.j2", "*.js") for p in (ROOT / name).rglob(end)]
+    assert len(paths) > 5
+    names = [kind.name for kind in KINDS if kind.name not in HOMONYMS]
+    found = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    assert [(path, n) for path, text in found.items() for n in names if f'"{n}"' in text] == []
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -95,6 +112,18 @@ def test_a_kind_has_a_folder_of_its_own(kind):
 )
 def test_a_stray_name_is_noticed(line):
     assert strays(texts(ast.parse(line)), "slurm", "hpc/slurm/") == [1]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from schemas.kinds.scenarios.jump_scare import JumpScareConfig",
+        "from twin.scenario import jump_scare",
+        'if case.scenario.type == "jump_scare": pass',
+    ],
+)
+def test_a_family_is_noticed_and_so_are_its_types(line):
+    assert strays(texts(ast.parse(line)), "jump_scare", "twin/scenario/jump_scare/") == [1]
 
 
 def test_words_about_a_kind_are_no_branch():
