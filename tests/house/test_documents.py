@@ -84,6 +84,21 @@ def test_names_are_looked_for():
     assert not exists("schemas.messages.Nothing")
 
 
+def test_a_link_is_called_like_its_module():
+    wrong = [
+        f"{page.name}: {label} -> {target}"
+        for page in PAGES
+        for label, target in re.findall(r"\[`([\w/]+\.py)`\]\(([^)#]+)", page.read_text())
+        if Path(label).name != Path(target).name
+    ]
+    assert not wrong
+
+
+def test_the_architecture_stays_short():
+    words = len((ROOT / "ARCHITECTURE.md").read_text().split())
+    assert words <= 2600, "what was tried and measured belongs in docs/decisions"
+
+
 def anchors(page: Path) -> set[str]:
     """What headings of ``page`` are linked by, as GitHub makes it."""
     headings = re.findall(r"^#+ (.*)", FENCE.sub("", page.read_text()), re.MULTILINE)
