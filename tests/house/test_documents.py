@@ -119,6 +119,15 @@ def test_links_lead_somewhere(page):
     assert not astray, f"links of {page.name} that lead nowhere"
 
 
+@pytest.mark.parametrize("page", [*PAGES, *RECORDS], ids=lambda page: page.stem)
+def test_commands_stand_in_blocks_that_are_checked(page):
+    """Only ```sh blocks are read by tests/unit/fabric/test_documented_commands.py."""
+    text = re.sub(r"^```sh\n.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    assert not re.findall(
+        r"^ *(?:conductor|devkit|hpc|twin|viewer) [a-z]+ .*--", text, re.MULTILINE
+    )
+
+
 def test_decision_records_are_listed_and_numbered():
     index = (ROOT / "docs" / "decisions" / "README.md").read_text()
     records = [page for page in RECORDS if page.name != "README.md"]
