@@ -66,10 +66,15 @@ WORKERS_MAX = 10_000
 """Most workers that have joined and not left."""
 
 
-def start(state: State) -> list[Fact]:
-    """A conductor starts on the folder: a new epoch, to be journalled before it listens."""
+def start(state: State, lay_before: str = "") -> list[Fact]:
+    """A start of a conductor on the folder: a new epoch, to be journalled before it listens.
+
+    ``lay_before``: the folder's place before, for a journal that does not say where it lay.
+    """
     turn = RequestTurn(state, 0)
-    turn.emit(EpochRaised(epoch=state.epoch + 1))
+    here, before = state.config.folder, state.folder or lay_before
+    moved = before if here and before != here else ""
+    turn.emit(EpochRaised(epoch=state.epoch + 1, folder=here, before=moved))
     return turn.facts
 
 

@@ -36,6 +36,10 @@ class EpochRaised(_Fact, frozen=True):
     """A conductor started on the folder; its tokens are larger than all earlier ones."""
 
     epoch: int
+    folder: str = ""
+    """State folder, absolute; journals of earlier versions do not say."""
+    before: str = ""
+    """Where it lay until then, if it was copied or moved: campaigns in it came along."""
 
 
 class Submitted(_Fact, frozen=True):

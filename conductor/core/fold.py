@@ -38,7 +38,7 @@ from conductor.core.facts import (
     WorkerLeft,
 )
 from conductor.core.lease import token_of
-from conductor.core.relocate import campaign_at, case_at
+from conductor.core.relocate import campaign_at, case_at, out_at
 from conductor.core.snapshot import restore
 from conductor.core.state import (
     FAR_NS,
@@ -109,6 +109,14 @@ def _expect(condition: bool, fact: Fact) -> None:
 def _epoch_raised(state: State, fact: EpochRaised) -> None:
     _expect(fact.epoch > state.epoch, fact)
     state.epoch, state.granted = fact.epoch, 0
+    state.folder = fact.folder or state.folder
+    if not fact.before:
+        return
+    for campaign in state.campaigns.values():
+        out = out_at(campaign.out, fact.before, fact.folder)
+        if out != campaign.out:
+            campaign.out = out
+            campaign.submitted = _submitted_again(campaign)
 
 
 def _submitted(state: State, fact: Submitted) -> None:
@@ -148,9 +156,14 @@ def _relocated(state: State, fact: Relocated) -> None:
     cases = pack([case_at(case.case, fact.paths) for case in campaign.ordered])
     for case_state, case in zip(campaign.ordered, unpack(cases), strict=True):
         case_state.case = case
-    campaign.submitted = Submitted(
+    campaign.submitted = _submitted_again(campaign)
+
+
+def _submitted_again(campaign: CampaignState) -> Submitted:
+    """The fact that would bring a campaign as it is now, for the next snapshot."""
+    return Submitted(
         campaign=msgspec.to_builtins(campaign.campaign),
-        cases=cases,
+        cases=pack([case.case for case in campaign.ordered]),
         digest=campaign.digest,
         digests=campaign.digests,
         out=campaign.out,

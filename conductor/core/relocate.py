@@ -1,4 +1,5 @@
-"""The same files in another place: a campaign goes on whose model, scene or vehicle was moved.
+"""The same files in another place: a campaign goes on whose model, scene or vehicle was moved, or
+its folder.
 
 Digests speak of contents, so a campaign is known again wherever its files lie; the paths that its
 cases carry are those of the latest submission.
@@ -29,6 +30,14 @@ def moved(before: Campaign, now: Campaign) -> dict[str, str]:
     pairs = zip(before.autonomy.files, now.autonomy.files, strict=False)
     paths |= {old: new for old, new in pairs if old != new}
     return paths
+
+
+def out_at(out: str, before: str, now: str) -> str:
+    """A campaign folder after the state folder was moved from ``before`` to ``now``: one that was
+    it or lay in it came along, others stayed."""
+    if out == before or out.startswith(f"{before}/"):
+        return now + out[len(before) :]
+    return out
 
 
 def campaign_at(campaign: Campaign, paths: Mapping[str, str]) -> Campaign:

@@ -45,6 +45,7 @@ class _Head(Struct, frozen=True):
     departed: list[str]
     leases: list[_LeaseHead]
     deaths: dict[str, tuple[tuple[str, str], ...]] = {}
+    folder: str = ""
 
 
 class _CampaignHead(Struct, frozen=True, array_like=True):
@@ -159,6 +160,7 @@ def _head(state: State) -> _Head:
             for x in state.leases.values()
         ],
         deaths=state.deaths,
+        folder=state.folder,
     )
 
 
@@ -217,6 +219,7 @@ def _issued(rows: tuple[Issued | int, ...]) -> tuple[Issued, ...]:
 
 def _restore_head(state: State, head: _Head) -> None:
     state.epoch, state.granted, state.groups = head.epoch, head.granted, head.groups
+    state.folder = head.folder
     state.departed = dict.fromkeys(head.departed)
     state.deaths = dict(head.deaths)
     for campaign in state.campaigns.values():

@@ -280,6 +280,8 @@ class State:
 
     config: Config = field(default_factory=Config, compare=False)
     epoch: int = 0
+    folder: str = ""
+    """State folder, as of the latest start; empty: the journal does not say."""
     granted: int = 0
     """Leases of this epoch; the low half of the last token."""
     groups: int = 0

@@ -102,6 +102,7 @@ class ConductorEngine:
         check_folder: Callable[[Submit], str] = lambda _: "",
         counters_beyond: Callable[[], dict[str, float]] = dict,
         audit: Auditor | None = None,
+        lay_before: Callable[[State], str] = lambda _: "",
     ) -> None:
         """Fold the journal and raise the epoch, on disk.
 
@@ -112,6 +113,7 @@ class ConductorEngine:
             check_folder: what is wrong with a submission's folder, in one line, or nothing.
             counters_beyond: what the shell has counted, for the status.
             audit: hears of refusals and requests.
+            lay_before: where the state folder of a journal lay that does not say so.
 
         Raises:
             JournalError: the journal cannot be read or written.
@@ -126,7 +128,7 @@ class ConductorEngine:
         self._config = config
         self._now_ns = now_ns
         self.state = self._folded()
-        journal.append(start(self.state))
+        journal.append(start(self.state, "" if self.state.folder else lay_before(self.state)))
         revive(self.state, now_ns)
 
     def turn(self, messages: Sequence[IncomingRequest]) -> TurnResult:

@@ -22,6 +22,7 @@ from conductor.records.attempts import LOG_FILE, leads_away
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import encode_campaign
 from schemas.campaign import Name
+from schemas.files.regular_file import open_regular
 from schemas.files.yaml_file import dump_yaml
 from schemas.messages import Submit
 from schemas.words import plain
@@ -82,6 +83,21 @@ class Folders:
             return f"{name}: {existing} is not a folder; give another out folder"
         if not os.access(existing, os.W_OK):
             return f"{name}: {existing} cannot be written; give another out folder"
+        return ""
+
+    def lay_before(self, state: State) -> str:
+        """Where the state folder lay before it was copied or moved here, for a journal that does
+        not say; empty: here, as far as can be seen.
+
+        Campaigns that came along have their files here, though the journal names another place.
+        """
+        for campaign in state.campaigns.values():
+            out = Path(campaign.out)
+            if out.is_relative_to(self.folder):
+                return ""
+            for came_along, before in ((self.folder, out), (self.folder / out.name, out.parent)):
+                if _holds(came_along, campaign):
+                    return str(before)
         return ""
 
     def announce(self, conductor_file: ConductorFile, state: State) -> None:
@@ -188,11 +204,25 @@ class Folders:
         name = campaign.campaign.campaign
         if name not in self._yaml:
             self._yaml[name] = dump_yaml(msgspec.to_builtins(campaign.campaign))
-        lines = [f"# campaign digest: {campaign.digest}"]
+        lines = [_head_line(campaign)]
         if campaign.pinned:
             lines.append(f"# software digest: {campaign.software}")
             lines.append(f"# device class: {campaign.device_class or 'any'}")
         return ("\n".join(lines) + "\n" + self._yaml[name]).encode()
+
+
+def _head_line(campaign: CampaignState) -> str:
+    return f"# campaign digest: {campaign.digest}"
+
+
+def _holds(folder: Path, campaign: CampaignState) -> bool:
+    """Whether this is the folder of ``campaign``, or a copy of it."""
+    head = _head_line(campaign).encode()
+    try:
+        with open_regular(folder / CAMPAIGN_FILE) as file:
+            return file.readline(len(head) + 1).rstrip() == head
+    except OSError:
+        return False
 
 
 def _clear(attempt: Path) -> None:

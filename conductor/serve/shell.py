@@ -187,6 +187,7 @@ class Conductor:
             self._check_folder,
             lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
             self._audit,
+            self._folders.lay_before,
         )
         self._reopen()
         if self.key is None and is_tls(self._listen):

@@ -106,6 +106,25 @@ def test_a_run_that_is_opened_again_must_fit_and_is_signed_again(marked, tmp_pat
     assert (folder / "manifest.json").exists()
 
 
+def test_a_copy_of_a_finished_run_goes_on_by_itself(marked, tmp_path):
+    folder, campaign = tmp_path / "run", changed(tmp_path, "chaos-16", one_case)
+
+    def run(out):
+        done = marked.run("conductor", "run", campaign, "--out", str(out), "--workers", "1")
+        assert done.returncode == 1, done.stderr
+
+    run(folder)
+    copy = Path(shutil.copytree(folder, tmp_path / "elsewhere" / "copy"))
+    assert differences(copy) == []
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    run(copy)
+    after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert after == before
+    assert differences(folder) == []
+    assert differences(copy) == []
+    assert read_manifest(copy).journal.count > read_manifest(folder).journal.count
+
+
 def test_a_refused_command_takes_away_no_signature(marked, tmp_path):
     folder, campaign = tmp_path / "run", changed(tmp_path, "chaos-16", one_case)
     command = ("conductor", "run", campaign, "--out", str(folder), "--workers", "1")

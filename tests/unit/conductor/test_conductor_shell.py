@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,9 +14,11 @@ import pytest
 from conductor_bench import hello, next_of, result, submit
 from waiting import PATIENCE_S
 
+import conductor.core.decisions
 import conductor.serve.folders
 import conductor.serve.inbox
 import conductor.serve.shell
+from conductor.core.facts import EpochRaised
 from conductor.core.state import Config
 from conductor.records.outcomes import read_outcomes
 from conductor.report.reading.leases import read_leases
@@ -343,3 +346,51 @@ def test_the_software_is_read_only_when_something_is_to_be_signed(
         for _ in range(2):
             served.to_sign()
         assert len(digests) == 1
+
+
+def _bytes_of(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("knows", [True, False], ids=["", "a journal of an earlier version"])
+@pytest.mark.parametrize("ended", [True, False], ids=["finished", "unfinished"])
+@pytest.mark.parametrize("alone", [True, False], ids=["run", "served"])
+def test_a_copy_of_a_state_folder_goes_on_by_itself(
+    tmp_path: Path,
+    hub: MemoryHub,
+    monkeypatch: pytest.MonkeyPatch,
+    knows: bool,
+    ended: bool,
+    alone: bool,
+) -> None:
+    state, copy, apart = tmp_path / "state", tmp_path / "copies" / "one", tmp_path / "apart"
+    before = {"alpha": str(state if alone else state / "alpha"), "beta": str(apart)}
+    with monkeypatch.context() as patch:
+        if not knows:
+            patch.setattr(conductor.core.decisions, "EpochRaised", _epoch_alone)
+        with serving(state, hub) as served:
+            assert not served.request(submit("alpha", out=before["alpha"])).error
+            assert not served.request(submit("beta", out=before["beta"])).error
+            if ended:
+                _run_all(served)
+                _run_all(served, "w2")
+    shutil.copytree(state, copy)
+    original = _bytes_of(state)
+    after = before | {"alpha": str(copy if alone else copy / "alpha")}
+    for _ in range(2):  # it is also remembered
+        with serving(copy, hub) as served:
+            assert {n: c["out"] for n, c in served.snapshot()["campaigns"].items()} == after
+            leases = []
+            if not ended:
+                served.request(hello("w3"))
+                leases = served.request(next_of(worker="w3", seq=1, k=1)).leases
+            assert all(lease.out == after[lease.case.campaign] for lease in leases)
+    assert _bytes_of(state) == original
+    assert (Path(after["alpha"]) / "outcomes.json").exists()
+    with serving(state, hub) as served:
+        assert {n: c["out"] for n, c in served.snapshot()["campaigns"].items()} == before
+
+
+def _epoch_alone(epoch: int, **_: str) -> EpochRaised:
+    return EpochRaised(epoch)

@@ -14,7 +14,7 @@ import pytest
 from conductor_bench import Bench, ended, hello, next_of, result, started, submit
 
 from conductor.core.decisions import close, decide, start
-from conductor.core.facts import Fact, Image, Snapshot
+from conductor.core.facts import EpochRaised, Fact, Image, Snapshot
 from conductor.core.fold import fold, revive
 from conductor.core.invariants import check
 from conductor.core.snapshot import take
@@ -213,3 +213,24 @@ def test_outcomes_are_written_line_by_line(cases: int) -> None:
     text = bytes(encode_campaign(alpha))
     assert msgspec.json.decode(text, type=Outcomes) == outcomes_of(alpha)
     assert len([line for line in text.splitlines() if b'"outcome":' in line]) == cases
+
+
+def test_a_moved_state_folder_takes_its_campaigns_along_also_through_a_snapshot() -> None:
+    config = Config(folder="/one", snapshot_close_facts=0)
+    bench = Bench(config)
+    for name, out in (("alpha", "/one"), ("beta", "/one/beta"), ("gamma", "/one-more/gamma")):
+        assert not bench.ask(submit(name, out=out)).error
+    facts = [*bench.journal, *close(bench.state)]
+    there = replace(config, folder="/two")
+    state = fold(facts[-1:], there)
+    facts = [*facts[-1:], *start(state)]
+    outs = ["/two", "/two/beta", "/one-more/gamma"]
+    assert [c.out for c in state.campaigns.values()] == outs
+    images = {
+        image.key: image for fact in facts if isinstance(fact, Snapshot) for image in fact.images
+    }
+    images |= {image.key: image for image in take(state).images}
+    again = fold([Snapshot(images=list(images.values()))], there)
+    assert again == state
+    assert [c.out for c in again.campaigns.values()] == outs
+    assert not any(isinstance(f, EpochRaised) and f.before for f in start(again))
