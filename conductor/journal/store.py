@@ -300,9 +300,9 @@ class Journal:
 
     def _write_reply(self, fact: Replied, chain: Chain) -> Chain:
         row = (fact.worker, fact.seq, encode(fact))
-        old, digest = self._reply_digest_of(fact.worker), reply_digest(*row)
+        old = self._reply_digest_of(fact.worker)
         self._connection.execute(_PUT_REPLY, row)
-        self._replies[fact.worker] = digest
+        self._replies[fact.worker] = digest = reply_digest(*row)
         return chain.replied(old, digest)
 
     def _forget_reply(self, worker: str, chain: Chain) -> Chain:
