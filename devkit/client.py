@@ -1,4 +1,4 @@
-"""Steer a running case from Python: read and change it while it runs, at stated ticks.
+"""Interventions in a running case from Python: read and change it while it runs, at stated ticks.
 
     from devkit.client import Client
 
@@ -12,7 +12,7 @@
         case.resume()
 
 Every call answers with the control tick at which it was applied. An attempt that was changed gives
-its case no verdict: it is journalled beside the KPIs, and the case runs once more, untouched.
+its case no verdict: it is journalled beside the KPIs, and the case runs once more by itself.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from schemas.wire.interventions import (
     ControlReply,
     FreeObject,
     GiveBack,
-    HandState,
+    InterventionState,
     MoveObject,
     Pause,
     Query,
@@ -44,8 +44,8 @@ from twin.base.errors import UsageError
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
 from twin.fabric.endpoint import allow_plain
+from twin.fabric.interventions import RunningAttempt, carry_out, find, find_in_rig, running
 from twin.fabric.keys.roles import Role
-from twin.fabric.steering import RunningAttempt, carry_out, find, find_in_rig, running
 from twin.fabric.zenoh_bus import Mode, join
 
 T = TypeVar("T")
@@ -55,7 +55,7 @@ CONNECT_S = 10.0
 
 
 class Client:
-    """A hand on one attempt of a case; blocks until each call is answered.
+    """Session that intervenes in one attempt of a case; blocks until each call is answered.
 
     The attempt is the one that runs when the client is made. When it has ended every call raises
     ``UsageError``, and a new client finds the next.
@@ -89,13 +89,13 @@ class Client:
             slot: with ``rig`` and an empty ``case``: whatever runs in this slot.
 
         Raises:
-            UsageError: no such case runs, or it cannot be steered; one line.
+            UsageError: no such case runs, or it takes no interventions; one line.
             InfrastructureError: nobody answers.
         """
         mode: Mode = "peer" if rig else "client"
         self._bus = _session(connect, run, namespace, key, mode, insecure=insecure)
         try:
-            self._steered: RunningAttempt = (
+            self._attempt: RunningAttempt = (
                 find_in_rig(self._bus, rig, case, slot) if rig else find(self._bus, case, campaign)
             )
         except BaseException:
@@ -118,9 +118,9 @@ class Client:
         self._bus.close()
 
     @property
-    def state(self) -> HandState:
+    def state(self) -> InterventionState:
         """State of the case at the last answer."""
-        return self._steered.state
+        return self._attempt.state
 
     def do(self, action: Action) -> ControlReply:
         """Any action of :mod:`schemas.wire.interventions`.
@@ -129,9 +129,9 @@ class Client:
             UsageError: it cannot be done, or the attempt has ended; nothing has changed.
             UnreachableError: the simulator does not answer any more.
         """
-        return self._steered.do(action)
+        return self._attempt.do(action)
 
-    def look(self) -> HandState:
+    def look(self) -> InterventionState:
         """State of the case now: weather, time of day, pose, objects; changes nothing."""
         self.do(Query())
         return self.state
@@ -227,7 +227,7 @@ class AsyncClient:
             await asyncio.to_thread(self._client.close)
 
     @property
-    def state(self) -> HandState:
+    def state(self) -> InterventionState:
         """See :attr:`Client.state`."""
         return self._open.state
 
@@ -235,7 +235,7 @@ class AsyncClient:
         """See :meth:`Client.do`."""
         return await self._call(self._open.do, action)
 
-    async def look(self) -> HandState:
+    async def look(self) -> InterventionState:
         """See :meth:`Client.look`."""
         return await self._call(self._open.look)
 
@@ -296,8 +296,8 @@ def running_cases(
     namespace: str = "twin",
     key: str | Path | None = None,
     insecure: bool = False,
-) -> list[HandState]:
-    """The attempts that can be steered now; arguments as of :class:`Client`.
+) -> list[InterventionState]:
+    """The attempts that take interventions now; arguments as of :class:`Client`.
 
     Raises:
         UsageError: no conductor there, or another version.

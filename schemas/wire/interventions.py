@@ -1,8 +1,8 @@
-"""Steering a running case by hand: requests, answers, and the journal of what was done.
+"""Interventions in a running case: requests, answers, and the journal of what was done.
 
 A request names a case, or a slot of a rig, and one action. It is applied at the case's next control
 tick, before anything is sensed, and the answer says which tick that was. Actions that change what
-is simulated (:data:`STEERING`) are journalled with the attempt and cost the case its verdict; those
+is simulated (:data:`CHANGING`) are journalled with the attempt and cost the case its verdict; those
 that only change when it is simulated (pause, step, resume, pace) leave every byte as it was.
 """
 
@@ -23,7 +23,7 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 STEPS_MAX = 100_000
 """Most ticks of one :class:`Step`."""
 OBJECTS_SHOWN_MAX = 256
-"""Objects that a :class:`HandState` lists, at most."""
+"""Objects that a :class:`InterventionState` lists, at most."""
 
 
 class _Action(Struct, frozen=True, forbid_unknown_fields=True, tag_field="action"):
@@ -121,7 +121,7 @@ class FreeObject(_Action, frozen=True, tag="free"):
 
 
 class Takeover(_Action, frozen=True, tag="takeover"):
-    """Drive by hand: takes the place of the stack's command until another one or a release.
+    """Drive instead of the stack: takes the place of its command until another one or a release.
 
     Unless a pace is set the case runs in real time meanwhile.
     """
@@ -167,7 +167,7 @@ Action = (
     | Together
 )
 
-STEERING = (
+CHANGING = (
     SetEnvironment,
     PlaceEgo,
     SetLights,
@@ -210,7 +210,7 @@ class ObjectState(Struct, frozen=True, array_like=True):
     """Off its script."""
 
 
-class HandState(Struct, frozen=True):
+class InterventionState(Struct, frozen=True):
     """How a running case stands."""
 
     campaign: str
@@ -250,7 +250,7 @@ class ControlReply(Struct, frozen=True):
     """Control tick at which it was applied."""
     object: int = -1
     """The object that was brought in."""
-    state: HandState | None = None
+    state: InterventionState | None = None
     """Afterwards."""
 
 
@@ -295,9 +295,9 @@ class JournalEnd(Struct, frozen=True, tag_field="line", tag="end"):
 JournalLine = JournalHead | RecordedAction | JournalEnd
 
 
-def steers(action: Action) -> bool:
+def changes_simulation(action: Action) -> bool:
     """Whether it changes what is simulated."""
-    return any(isinstance(part, STEERING) for part in parts_of(action))
+    return any(isinstance(part, CHANGING) for part in parts_of(action))
 
 
 def parts_of(action: Action) -> list[Action]:

@@ -17,7 +17,7 @@ from conductor.records.fingerprint import fingerprint
 from devkit.client import AsyncClient, Client, running_cases
 from schemas.wire.interventions import JOURNAL_FILE
 from twin.base.errors import TwinError, UnreachableError, UsageError
-from twin.fabric.steering import find_in_rig
+from twin.fabric.interventions import find_in_rig
 from twin.fabric.zenoh_bus import open_bus
 from twin.rig.interventions.journal import read_journal
 

@@ -1,5 +1,5 @@
-"""Movable objects of running cases: their scripts as the cases vary them, and those that a hand has
-taken off."""
+"""Movable objects of running cases: their scripts as the cases vary them, and those that an
+intervention has taken off."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Placed:
     since_s: float
 
 
-class HandMotion:
+class InterventionMotion:
     """A script with exceptions, per slot; without any it costs nothing."""
 
     def __init__(self, script: Motion, kinds: tuple[ObjectKind, ...], slots: int) -> None:
@@ -96,7 +96,7 @@ class HandMotion:
 
     def states(self, slot: int, time_s: np.ndarray) -> list[ObjectState]:
         """All objects of a slot."""
-        placement, by_hand = self.at(time_s), self._placed.get(slot, {})
+        placement, placed = self.at(time_s), self._placed.get(slot, {})
         return [
             ObjectState(
                 object=index,
@@ -105,7 +105,7 @@ class HandMotion:
                 x_m=float(placement.position_m[slot, index, 0]),
                 y_m=float(placement.position_m[slot, index, 1]),
                 yaw_rad=float(placement.yaw_rad[slot, index]),
-                by_hand=index in by_hand,
+                by_hand=index in placed,
             )
             for index in range(self.count)
         ]

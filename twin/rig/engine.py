@@ -19,7 +19,7 @@ from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
 from schemas.wire.interventions import PlaceEgo
-from twin.actors.intervention_motion import HandMotion
+from twin.actors.intervention_motion import InterventionMotion
 from twin.actors.motion import Placement
 from twin.base.errors import RefusedError
 from twin.base.stopwatch import Stopwatch
@@ -122,7 +122,7 @@ class Engine:
         self._world = build_world(scene)
         for note in self._world.notes:
             print(note, file=sys.stderr, flush=True)
-        self.objects = HandMotion(self._world.motion, self._world.kinds, slots)
+        self.objects = InterventionMotion(self._world.motion, self._world.kinds, slots)
         """Movable objects of all slots."""
         self._origin = scene.origin
         self._street = scene.street
@@ -343,7 +343,7 @@ class Engine:
             yield slot, self._run(slot)
 
     def _place_objects(self) -> None:
-        """Scripted objects as they are at the current ticks, for eyes and for contacts."""
+        """Scripted objects as they are at the current ticks, for cameras, lidars and contacts."""
         self._placement = self.objects.at(self.sim_time_ns / 1e9)
         self._placed_ns[...] = self.sim_time_ns
         self._vehicles.movers[...] = self._movers(self._placement)

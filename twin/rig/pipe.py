@@ -49,7 +49,7 @@ class Assign(Struct, frozen=True, tag_field="kind", tag="assign"):
 
     lease: Lease
     replay: list[RecordedAction] = []
-    """What the journal of a steered attempt says was done to it."""
+    """What the journal of an earlier attempt says was done to it."""
 
 
 class Abandon(Struct, frozen=True, tag_field="kind", tag="abandon"):
@@ -109,8 +109,8 @@ class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):
     """Tokens of cases that are over and whose attempt folders are being written."""
 
 
-class Touched(Struct, frozen=True, tag_field="kind", tag="touched"):
-    """A hand has done something to a case."""
+class Intervened(Struct, frozen=True, tag_field="kind", tag="touched"):
+    """Somebody has intervened in a case."""
 
     token: int
     note: Touch
@@ -128,8 +128,9 @@ class CaseDone(Struct, frozen=True, tag_field="kind", tag="done"):
     result: Result
 
 
-class SteeredDone(Struct, frozen=True, tag_field="kind", tag="steered"):
-    """A case ended that a hand had steered; its attempt folder is complete, and is no result."""
+class IntervenedDone(Struct, frozen=True, tag_field="kind", tag="steered"):
+    """A case ended that an intervention had changed; its attempt folder is complete, and is no
+    result."""
 
     result: Result
     changes: int
@@ -148,10 +149,10 @@ Upward = (
     | RefusedPeer
     | Built
     | Progress
-    | Touched
+    | Intervened
     | Faulted
     | CaseDone
-    | SteeredDone
+    | IntervenedDone
     | Drained
     | Broken
 )

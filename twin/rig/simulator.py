@@ -28,10 +28,10 @@ from twin.rig.pipe import (
     Drained,
     Fail,
     Faulted,
+    Intervened,
+    IntervenedDone,
     Orders,
     Progress,
-    SteeredDone,
-    Touched,
     Upstream,
 )
 from twin.rig.profile import LoopLog
@@ -60,7 +60,7 @@ STDERR = 2
 """Where what is printed in this process goes: a file that can be read as well."""
 
 VIEW_GRACE_S = 2.0
-"""Longest time for the view feed to hand over what it holds, at the end [s]."""
+"""Longest time for the view to hand over what it holds, at the end [s]."""
 
 
 class Simulator:
@@ -312,11 +312,11 @@ class Simulator:
         """Somebody has intervened in a case."""
         self._view.label(slot, attempt.label())
         if attempt.note is not None and not attempt.replayed:
-            self._upward.send(Touched(attempt.lease.token, attempt.note))
+            self._upward.send(Intervened(attempt.lease.token, attempt.note))
 
     def _written(self, end: SlotEnd, result: Result) -> None:
         """An attempt folder is complete; on the thread that writes them."""
-        self._upward.send(SteeredDone(result, end.changes) if end.changes else CaseDone(result))
+        self._upward.send(IntervenedDone(result, end.changes) if end.changes else CaseDone(result))
 
     def _drain(self) -> None:
         """The stack is gone and the worker wants what is there; on the thread of the orders."""

@@ -1,1 +1,1 @@
-"""The view feed: what a simulator shows of its cases."""
+"""The view of a simulator: what it shows of its cases."""

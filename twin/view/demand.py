@@ -71,8 +71,8 @@ class Demand:
         if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
             due.add("thumbnail")
         if singles and self.focused(run):
-            eyes = (n for n in names if n.partition(".")[0] in ("camera", "lidar"))
-            due.update(n for n in eyes if _elapsed(run, n, now_s) >= 1)
+            shown = (n for n in names if n.partition(".")[0] in ("camera", "lidar"))
+            due.update(n for n in shown if _elapsed(run, n, now_s) >= 1)
             # With its picture, so that boxes stand where they belong; without one, half as often.
             if "camera" in due or _elapsed(run, "state", now_s) >= (1 if blind else 2):
                 due.add("state")

@@ -1,4 +1,4 @@
-"""What the simulator's loop hands to the view: copies, ready to be encoded elsewhere.
+"""Items that the simulator's loop hands to the view: copies, ready to be encoded elsewhere.
 
 Imports nothing heavy: the simulator opens its sessions before Warp is loaded.
 """

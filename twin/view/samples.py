@@ -1,4 +1,4 @@
-"""What the view feed was handed -> samples of the view plane. No session, thread or clock."""
+"""Snapshots of slots -> samples of the view plane. No session, thread or clock."""
 
 from __future__ import annotations
 

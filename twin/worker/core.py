@@ -206,7 +206,7 @@ class Core:
             effects.append(StopRig())
         return effects
 
-    def on_touched(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
+    def on_intervened(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
         """Somebody has intervened in a case; the conductor hears of it at once."""
         held = self.held.get(token)
         if held is not None:
@@ -214,7 +214,7 @@ class Core:
             self.beat_at_ns = now_ns
         return []
 
-    def on_steered(self, result: Result, changes: int, now_ns: int) -> list[Effect]:
+    def on_intervened_done(self, result: Result, changes: int, now_ns: int) -> list[Effect]:
         """A case that an intervention has changed ended: it goes back, uncharged."""
         held = self.held.pop(result.token, None)
         if held is None:
@@ -304,7 +304,7 @@ class Core:
             if held.over:
                 why = "released"  # it had ended; only its result is lost
             if held.touch is not None and held.touch.changes:
-                why = "intervened"  # a hand may have been the reason
+                why = "intervened"  # which may have been the reason
             self.ended.append(held.ended(why, detail))
         kept = (
             self._keep_logs(f"{reason}: {detail}") if reason not in ("released", "refused") else []

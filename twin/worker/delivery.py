@@ -116,7 +116,7 @@ class Delivery:
         return True
 
     def _has_log(self, end: Ended) -> bool:
-        """Leases that went back leave what their stack printed, and those that a hand has steered
+        """Leases that went back leave what their stack printed, and those that were intervened in
         their KPIs, which are written before the log."""
         if end.token not in self._files:
             return False

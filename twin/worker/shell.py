@@ -38,11 +38,11 @@ from twin.rig.pipe import (
     Built,
     CaseDone,
     Faulted,
+    Intervened,
+    IntervenedDone,
     Listening,
     Progress,
     RefusedPeer,
-    SteeredDone,
-    Touched,
 )
 from twin.worker.announcement import sweep
 from twin.worker.core import SECOND_NS, Core
@@ -310,15 +310,15 @@ class Worker:
                 return core.on_rig_ready()
             case (_, Progress(tokens, ticks, waiting, over)):
                 return core.on_progress(tokens, ticks, now, waiting, over)
-            case (_, Touched(token, note)):
-                return core.on_touched(token, note, now)
+            case (_, Intervened(token, note)):
+                return core.on_intervened(token, note, now)
             case (_, Faulted(why)):
                 return core.on_stack_failed(why, now)
             case (_, StackLeft(why)):
                 return core.on_stack_failed(why, now, left=True)
-            case (rig, SteeredDone(result, changes)):
+            case (rig, IntervenedDone(result, changes)):
                 rig.over(result.token)
-                return core.on_steered(result, changes, now)
+                return core.on_intervened_done(result, changes, now)
             case (rig, CaseDone(result)):
                 rig.over(result.token)
                 result = structs.replace(result, protection=rig.protection)

@@ -15,7 +15,7 @@ from schemas.settings import Value, actions_of
 from schemas.wire.interventions import Action
 from twin.base.errors import TwinError, UsageError
 from twin.fabric.bus import Bus
-from twin.fabric.steering import Attempt, carry_out, running
+from twin.fabric.interventions import Attempt, carry_out, running
 from twin.fabric.zenoh_bus import join
 from viewer.live.command import LiveOptions
 
@@ -46,7 +46,7 @@ class Desk:
         self._lock = threading.Lock()
 
     def knows(self, token: str) -> bool:
-        """Whether a page may steer."""
+        """Whether a page may intervene."""
         return hmac.compare_digest(token.encode(), self.token.encode())
 
     def cases(self) -> bytes:
@@ -74,9 +74,9 @@ class Desk:
             raise UsageError(str(error)) from None
         if asked.action is not None:
             actions.append(asked.action)
-        steered = Attempt(self._session(), asked.campaign, asked.case, asked.token)
+        attempt = Attempt(self._session(), asked.campaign, asked.case, asked.token)
         tick, state = -1, None
-        for _, reply in carry_out(steered, actions):
+        for _, reply in carry_out(attempt, actions):
             tick, state = reply.tick, reply.state
         return msgspec.json.encode({"tick": tick, "state": state})
 

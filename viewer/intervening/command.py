@@ -1,4 +1,4 @@
-"""A hand on a running case, from the command line: `viewer set`, `pause`, `takeover` and so on."""
+"""Interventions in a running case from the command line: `viewer set`, `pause`, `takeover` ..."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ import msgspec
 from schemas.wire.interventions import (
     Action,
     GiveBack,
-    HandState,
+    InterventionState,
     Pause,
     Query,
     Resume,
     Step,
-    steers,
+    changes_simulation,
 )
 from schemas.wire.view import clock
 from twin.base.errors import UsageError
-from twin.fabric.steering import RunningAttempt, carry_out, find
+from twin.fabric.interventions import RunningAttempt, carry_out, find
 from twin.fabric.zenoh_bus import join
 from viewer.intervening.pedals import HELP, Pedals, keys
 from viewer.live.command import LiveOptions
@@ -38,7 +38,7 @@ CONNECT_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class SteerOptions:
+class InterventionOptions:
     """Which case, and where."""
 
     case: str
@@ -48,19 +48,19 @@ class SteerOptions:
     json: bool = False
 
 
-def steer(options: SteerOptions, actions: list[Action]) -> int:
+def intervene(options: InterventionOptions, actions: list[Action]) -> int:
     """Carry out actions, settings together; the exit code.
 
     Raises:
         UsageError: no such case runs, or something cannot be done; what was done before it stays.
         InfrastructureError: nobody answers.
     """
-    with attempt(options) as steered:
-        for action, reply in carry_out(steered, actions):
+    with attempt(options) as running:
+        for action, reply in carry_out(running, actions):
             if options.json or isinstance(action, Query):
                 continue
             print(f"{options.case}: {_told(action)} at tick {reply.tick}{_effect(action)}")
-        state = steered.state
+        state = running.state
         if options.json:
             print(json.dumps(msgspec.to_builtins(state)))
         elif any(isinstance(action, Query) for action in actions):
@@ -69,7 +69,7 @@ def steer(options: SteerOptions, actions: list[Action]) -> int:
 
 
 @contextmanager
-def attempt(options: SteerOptions) -> Iterator[RunningAttempt]:
+def attempt(options: InterventionOptions) -> Iterator[RunningAttempt]:
     """The running attempt, while a session to its simulator is open."""
     with ExitStack() as stack:
         tunnel = options.where.tunnel()
@@ -81,7 +81,7 @@ def attempt(options: SteerOptions) -> Iterator[RunningAttempt]:
         yield find(bus, options.case, options.campaign)
 
 
-def take_over(options: SteerOptions) -> int:
+def take_over(options: InterventionOptions) -> int:
     """Drive by the keyboard of this terminal until Q; the exit code.
 
     Raises:
@@ -92,21 +92,21 @@ def take_over(options: SteerOptions) -> int:
             "takeover reads the keyboard of a terminal; scripts steer by devkit.client.Client, "
             "and `viewer web` has a keyboard too"
         )
-    with attempt(options) as steered, _raw_terminal():
+    with attempt(options) as running, _raw_terminal():
         say(HELP)
         try:
-            _drive(steered)
+            _drive(running)
         finally:
             sys.stderr.write("\n")
             try:
-                steered.do(GiveBack())
+                running.do(GiveBack())
                 say("given back")
             except UsageError as ended:
                 say(str(ended))
     return 0
 
 
-def _drive(steered: RunningAttempt) -> None:
+def _drive(running: RunningAttempt) -> None:
     """Until the case ends or the driver wants no more."""
     pedals, told_s = Pedals(), 0.0
     while True:
@@ -116,9 +116,9 @@ def _drive(steered: RunningAttempt) -> None:
                 return
             try:
                 if key == "p":
-                    steered.do(Resume() if steered.state.paused else Pause())
+                    running.do(Resume() if running.state.paused else Pause())
                 elif key == "n":
-                    steered.do(Step())
+                    running.do(Step())
             except UsageError:
                 return
             pedals = pedals.press(key)
@@ -126,10 +126,10 @@ def _drive(steered: RunningAttempt) -> None:
             continue  # a key that repeats
         told_s = time.monotonic()
         try:
-            steered.do(pedals.action())
+            running.do(pedals.action())
         except UsageError:
             return
-        sys.stderr.write("\r" + line_of(steered.state, pedals).ljust(79))
+        sys.stderr.write("\r" + line_of(running.state, pedals).ljust(79))
         sys.stderr.flush()
 
 
@@ -148,7 +148,7 @@ def _raw_terminal() -> Iterator[None]:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-def line_of(state: HandState, pedals: Pedals) -> str:
+def line_of(state: InterventionState, pedals: Pedals) -> str:
     """What the driver reads."""
     paused = "  PAUSED" if state.paused else ""
     return (
@@ -158,7 +158,7 @@ def line_of(state: HandState, pedals: Pedals) -> str:
     )
 
 
-def described(state: HandState) -> list[str]:
+def described(state: InterventionState) -> list[str]:
     """State of a case, in lines for people."""
     there = [each for each in state.objects if each.present]
     lines = [
@@ -183,7 +183,7 @@ def _told(action: Action) -> str:
 
 
 def _effect(action: Action) -> str:
-    return "; this attempt gives the case no verdict" if steers(action) else ""
+    return "; this attempt gives the case no verdict" if changes_simulation(action) else ""
 
 
 def say(line: str) -> None:

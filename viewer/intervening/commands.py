@@ -22,7 +22,7 @@ from twin.base.errors import UsageError
 from twin.fabric.connection_options import InsecureOption, KeyOption
 
 if TYPE_CHECKING:
-    from viewer.intervening.command import SteerOptions
+    from viewer.intervening.command import InterventionOptions
 
 Case = Annotated[str, typer.Argument(help="Case id, as the wall shows it.")]
 Words = Annotated[
@@ -77,7 +77,7 @@ def set_(
         actions = actions_of(parse_words(settings))
     except ValueError as error:
         raise UsageError(str(error)) from None
-    _steer(actions, _options(case, connect, run, ssh, node, campaign, namespace, key, output))
+    _intervene(actions, _options(case, connect, run, ssh, node, campaign, namespace, key, output))
 
 
 def step(
@@ -95,7 +95,7 @@ def step(
 ) -> None:
     """Let a case go on for some ticks and then stand still; its values stay the same."""
     options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
-    _steer([Step(ticks)], options)
+    _intervene([Step(ticks)], options)
 
 
 def takeover(
@@ -144,15 +144,15 @@ def _plain(action: Action):  # type: ignore[no-untyped-def]
         output: OutputOption = Output.human,
     ) -> None:
         options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
-        _steer([action], options)
+        _intervene([action], options)
 
     return command
 
 
-def _steer(actions: list[Action], options: SteerOptions) -> None:
-    from viewer.intervening.command import steer
+def _intervene(actions: list[Action], options: InterventionOptions) -> None:
+    from viewer.intervening.command import intervene
 
-    raise typer.Exit(steer(options, actions))
+    raise typer.Exit(intervene(options, actions))
 
 
 def _options(
@@ -165,9 +165,9 @@ def _options(
     namespace: str,
     key: Path | None,
     output: Output,
-) -> SteerOptions:
+) -> InterventionOptions:
     from twin.fabric.keys.roles import Role
-    from viewer.intervening.command import SteerOptions
+    from viewer.intervening.command import InterventionOptions
     from viewer.live.command import LiveOptions
 
     where = LiveOptions(
@@ -179,4 +179,4 @@ def _options(
         key=key,
         role=Role.admin,
     )
-    return SteerOptions(case, where, campaign, json=output is Output.json)
+    return InterventionOptions(case, where, campaign, json=output is Output.json)

@@ -26,7 +26,7 @@ _ARROWS = {b"A": "w", b"B": "s", b"C": "d", b"D": "a"}
 
 @dataclass(frozen=True, slots=True)
 class Pedals:
-    """What the hands and feet do."""
+    """Pedals and steering wheel as the driver holds them."""
 
     throttle: float = 0.0
     brake: float = 0.0

@@ -673,15 +673,15 @@ def test_a_case_that_stands_still_at_somebodys_wish_is_not_late():
 def test_a_touch_is_told_at_once_until_it_is_heard():
     core = working(slots=1, tokens=(1,))
     touch = Touch(40, "pause", 0)
-    core.on_touched(1, touch, 1)
-    core.on_touched(9, touch, 1)  # abandoned meanwhile
+    core.on_intervened(1, touch, 1)
+    core.on_intervened(9, touch, 1)  # abandoned meanwhile
     (ask,) = core.on_time(1)
     assert ask.request.touched == {"1": touch}
     core.on_reply(ask.request, None, 1)
     (ask,) = core.on_time(4 * SECOND_NS)
     assert ask.request.touched == {"1": touch}
     later = Touch(41, "resume", 0)
-    core.on_touched(1, later, 4 * SECOND_NS)
+    core.on_intervened(1, later, 4 * SECOND_NS)
     core.on_reply(ask.request, reply(), 4 * SECOND_NS)
     (ask,) = core.on_time(4 * SECOND_NS)
     assert ask.request.touched == {"1": later}, "the first was heard, not the second"
@@ -693,12 +693,12 @@ def test_a_touch_is_told_at_once_until_it_is_heard():
 
 def test_a_steered_case_goes_back_uncharged_also_when_it_takes_its_rig_along():
     core = working(slots=2, tokens=(1, 2))
-    core.on_steered(result(1), 3, 0)
-    core.on_steered(result(1), 3, 0)
+    core.on_intervened_done(result(1), 3, 0)
+    core.on_intervened_done(result(1), 3, 0)
     assert [(e.token, e.reason) for e in core.ended] == [(1, "intervened")]
     assert "3 changes, ended with 'pass'" in core.ended[0].detail
     assert core.results == []
-    core.on_touched(2, Touch(5, "pose", 1), 0)
+    core.on_intervened(2, Touch(5, "pose", 1), 0)
     core.on_rig_died("crash", "signal 11", 0)
     assert core.ended[-1].reason == "intervened"
 

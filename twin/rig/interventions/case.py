@@ -1,4 +1,4 @@
-"""A hand on one running case: what it has asked for, and when the case may go on. No clock, no I/O.
+"""Interventions in one running case, and when it may go on because of them. No clock, no I/O.
 
 Times of the wall clock come in as arguments; what they decide is when a tick is simulated, never
 what is in it.
@@ -25,7 +25,7 @@ from schemas.wire.interventions import (
     Step,
     Takeover,
     Together,
-    steers,
+    changes_simulation,
 )
 
 DRIVE_SILENCE_S = 2.0
@@ -40,7 +40,7 @@ LATE_S = 0.25
 
 @dataclass(slots=True)
 class AttemptInterventions:
-    """What a hand has done to an attempt."""
+    """State of an attempt as interventions have left it."""
 
     lease: Lease
     paused: bool = False
@@ -59,7 +59,7 @@ class AttemptInterventions:
     replayed: bool = False
     """It runs from a journal."""
     clocked: bool = False
-    """Its rig goes with the wall clock, whatever a hand does."""
+    """Its rig goes with the wall clock, whatever is asked."""
     heard_s: float = 0.0
     drive_s: float = 0.0
     paced_tick: int = -1
@@ -96,7 +96,7 @@ class AttemptInterventions:
                 self.lights = lights
             case SetSensors(errors):
                 self.errors = errors
-        if steers(action):
+        if changes_simulation(action):
             self.changes += 1
 
     def overdue(self, now_s: float) -> Action | None:
@@ -128,7 +128,7 @@ class AttemptInterventions:
         return due_s - now_s
 
     def changed(self, command: Command) -> Command:
-        """The stack's command with what the hand has put in its place."""
+        """The stack's command with what interventions have put in its place."""
         if self.drive is not None:
             command = structs.replace(
                 command,
@@ -154,7 +154,7 @@ class AttemptInterventions:
         self.answers[id_] = answer
 
     def label(self) -> str:
-        """For views; empty: nobody has touched it."""
+        """Label for views; empty: nobody has intervened."""
         now = "by hand" if self.drive is not None else "paused" if self.paused else ""
         return now or ("steered" if self.changes else "")
 

@@ -1,4 +1,4 @@
-"""The journal of an attempt that a hand has steered: a line of JSON per action, written at once."""
+"""Journal of the interventions in an attempt: a line of JSON per action, written at once."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ from schemas.wire.interventions import (
     SpawnObject,
     Step,
     Takeover,
+    changes_simulation,
     parts_of,
-    steers,
 )
 from twin.base.errors import TwinError
 from twin.fabric.bus import Respond
@@ -276,8 +276,8 @@ class RigInterventions(SlotListener):
         if action == attempt.drive:
             attempt.heard_s = attempt.drive_s = now_s  # the same pedals again: it is still there
             return -1
-        if steers(action) and not attempt.replayed:
-            changed = self._journalled(opened, [part for part in parts if steers(part)])
+        if changes_simulation(action) and not attempt.replayed:
+            changed = self._journalled(opened, [part for part in parts if changes_simulation(part)])
         else:
             changed = max(self._built.apply(slot, part) for part in parts)
         for part in parts:

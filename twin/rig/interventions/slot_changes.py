@@ -8,7 +8,7 @@ from schemas.wire.interventions import (
     OBJECTS_SHOWN_MAX,
     Action,
     FreeObject,
-    HandState,
+    InterventionState,
     MoveObject,
     ObjectState,
     PlaceEgo,
@@ -74,7 +74,7 @@ class SlotChanges:
         """Name of a slot's weather; empty: intensities of somebody's own."""
         return self.engine.environment(slot).shown
 
-    def state(self, slot: int, attempt: AttemptInterventions, *, whole: bool) -> HandState:
+    def state(self, slot: int, attempt: AttemptInterventions, *, whole: bool) -> InterventionState:
         """How the case in a slot stands; ``whole``: with its objects."""
         engine, lease = self.engine, attempt.lease
         row = engine.state[slot]
@@ -82,7 +82,7 @@ class SlotChanges:
         def value(name: str) -> float:
             return float(row[COLUMN[name]])
 
-        return HandState(
+        return InterventionState(
             campaign=lease.case.campaign,
             case=lease.case.id,
             attempt=lease.attempt,

@@ -43,8 +43,8 @@ class CaseEnvironment:
         self._minute = float(case.time_of_day_min)
         self._last: tuple[float, WeatherParameters] | None = None
         self._light: Daylight | None = None
-        self._hand_weather: WeatherParameters | None = None
-        self._hand_minute: float | None = None
+        self._chosen_weather: WeatherParameters | None = None
+        self._chosen_minute: float | None = None
         self.shown = case.weather
         """Name of the weather now; empty: intensities that an intervention set."""
 
@@ -57,10 +57,10 @@ class CaseEnvironment:
         """
         found = self.check(change)
         if found is not None:
-            self._hand_weather = found
+            self._chosen_weather = found
             self.shown = change.weather
         if change.time_of_day_min is not None:
-            self._hand_minute = change.time_of_day_min
+            self._chosen_minute = change.time_of_day_min
 
     def check(self, change: SetEnvironment) -> WeatherParameters | None:
         """The weather that :meth:`override` would bring; None: it stays.
@@ -105,8 +105,8 @@ class CaseEnvironment:
         return overridden(found, environment.friction, environment.water_mm)
 
     def _weather_at(self, time_s: float) -> WeatherParameters:
-        if self._hand_weather is not None:
-            return self._hand_weather
+        if self._chosen_weather is not None:
+            return self._chosen_weather
         weather = self._first
         for change in self._environment.timeline:
             if change.weather is None or change.at_s > time_s:
@@ -117,8 +117,8 @@ class CaseEnvironment:
         return weather
 
     def _clock(self, time_s: float) -> float:
-        if self._hand_minute is not None:
-            return self._hand_minute
+        if self._chosen_minute is not None:
+            return self._chosen_minute
         minute = self._minute
         for change in self._environment.timeline:
             if change.time_of_day is None or change.at_s > time_s:

@@ -31,8 +31,8 @@ from schemas.wire.interventions import (
     Together,
 )
 from twin.base.errors import UnreachableError, UsageError
+from twin.fabric.interventions import Attempt, carry_out, find, find_in_rig
 from twin.fabric.memory_bus import MemoryHub
-from twin.fabric.steering import Attempt, carry_out, find, find_in_rig
 from twin.rig.engine import Engine
 from twin.rig.interventions.case import DRIVE_SILENCE_S
 from twin.rig.interventions.journal import read_journal

@@ -1,4 +1,4 @@
-"""Steering running cases from outside: finds an attempt and asks its simulator.
+"""Interventions in running cases from outside: finds an attempt and asks its simulator.
 
 From a thin client the way leads through the conductor's router to the view session of the rig
 (``view/<campaign>/<case>/control``); beside a rig straight to its simulator
@@ -20,7 +20,7 @@ from schemas.wire.interventions import (
     Action,
     ControlReply,
     ControlRequest,
-    HandState,
+    InterventionState,
     Query,
     Setting,
     Together,
@@ -76,14 +76,16 @@ class Attempt:
         )
 
 
-class Hands(Protocol):
-    """What does one action."""
+class ActionTarget(Protocol):
+    """Anything that carries out one action."""
 
     def do(self, action: Action) -> ControlReply:
         """See :meth:`Attempt.do`."""
 
 
-def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action, ControlReply]]:
+def carry_out(
+    target: ActionTarget, actions: Sequence[Action]
+) -> Iterator[tuple[Action, ControlReply]]:
     """Actions with their answers: settings together, at the same tick, all of them or none; then
     the others one after the other.
 
@@ -97,7 +99,7 @@ def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action,
     done: list[str] = []
     for action in asked:
         try:
-            reply = hands.do(action)
+            reply = target.do(action)
         except (UsageError, UnreachableError) as error:
             if not done:
                 raise
@@ -110,7 +112,7 @@ def carry_out(hands: Hands, actions: Sequence[Action]) -> Iterator[tuple[Action,
 class RunningAttempt:
     """An attempt that was found running, and how it stood at the last answer."""
 
-    def __init__(self, bus: Bus, state: HandState, key: str = "") -> None:
+    def __init__(self, bus: Bus, state: InterventionState, key: str = "") -> None:
         self.state = state
         self._attempt = Attempt(bus, state.campaign, state.case, state.token, key)
 
@@ -122,8 +124,8 @@ class RunningAttempt:
         return reply
 
 
-def running(bus: Bus, campaign: str = "*", case: str = "*") -> list[HandState]:
-    """Attempts that can be steered from here, by campaign and case.
+def running(bus: Bus, campaign: str = "*", case: str = "*") -> list[InterventionState]:
+    """Attempts that take interventions from here, by campaign and case.
 
     Raises:
         UsageError: a simulator speaks another version; one line.
@@ -138,7 +140,7 @@ def find(bus: Bus, case: str, campaign: str = "") -> RunningAttempt:
     """The running attempt of a case, through the conductor's router.
 
     Raises:
-        UsageError: no such case runs, or its rig cannot be steered; one line that says why.
+        UsageError: no such case runs, or its rig takes no interventions; one line that says why.
         InfrastructureError: nobody answers at all.
     """
     _check_names(campaign, case)
