@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import socket
 import struct
 import threading
 from collections.abc import Iterator
 
-from twin.base.gpu.first_use import TURNS_VARIABLE
+from twin.base.gpu.first_use import TURN_S, TURNS_VARIABLE
+from twin.fabric.rig_folder import PrivateFolder
 
 TURNS = 2
 """Processes that may begin at once: a simulator and its stack."""
+
+GUESTS_MAX = 256
+"""Most processes that wait or begin at a time: stacks come here, too, and each has a thread."""
+
+SOCKET_NAME = "turns"
+"""In a private folder of the run."""
 
 _PLACE_BYTES_MAX = 16
 _PEER = struct.Struct("3i")
@@ -30,17 +36,26 @@ def turns(device: str) -> Iterator[None]:
     if not device.startswith("cuda"):
         yield
         return
-    name = f"drivetwin-turns-{secrets.token_hex(8)}"
-    with socket.socket(socket.AF_UNIX) as door:
-        door.bind(f"\0{name}")  # abstract: no file that a killed run would leave behind
-        door.listen(socket.SOMAXCONN)
-        queue = Queue(door)
-        os.environ[TURNS_VARIABLE] = name
-        try:
-            yield
-        finally:
-            os.environ.pop(TURNS_VARIABLE, None)
-            queue.close()
+    try:
+        # A path: sandboxes without a network of the host reach it where they see its folder.
+        folder = PrivateFolder()
+    except OSError:
+        yield  # it saves time, nothing depends on it
+        return
+    path = folder.path / SOCKET_NAME
+    try:
+        with socket.socket(socket.AF_UNIX) as door:
+            door.bind(str(path))
+            door.listen(socket.SOMAXCONN)
+            queue = Queue(door)
+            os.environ[TURNS_VARIABLE] = str(path)
+            try:
+                yield
+            finally:
+                os.environ.pop(TURNS_VARIABLE, None)
+                queue.close()
+    finally:
+        folder.close()
 
 
 class Queue:
@@ -78,7 +93,10 @@ class Queue:
             peer = guest.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
             if _PEER.unpack(peer)[1] != os.getuid():
                 return
+            guest.settimeout(TURN_S)  # for one that holds its turn, or says nothing
             with self._changed:
+                if len(self._guests) >= GUESTS_MAX:
+                    return
                 self._guests.add(guest)
             try:
                 with guest.makefile("rb") as lines:

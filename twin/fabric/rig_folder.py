@@ -27,8 +27,8 @@ _DRIVE, _FRAMES = "drive", "frames"
 _GUARD = 'trap "" TERM INT HUP; read -r _; exec rm -rf -- "$0"'
 
 
-class RigFolder:
-    """A folder of mode 0700 that goes with the rig, or with this process however it ends."""
+class PrivateFolder:
+    """A folder of mode 0700 that goes when it is closed, or with this process however it ends."""
 
     def __init__(self, place: Path | None = None) -> None:
         """Make it. Only from the main thread.
@@ -50,16 +50,20 @@ class RigFolder:
             shutil.rmtree(self.path, ignore_errors=True)
             raise
 
-    @property
-    def drive(self) -> str:
-        """Endpoint of the drive session."""
-        return f"{SOCKET}/{self.path / _DRIVE}"
-
     def close(self) -> None:
         """Remove it, with all that is in it; its processes have ended."""
         assert self._guard.stdin is not None
         self._guard.stdin.close()
         self._guard.wait()
+
+
+class RigFolder(PrivateFolder):
+    """The private folder of a rig."""
+
+    @property
+    def drive(self) -> str:
+        """Endpoint of the drive session."""
+        return f"{SOCKET}/{self.path / _DRIVE}"
 
 
 def frames_socket(endpoint: str) -> Path:

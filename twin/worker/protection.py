@@ -11,7 +11,7 @@ from pathlib import Path
 from schemas.campaign import Case
 from schemas.sections.autonomy import SANDBOX, UNPROTECTED, open_by_nature
 from schemas.sections.foreign import ContainerImage
-from twin.base.gpu.first_use import PIPES_VARIABLE
+from twin.base.gpu.first_use import PIPES_VARIABLE, PLACE_VARIABLE, TURNS_VARIABLE
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads, script_folder, stack_reads
 from twin.sandbox.view import SandboxView
@@ -63,6 +63,8 @@ def protection(
     if on_gpu and mode == "default" and (pipes := os.environ.get(PIPES_VARIABLE)):
         writable.append(Path(pipes))
         shared.append("Multi-Process Service")
+    turns = _turns() if on_gpu else {}
+    reads += [Path(path).parent for name, path in turns.items() if name == TURNS_VARIABLE]
     if folder is None:
         shared.append("network")
     else:
@@ -75,10 +77,19 @@ def protection(
         device=device,
         shared=shared,
         containers=image is not None,
+        variables=turns,
     )
     later = foreign is not None and foreign.repository is not None
     shown = [*(["GPU"] if on_gpu else []), *shared]
     return Protection(f"{mode}, shares {', '.join(shown)}" if shown else mode, view, later)
+
+
+def _turns() -> dict[str, str]:
+    """The variables by which a process on a GPU waits for its turn to begin, if there are turns."""
+    if TURNS_VARIABLE not in os.environ:
+        return {}
+    names = (TURNS_VARIABLE, PLACE_VARIABLE)
+    return {name: os.environ[name] for name in names if name in os.environ}
 
 
 def is_podmans(image: ContainerImage) -> bool:

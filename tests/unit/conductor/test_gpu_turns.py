@@ -12,6 +12,7 @@ import sys
 import termios
 from contextlib import ExitStack, suppress
 from functools import partial
+from pathlib import Path
 
 import pytest
 from waiting import wait_for
@@ -25,7 +26,7 @@ class Guest:
 
     def __init__(self, at_end: ExitStack, line: str) -> None:
         self.socket = at_end.enter_context(socket.socket(socket.AF_UNIX))
-        self.socket.connect(f"\0{os.environ[TURNS_VARIABLE]}")
+        self.socket.connect(os.environ[TURNS_VARIABLE])
         self.socket.sendall(line.encode())
         wait_for(self._is_read, "the line is read")
 
@@ -61,10 +62,11 @@ def guest():
         yield partial(Guest, at_end)
 
 
-def test_so_many_at_once_then_by_place(guest, monkeypatch):
-    monkeypatch.setenv(TURNS_VARIABLE, f"drivetwin-turns-test-{os.getpid()}")
+def test_so_many_at_once_then_by_place(guest, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # its own path may be too long
+    monkeypatch.setenv(TURNS_VARIABLE, "turns")
     with socket.socket(socket.AF_UNIX) as door:
-        door.bind(f"\0{os.environ[TURNS_VARIABLE]}")
+        door.bind(os.environ[TURNS_VARIABLE])
         door.listen()
         queue = Queue(door)
         first = [guest("70\n") for _ in range(TURNS)]
@@ -128,6 +130,8 @@ def test_a_killed_run_lets_everybody_go(guest):
             assert guests[-1].get() == b""
             with _turn():
                 pass  # whoever comes now goes on
+            folder = Path(os.environ[TURNS_VARIABLE]).parent
+            wait_for(lambda: not folder.exists(), "its folder is gone")
         finally:
             os.environ.pop(TURNS_VARIABLE)
 
@@ -135,3 +139,34 @@ def test_a_killed_run_lets_everybody_go(guest):
 def test_a_cpu_has_no_turns():
     with turns("cpu"):
         assert TURNS_VARIABLE not in os.environ
+
+
+def test_the_socket_lies_in_a_private_folder_that_goes_with_the_run(monkeypatch, tmp_path):
+    deep = tmp_path / ("x" * 60) / ("y" * 60)
+    deep.mkdir(parents=True)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    with turns("cuda:0"):
+        path = Path(os.environ[TURNS_VARIABLE])
+        assert len(os.fsencode(path)) < 108
+        assert path.parent.stat().st_mode & 0o777 == 0o700
+    assert not path.parent.exists()
+
+
+def test_more_than_so_many_are_sent_away_at_once(guest, monkeypatch):
+    monkeypatch.setattr("conductor.run.gpu_turns.GUESTS_MAX", TURNS + 1)
+    with turns("cuda:0"):
+        guests = [guest("0\n") for _ in range(TURNS + 1)]
+        assert guests[-1].waits()
+        with socket.socket(socket.AF_UNIX) as beyond:
+            beyond.settimeout(60.0)
+            beyond.connect(os.environ[TURNS_VARIABLE])
+            with suppress(ConnectionResetError):
+                assert beyond.recv(1) == b""
+
+
+def test_one_that_keeps_its_turn_loses_it(guest, monkeypatch):
+    monkeypatch.setattr("conductor.run.gpu_turns.TURN_S", 0.2)
+    with turns("cuda:0"):
+        kept = [guest("0\n") for _ in range(TURNS)]
+        assert [one.get() for one in kept] == [b"\n"] * TURNS
+        assert guest("1\n").get() == b"\n"

@@ -16,11 +16,14 @@ import psutil
 import pytest
 from waiting import PATIENCE_S, wait_for
 
+from conductor.run.gpu_turns import turns
+from twin.base.gpu.first_use import PLACE_VARIABLE, TURNS_VARIABLE
 from twin.base.process import end
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads, stack_reads
 from twin.sandbox.start import Sandboxed, own_code, spawn_inside
 from twin.sandbox.view import SCRATCH, SCRATCH_BYTES_MAX, SandboxView
+from twin.worker.protection import protection
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not())
 
@@ -283,3 +286,26 @@ def test_a_stack_is_read_with_its_package_and_what_the_campaign_names(tmp_path, 
         Path("/m/a.onnx"),
         *(tmp_path / name for name in ("beside.py", "gains.json", "mystack", "other")),
     ]
+
+
+def test_a_stack_on_a_gpu_takes_its_turn_to_begin_and_one_on_a_cpu_sees_none(tmp_path, monkeypatch):
+    monkeypatch.setenv(PLACE_VARIABLE, "7")
+    code = """
+    import contextlib
+    path = os.environ.get("TWIN_GPU_TURNS")
+    with socket.socket(socket.AF_UNIX) as queue, contextlib.suppress(TypeError):
+        queue.connect(path)
+        queue.sendall(os.environ["TWIN_GPU_PLACE"].encode() + b"\\n")
+        path = queue.recv(1).decode()
+    print(json.dumps(path))
+    """
+    with turns("cuda:0"):
+        folder = Path(os.environ[TURNS_VARIABLE]).parent
+        on_gpu, on_cpu = (protection(None, device, tmp_path).view for device in ("cuda:0", "cpu"))
+        assert folder in on_gpu.readable
+        assert folder not in on_cpu.readable
+        assert "network" not in on_gpu.shared
+        names = ("shared", "device", "variables")
+        for view, said in ((on_gpu, "\n"), (on_cpu, None)):
+            changed = {name: getattr(view, name) for name in names}
+            assert inside(code, readable=view.readable, **changed) == said

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from twin.base.gpu.nvml import takes_several
 
 TURNS_VARIABLE = "TWIN_GPU_TURNS"
-"""Environment variable: the abstract Unix socket of whoever gives turns; not set: nobody does."""
+"""Environment variable: path of the Unix socket of whoever gives turns; not set: nobody does."""
 
 PLACE_VARIABLE = "TWIN_GPU_PLACE"
 """Environment variable: place of this process in the queue, from 0; the first comes first."""
@@ -70,14 +70,14 @@ def _use(device: str) -> None:
 
 @contextlib.contextmanager
 def _turn() -> Iterator[None]:
-    name = os.environ.get(TURNS_VARIABLE, "")
-    if not name:
+    path = os.environ.get(TURNS_VARIABLE, "")
+    if not path:
         yield
         return
     with socket.socket(socket.AF_UNIX) as queue:
         queue.settimeout(TURN_S)
         with contextlib.suppress(OSError):  # it is gone, or takes too long
-            queue.connect(f"\0{name}")
+            queue.connect(path)
             queue.sendall(os.environ.get(PLACE_VARIABLE, "0").encode() + b"\n")
             queue.recv(1)
         yield
