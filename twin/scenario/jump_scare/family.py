@@ -63,7 +63,7 @@ class JumpScare:
             reasons = [f"the ego never moved, {dtc[-1]:.2f} m from the obstacle"]
             return Verdict("false_braking" if dtc[-1] > limit else "time_up", reasons)
         past = past_from(self._ground, rows)
-        far = began + np.flatnonzero((speed[began:past] == 0.0) & (dtc[began:past] > limit))
+        far: np.ndarray = began + np.flatnonzero((speed[began:past] == 0.0) & (dtc[began:past] > limit))
         if len(far):
             reason = (
                 f"came to rest {dtc[far[0]]:.2f} m from the obstacle; further than {limit:g} m is "
@@ -88,7 +88,7 @@ def _judge_free_lane(rows: Rows, began: int | None) -> Verdict:
     speed = rows.column("speed_mps")
     if began is None:
         return Verdict("false_braking", ["the ego never moved; nothing stood in its way"])
-    rests = began + np.flatnonzero(speed[began:] == 0.0)
+    rests: np.ndarray = began + np.flatnonzero(speed[began:] == 0.0)
     if len(rests):
         at_s = rows.column("sim_time_ns")[rests[0]] / 1e9
         return Verdict("false_braking", [f"at rest after {at_s:.3f} s; nothing stood in its way"])

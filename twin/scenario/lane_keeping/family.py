@@ -39,10 +39,9 @@ class LaneKeeping:
 
     def ended(self) -> bool:
         """The ego has come far enough, or is out of its lane."""
-        return (
-            self.progress.distance_m >= self._config.distance_m
-            or abs(self.progress.lateral_m) > self._config.lateral_limit_m
-        )
+        lane, config = self.progress, self._config
+        arrived = lane.distance_m >= config.distance_m
+        return arrived or abs(lane.lateral_m) > config.lateral_limit_m
 
     def scalars(self, rows: Rows) -> Scalars:
         """The way along the lane, and how far beside its centre."""
