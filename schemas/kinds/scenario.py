@@ -11,6 +11,7 @@ from msgspec import UNSET, Struct
 
 from schemas.kinds.kpi import KpiKind, scalars_by_name, shipped
 from schemas.kinds.registry import Kinds, read_kinds
+from schemas.kinds.verdict import VERDICTS, VerdictKind
 
 if TYPE_CHECKING:  # the section is made of this table
     from schemas.sections.scenario import Scenario
@@ -116,6 +117,8 @@ class ScenarioKind:
     """The ego is to stop for the target: DTC decides, and an AEB trigger far from it is early."""
     as_autodrive: bool = False
     """Its cases can be exported as logs of the AutoDRIVE study, which knows this one scenario."""
+    verdicts: tuple[VerdictKind, ...] = ()
+    """Verdict words that only this family has."""
     kpis: tuple[str, ...] = ()
     """Scalars that its cases have beside those of all; each is declared as a KPI."""
 
@@ -169,3 +172,13 @@ def kind_of(scenario: Scenario) -> ScenarioKind:
 @cache
 def _by_name() -> dict[str, ScenarioKind]:
     return {kind.name: kind for kind in scenario_kinds().declared}
+
+
+@cache
+def verdict_kinds() -> tuple[VerdictKind, ...]:
+    """All verdict words, those of the shipped scenarios first, in the order of reports."""
+    words = {verdict.name: verdict for verdict in VERDICTS}
+    for kind in scenario_kinds().declared:
+        for verdict in kind.verdicts:
+            words.setdefault(verdict.name, verdict)
+    return tuple(words.values())

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from schemas.kinds.scenario import verdict_kinds
 from schemas.messages import CameraSite, LidarSite
 from schemas.wire.view import POINT_CM, CaseStart, SceneMesh, Stage
 from viewer.recording import naming
@@ -30,13 +31,8 @@ CYAN: Color = (90, 200, 220)
 VIOLET: Color = (178, 120, 255)
 GREY: Color = (120, 126, 138)
 
-VERDICT_COLORS: dict[str, Color] = {
-    "pass": GREEN,
-    "collision": RED,
-    "lane_departure": RED,
-    "false_braking": ORANGE,
-    "time_up": ORANGE,
-}
+_TONES: dict[str, Color] = {"good": GREEN, "doubtful": ORANGE, "bad": RED}
+VERDICT_COLORS = {verdict.name: _TONES[verdict.tone] for verdict in verdict_kinds()}
 
 BUILDING_HEIGHT_M = 0.2
 """Buildings are drawn as flat as their ground plan, so that they hide nothing [m]."""

@@ -15,19 +15,13 @@ from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
 from schemas.files.kpi import NAMES
 from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.scenario import verdict_kinds
 
 KNOWN_STATUSES = (
-    "pass",
-    "false_braking",
-    "collision",
-    "lane_departure",
-    "time_up",
-    "failed",
-    "unresolved",
-    "cancelled",
-    NOT_ENDED,
+    *(verdict.name for verdict in verdict_kinds()),
+    *("failed", "unresolved", "cancelled", NOT_ENDED),
 )
-"""Statuses in the order of the report; verdicts that are new to it stand after ``time_up``."""
+"""Statuses in the order of the report; verdicts that nobody declares stand after the others."""
 
 _VERDICTS = KNOWN_STATUSES.index("failed")
 

@@ -7,13 +7,15 @@ from typing import Any
 
 from conductor.report.reading.axes import axis_value, axis_values
 from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
-from schemas.kinds.scenario import kind_of
+from schemas.kinds.scenario import kind_of, verdict_kinds
 
 _OTHER = ""
 # From bad to good: a cell of several cases shows the worst of them.
+_VERDICTS = sorted(verdict_kinds(), key=lambda verdict: verdict.rank)
 _WORST_FIRST = (
-    *("collision", "lane_departure", "failed", "unresolved", "cancelled", NOT_ENDED),
-    *(_OTHER, "time_up", "false_braking", "pass"),
+    *(verdict.name for verdict in _VERDICTS if verdict.tone == "bad"),
+    *("failed", "unresolved", "cancelled", NOT_ENDED, _OTHER),
+    *(verdict.name for verdict in _VERDICTS if verdict.tone != "bad"),
 )
 
 

@@ -14,6 +14,7 @@ from conductor.report.plots.palette import status_color, status_ink
 from conductor.report.reading.axes import axis_label
 from conductor.report.reading.dossier import Dossier
 from conductor.report.reading.systems import system_names
+from schemas.kinds.scenario import verdict_kinds
 
 _CELL_PX = (58, 30)
 _MARGIN_PX = (12, 46, 18, 46)
@@ -24,10 +25,7 @@ _GAP_PX = 3
 _FONT_PX, _TITLE_PX = 13, 16
 _INK, _PAPER = "#1F2328", "#FFFFFF"
 _MARKS = {
-    "collision": "X",
-    "false_braking": "!",
-    "lane_departure": "<>",
-    "time_up": "T",
+    **{verdict.name: verdict.mark for verdict in verdict_kinds() if verdict.mark},
     "failed": "F",
     "unresolved": "?",
 }

@@ -5,24 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from conductor.report.reading.dossier import NOT_ENDED
+from schemas.kinds.scenario import verdict_kinds
 
 _STATUS = {
-    "pass": "#0072B2",
-    "false_braking": "#E69F00",
-    "collision": "#D55E00",
-    "lane_departure": "#CC79A7",
-    "time_up": "#56B4E9",
+    **{verdict.name: verdict.color for verdict in verdict_kinds()},
     "failed": "#8E4585",
     "unresolved": "#565B62",
     "cancelled": "#A9AEB5",
     NOT_ENDED: "#D9DCE0",
 }
 _SYMBOLS = {
-    "pass": "✓",
-    "false_braking": "◐",
-    "collision": "✕",
-    "lane_departure": "⇆",
-    "time_up": "◷",
+    **{verdict.name: verdict.symbol for verdict in verdict_kinds()},
     "failed": "!",
     "unresolved": "?",
     "cancelled": "–",

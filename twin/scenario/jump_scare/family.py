@@ -63,7 +63,9 @@ class JumpScare:
             reasons = [f"the ego never moved, {dtc[-1]:.2f} m from the obstacle"]
             return Verdict("false_braking" if dtc[-1] > limit else "time_up", reasons)
         past = past_from(self._ground, rows)
-        far: np.ndarray = began + np.flatnonzero((speed[began:past] == 0.0) & (dtc[began:past] > limit))
+        far: np.ndarray = began + np.flatnonzero(
+            (speed[began:past] == 0.0) & (dtc[began:past] > limit)
+        )
         if len(far):
             reason = (
                 f"came to rest {dtc[far[0]]:.2f} m from the obstacle; further than {limit:g} m is "

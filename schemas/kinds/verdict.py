@@ -1,0 +1,35 @@
+"""The table of verdict words: how pages, maps and the viewer show each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerdictKind:
+    """Declaration of a verdict word."""
+
+    name: str
+    tone: Literal["good", "doubtful", "bad"]
+    """Its colour in the viewer; a bad one is worse than a case without a verdict."""
+    rank: int
+    """Small is worse: a cell of several cases shows the worst."""
+    color: str
+    """On pages, ``#RRGGBB``; colour-blind readers tell it from the others."""
+    symbol: str
+    """One character that says it without colour."""
+    mark: str = ""
+    """In pictures of maps, whose fonts have letters alone."""
+
+
+VERDICTS = (
+    VerdictKind(name="pass", tone="good", rank=9, color="#0072B2", symbol="✓"),
+    VerdictKind(
+        name="false_braking", tone="doubtful", rank=8, color="#E69F00", symbol="◐", mark="!"
+    ),
+    VerdictKind(name="collision", tone="bad", rank=0, color="#D55E00", symbol="✕", mark="X"),
+    VerdictKind(name="lane_departure", tone="bad", rank=1, color="#CC79A7", symbol="⇆", mark="<>"),
+    VerdictKind(name="time_up", tone="doubtful", rank=7, color="#56B4E9", symbol="◷", mark="T"),
+)
+"""Those of the shipped scenarios, in the order of reports."""
