@@ -119,6 +119,17 @@ def test_links_lead_somewhere(page):
     assert not astray, f"links of {page.name} that lead nowhere"
 
 
+def test_every_page_is_reached_from_the_readme():
+    reached, left = set(), [ROOT / "README.md"]
+    while left:
+        page = left.pop()
+        reached.add(page)
+        links = {link.partition("#")[0] for link in LINK.findall(page.read_text())}
+        targets = {(page.parent / link).resolve() for link in links if link.endswith(".md")}
+        left += [target for target in targets - reached if target.exists()]
+    assert set(PAGES) <= reached
+
+
 @pytest.mark.parametrize("page", [*PAGES, *RECORDS], ids=lambda page: page.stem)
 def test_commands_stand_in_blocks_that_are_checked(page):
     """Only ```sh blocks are read by tests/unit/fabric/test_documented_commands.py."""
