@@ -34,13 +34,14 @@ def _what(start: CaseStart) -> str:
 
 
 def _figures(end: CaseEnd) -> str:
-    """All scalars as running text: a row for each would not fit into the panel."""
-    kinds = sorted(scalars_by_name().values(), key=lambda kind: not kind.by_scenario)
+    """All scalars as running text: a row for each would not fit into the panel. Those that a
+    scenario gives stand first, and are left out where it gives none."""
+    shown = [kind for kind in scalars_by_name().values() if kind.panel]
+    given = [kind for kind in shown if kind.by_scenario and kind.name in end.scalars]
+    if all(end.scalars[kind.name] is None for kind in given):
+        given = []
     said = []
-    for kind in kinds:
-        value = end.scalars.get(kind.name)
-        if not kind.panel or (value is None and kind.by_scenario):
-            continue
-        unit = kind.unit.replace("^2", "²")
+    for kind in (*given, *(kind for kind in shown if not kind.by_scenario)):
+        value, unit = end.scalars.get(kind.name), kind.unit.replace("^2", "²")
         said.append(f"{kind.panel} -" if value is None else f"{kind.panel} {value:.2f} {unit}")
     return " · ".join(said)
