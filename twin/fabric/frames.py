@@ -63,7 +63,7 @@ def lay_out(channels: Sequence[FrameChannel]) -> tuple[dict[str, int], int]:
 
 
 class FrameBuffer:
-    """A shared buffer of ``size`` bytes behind the header, and the door at which it is had."""
+    """A shared buffer of ``size`` bytes behind the header, and the socket that hands it out."""
 
     def __init__(self, size: int, place: Path) -> None:
         """Create the buffer (simulator side).
@@ -95,7 +95,7 @@ class FrameBuffer:
         ).start()
 
     def _hand_out(self, door: socket.socket) -> None:
-        """Give the first few of the same user the descriptor, until the door is shut."""
+        """Give the same user's first few processes the descriptor, until the socket is shut."""
         for _ in range(PEERS_MAX):
             try:
                 peer, _ = door.accept()

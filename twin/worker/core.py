@@ -384,8 +384,8 @@ class Core:
         return effects
 
     def _keep_logs(self, end: str) -> list[Effect]:
-        """For attempts in hand, which end without a result; those of cases that are over have one
-        on the way."""
+        """For attempts that the worker holds, which end without a result; those of cases that are
+        over have one on the way."""
         leases = tuple(held.lease for held in self.held.values() if not held.over)
         return [KeepLogs(leases, end)] if leases and self.rig is not None else []
 

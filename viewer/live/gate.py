@@ -72,7 +72,7 @@ class Gate:
         self.port: int = self._listener.getsockname()[1]
 
     def serve(self, hub: InnerPort) -> None:
-        """Let viewers in; those that have come wait at the door until then."""
+        """Let viewers in; those that have come wait until then."""
         threading.Thread(target=self._accept, args=(hub,), name="gate", daemon=True).start()
 
     def relieve(self) -> None:

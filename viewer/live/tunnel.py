@@ -38,7 +38,7 @@ READ_S = 60.0
 """Longest time a file over there may take to come, passwords included [s]."""
 
 _UNFIT = frozenset("'\"`$;&<>|(){}")
-"""What no host is called: ssh hands names to shells, as it does with -J."""
+"""Characters of no host's name: ssh hands names to shells, as it does with -J."""
 
 _OPTIONS = (
     *("-o", "ExitOnForwardFailure=yes", "-o", "ConnectTimeout=15"),
@@ -176,8 +176,8 @@ class Tunnel:
         return None if done.returncode else done.stdout
 
     def _fetch_key(self, found: ConductorFile) -> None:
-        """Whoever may log in there as the conductor's user may read that user's key: nobody copies
-        it by hand, and here it is in memory only."""
+        """Fetch the key: a login as the conductor's user may read it. No person copies it, and here
+        it is in memory only."""
         path = f"{found.key}/{self._role}.key" if found.key else ""
         if self._key is not None and path == self._fetched_from:
             return

@@ -230,7 +230,7 @@ class Front:
 
 
 class Session(asyncio.BufferedProtocol):
-    """A member's side of a connection: what it sends goes to the door of its role."""
+    """A member's side of a connection: what it sends goes to the router's socket for its role."""
 
     def __init__(self, front: Front, peer: str) -> None:
         self.peer = peer
