@@ -52,7 +52,6 @@ RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True)
 RPC_SUBMIT = Topic("conductor/rpc/submit", "msgpack", "Request -> Reply", True)
 FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True)
 EVENT = Topic("conductor/event", "msgpack", "fact", False)
-WORKER_COMMAND = Topic("worker/{worker}/cmd", "msgpack", "drain, stop", False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False)
 
 VIEW_THUMBNAIL = Topic("view/{campaign}/{case}/thumbnail", "jpeg", "Thumbnail", False)
@@ -101,7 +100,6 @@ TOPICS: tuple[Topic, ...] = (
     RPC_SUBMIT,
     FILES,
     EVENT,
-    WORKER_COMMAND,
     WORKER_ALIVE,
     VIEW_THUMBNAIL,
     VIEW_LIVE_START,

@@ -52,17 +52,6 @@ def free_port() -> int:
         return port
 
 
-def is_free(port: int) -> bool:
-    """Nobody listens on this port of the loopback interface."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True
-
-
 def here() -> str:
     """``user@host`` of this machine, as a laptop's ssh would say it."""
     return f"{getpass.getuser()}@{socket.gethostname()}"

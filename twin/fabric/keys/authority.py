@@ -44,9 +44,6 @@ FILE_NAME = "authority.key"
 DAYS = 365
 """How long a new fabric's keys are valid [days]."""
 
-INVITED_DAYS = 30
-"""How long a key that was asked for by itself is valid [days]."""
-
 FILE_OF_CONDUCTOR = f"{Role.conductor}.key"
 
 RIG_DAYS = 30

@@ -83,7 +83,7 @@ MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
     Role.worker: {
         Act.publish: (*_SENSED, _ready("simulator"), *_SHOWN, *_TO_RECORDER),
         Act.subscribe: (
-            *_keys(topics.COMMAND, topics.WORKER_COMMAND),
+            *_keys(topics.COMMAND),
             *(_ready("stack"), *_TO_RECORDER),
         ),
         Act.ask: _keys(topics.RPC_WORKER, topics.RPC_STATUS, topics.FILES),
