@@ -22,6 +22,18 @@ _REFERENCE = re.compile(r"([a-z][a-z-]*)://(\S+)")
 _INSTALLED = BIN_FOLDER.rpartition("/")[0]
 
 
+BUBBLEWRAP = """\
+    # The sandbox of stacks, for kernels that allow one in a container. Without a network the image
+    # has what its base has.
+    command -v bwrap >/dev/null || {
+        apt="apt-get -o APT::Sandbox::User=root -o Acquire::Retries=0 -o Acquire::http::Timeout=10"
+        $apt update && $apt install --yes --no-install-recommends bubblewrap \\
+            && rm -rf /var/lib/apt/lists/*
+    } || echo "no bubblewrap: stacks have no sandbox in this image; take a --base with it" >&2
+"""
+"""Lines of ``%post`` that install it."""
+
+
 def default_base() -> str:
     """The official image of this machine's Python version: the wheels are made for that one."""
     return f"docker://python:{sys.version_info[0]}.{sys.version_info[1]}-slim"
@@ -67,7 +79,7 @@ From: {name}
     # Places for the file systems of clusters; not every runtime can make them.
     mkdir -p {" ".join(MOUNT_POINTS)}
     chmod -R a+rX {_INSTALLED}
-
+{BUBBLEWRAP}
 %environment
     export PATH={BIN_FOLDER}:$PATH
     export PYTHONNOUSERSITE=1

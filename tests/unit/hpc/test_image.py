@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hpc.software.bundle import install_script, write_bundle
-from hpc.software.image import build, default_base, definition
+from hpc.software.image import BUBBLEWRAP, build, default_base, definition
 from hpc.software.wheels import own_wheel, source_folder
 from twin.base.errors import InfrastructureError, UsageError
 
@@ -17,6 +17,39 @@ GOLDEN = Path(__file__).with_name("drivetwin.def")
 
 def test_the_definition():
     assert definition("docker://python:3.11-slim") == GOLDEN.read_text()
+
+
+@pytest.mark.parametrize(
+    ("programs", "asked", "told"),
+    [
+        ({"bwrap": 0, "apt-get": 0}, "", ""),
+        ({"apt-get": 0, "rm": 0}, "update\ninstall bubblewrap\n", ""),
+        ({"apt-get": 100}, "update\n", "no bubblewrap"),
+        ({}, "", "no bubblewrap"),
+    ],
+    ids=["in the base", "installed", "no network", "no Debian"],
+)
+def test_bubblewrap_comes_in_if_it_can_and_the_image_is_built_in_any_case(
+    tmp_path, programs, asked, told
+):
+    note = 'while [ "$1" = -o ]; do shift 2; done; for last; do :; done; '
+    note += 'if [ "$1" = install ]; then echo "$1 $last"; else echo "$1"; fi >>notes'
+    (tmp_path / "notes").touch()
+    for name, code in programs.items():
+        words = note if name == "apt-get" else ":"
+        (tmp_path / name).write_text(f"#!/bin/sh\n{words}\nexit {code}\n")
+        (tmp_path / name).chmod(0o755)
+    done = subprocess.run(
+        ["/bin/sh", "-c", f"set -eu\n{BUBBLEWRAP}echo built"],
+        env={"PATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "built\n"), done.stderr
+    assert (tmp_path / "notes").read_text() == asked
+    assert done.stderr.count("no bubblewrap") == bool(told)
 
 
 def test_the_base_is_a_reference_or_a_path():
