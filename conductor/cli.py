@@ -18,7 +18,7 @@ import typer
 
 from conductor.commands.further import add_further_commands
 from conductor.commands.key_commands import add_key_commands, own_key
-from conductor.commands.operate import Connect, Namespace, State, add_commands
+from conductor.commands.operate import add_commands
 from conductor.commands.options import (
     AllowUnprotected,
     ByBatch,
@@ -49,9 +49,15 @@ from twin.base.errors import (
     EXIT_USAGE,
     UsageError,
 )
+from twin.base.option_record import with_options
 from twin.base.process import keep_to_itself
-from twin.fabric.connection_options import InsecureOption, KeyOption
-from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.connection_options import (
+    ConductorOptions,
+    InsecureOption,
+    KeyOption,
+    NamespaceOption,
+)
+from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -148,7 +154,7 @@ def serve(
     campaign: CampaignToServe = "",
     until_done: UntilDone = False,
     listen: Listen = LOOPBACK,
-    namespace: Namespace = "twin",
+    namespace: NamespaceOption = NAMESPACE,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     by_batch: ByBatch = False,
@@ -221,13 +227,10 @@ def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Cam
 
 
 @app.command()
+@with_options
 def submit(
     campaign: Source,
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
     out: Annotated[
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
@@ -240,22 +243,19 @@ def submit(
 
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
-    from conductor.commands.client import ConductorClient
+    from conductor.commands.client import client_of
     from twin.fabric.keys.roles import Role
 
     loaded = _checked(campaign, seed=seed)
-    with ConductorClient(connect, state, namespace, key, Role.submitter) as client:
+    with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
 
 
 @app.command()
+@with_options
 def status(
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
     watch: Annotated[
         bool, typer.Option("--watch", help="Keep showing it until every case has ended.")
     ] = False,
@@ -267,14 +267,14 @@ def status(
     """Show campaigns and workers of a conductor that serves, or the cases that run."""
     from rich.console import Console
 
-    from conductor.commands.client import ConductorClient
+    from conductor.commands.client import client_of
     from conductor.commands.tables import running_table, status_tables
     from conductor.commands.watch import watch as watch_status
     from twin.fabric.keys.roles import Role
 
     if watch and cases:
         raise UsageError("--cases lists what runs at one moment; leave --watch away")
-    with ConductorClient(connect, state, namespace, key, Role.viewer) as client:
+    with client_of(conductor, Role.viewer) as client:
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
@@ -288,17 +288,14 @@ def status(
 
 
 @app.command()
+@with_options
 def stop(
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Drain a conductor: workers give their cases back and leave, then it ends."""
-    from conductor.commands.client import ConductorClient
+    from conductor.commands.client import client_of
 
-    with ConductorClient(connect, state, namespace, key) as client:
+    with client_of(conductor) as client:
         client.stop()
     print("draining; run `conductor serve` again to go on")
 
@@ -308,25 +305,21 @@ add_key_commands(app)
 
 
 @app.command("relay")
+@with_options
 def relay_command(
     listen: Annotated[str, typer.Option(help="Where to listen, e.g. tls/0.0.0.0:7447.")],
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Pass on between a conductor and workers of another cluster that cannot reach its host.
 
     Run it where both sides can connect, e.g. on a login node; it takes the conductor's own key.
     """
     from conductor.serve.relay import relay
-    from twin.fabric.discovery import choose_target
     from twin.fabric.keys.roles import Role
 
-    target = choose_target(connect, state, namespace, key, Role.conductor)
+    target = conductor.target(Role.conductor)
     with strangers_named():
-        raise typer.Exit(relay(target, listen, None if connect else state))
+        raise typer.Exit(relay(target, listen, None if conductor.connect else conductor.state))
 
 
 @app.command()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hpc.options import Options, SchedulerName, own_bin_folder, with_options
+from hpc.options import Options, SchedulerName, own_bin_folder
 from hpc.software.cli import add_commands
 from schemas.kinds.batch_system import AUTO, batch_systems
 from twin.base.cli import Output, OutputOption, make_app, run
@@ -25,6 +25,7 @@ from twin.base.errors import (
     EXIT_UNFINISHED,
     UsageError,
 )
+from twin.base.option_record import with_options
 
 if TYPE_CHECKING:
     from hpc.campaigns import CampaignFacts

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import inspect
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -103,34 +99,6 @@ class Options:
         Path | None,
         typer.Option(help="Site defaults; default ~/.config/drivetwin/site.yaml if it is there."),
     ] = None
-
-
-def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The command's last parameter, an :class:`Options`, becomes one option per field."""
-    hints = get_type_hints(Options, include_extras=True)
-    fields = dataclasses.fields(Options)
-    own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
-
-    @functools.wraps(command)
-    def wrapped(**values: Any) -> None:
-        options = Options(**{field.name: values.pop(field.name) for field in fields})
-        command(**values, options=options)
-
-    more = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            annotation=hints[field.name],
-            default=inspect.Parameter.empty
-            if field.default is dataclasses.MISSING
-            else field.default,
-        )
-        for field in fields
-    ]
-    own = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
-    wrapped.__signature__ = inspect.Signature(own + more)  # type: ignore[attr-defined]
-    wrapped.__annotations__ = {each.name: each.annotation for each in own + more}
-    return wrapped
 
 
 def own_bin_folder() -> Path:

@@ -33,8 +33,8 @@ from twin.dataset.command_options import (
     StreetsOption,
     VehicleOption,
 )
-from twin.fabric.connection_options import InsecureOption, KeyOption
-from twin.fabric.endpoint import LOOPBACK
+from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
+from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (
     ConnectOption,
@@ -45,7 +45,6 @@ from twin.worker.command_options import (
     JoinDirOption,
     LoadSimulatorOption,
     MemoryGbOption,
-    NamespaceOption,
     SlotsOption,
     SpoolOption,
     StateOption,
@@ -69,7 +68,7 @@ def worker(
     connect: ConnectOption = "",
     state: StateOption = None,
     wait: WaitOption = 0.0,
-    namespace: NamespaceOption = "twin",
+    namespace: NamespaceOption = NAMESPACE,
     key: KeyOption = None,
     _insecure: InsecureOption = False,
     slots: SlotsOption = None,

@@ -16,9 +16,11 @@ import typer
 
 from twin.base.cli import Output, OutputOption, duration, make_app, run
 from twin.base.errors import UsageError
+from twin.base.option_record import with_options
 from twin.base.process import PARENT_VARIABLE
-from twin.fabric.connection_options import InsecureOption, KeyOption
+from twin.fabric.connection_options import KeyOption
 from viewer.intervening.commands import register as register_steering
+from viewer.live.place import FarPlace, LivePlace
 
 app = make_app(
     "viewer",
@@ -229,28 +231,13 @@ def replay(
 
 
 @app.command()
+@with_options
 def live(
-    connect: Annotated[
-        str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")
-    ] = "",
-    run_folder: Annotated[
-        Path | None,
-        typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
-    ] = None,
-    ssh: Annotated[
-        str,
-        typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login."),
-    ] = "",
-    node: Annotated[
-        str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
-    ] = "",
+    place: FarPlace = FarPlace(),
     case: Annotated[
         list[str] | None,
         typer.Option(help="Show this case in full as well; up to 8 times."),
     ] = None,
-    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
     wait: Annotated[
         float | None,
         duration("Give up without a conductor after this long [s]; default: wait."),
@@ -267,16 +254,10 @@ def live(
 
     It may be started before the conductor, and finds one again that was restarted or cut off.
     """
-    from viewer.live.command import LiveOptions, run_live
+    from viewer.live.command import run_live
 
     _end_with_parent()
-    options = LiveOptions(
-        connect=connect,
-        run=run_folder,
-        ssh=ssh,
-        node=node,
-        namespace=namespace,
-        key=key,
+    options = place.live(
         cases=tuple(case or ()),
         wait_s=wait,
         port=port,
@@ -287,25 +268,17 @@ def live(
 
 
 @app.command()
+@with_options
 def web(
     folder: Annotated[
         Path | None, typer.Argument(help="Campaign folder whose recordings are shown.")
     ] = None,
     case: Annotated[str, typer.Argument(help="Case id; none: the table of all.")] = "",
-    connect: Annotated[
-        str, typer.Option(help="Or live: the conductor's endpoint, e.g. tls/login1:7447.")
-    ] = "",
-    run_folder: Annotated[
-        Path | None,
-        typer.Option("--run", help="Or live: campaign or state folder on a shared file system."),
-    ] = None,
+    place: LivePlace = LivePlace(),
     focus: Annotated[
         list[str] | None,
         typer.Option("--case", help="Live: show this case in full as well; up to 8 times."),
     ] = None,
-    namespace: Annotated[str, typer.Option(help="Namespace of the conductor.")] = "twin",
-    key: KeyOption = None,
-    insecure: InsecureOption = False,
     at: At = "aeb",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
@@ -315,12 +288,11 @@ def web(
     """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
     from twin.fabric.keys.roles import Role
     from viewer.browser.serve import WebOptions, run_web
-    from viewer.live.command import LiveOptions
     from viewer.playback.catalogue import read_catalogue
     from viewer.playback.folder import find_moment, find_recording
 
-    places = sum((bool(connect), run_folder is not None, folder is not None))
-    if places > 1 or (not places and key is None):
+    places = sum((bool(place.connect), place.run is not None, folder is not None))
+    if places > 1 or (not places and place.key is None):
         raise UsageError(
             "give a campaign folder (its recordings), or for running cases one of "
             "--connect tls/HOST:PORT and --run FOLDER"
@@ -329,15 +301,9 @@ def web(
         raise UsageError("--case is for running cases; give a recorded one as viewer web DIR CASE")
     as_json = output is Output.json
     if folder is None:
-        live_options = ["--connect", connect] if connect else []
-        live_options += ["--run", str(run_folder)] if run_folder is not None else []
-        live_options += ["--namespace", namespace, *(["--key", str(key)] if key else [])]
-        live_options += ["--insecure"] if insecure else []
-        live_options += [f"--case={name}" for name in focus or ()]
+        live_options = [*place.words(), *(f"--case={name}" for name in focus or ())]
         # The panel steers; with a viewer's key it says so, and all else is shown.
-        where = LiveOptions(
-            connect=connect, run=run_folder, namespace=namespace, key=key, role=Role.admin
-        )
+        where = place.live(role=Role.admin)
         where.check()
         options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
         raise typer.Exit(run_web(options))

@@ -17,6 +17,7 @@ from schemas.wire.codec import decode, encode
 from schemas.wire.rpc_routes import door
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.software import software_digest
+from twin.fabric.connection_options import ConductorOptions
 from twin.fabric.discovery import choose_target
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import join
@@ -24,6 +25,12 @@ from twin.fabric.zenoh_bus import join
 CONNECT_TIMEOUT_S = 5.0
 TRIES = 3
 """Requests are idempotent: an unanswered one is sent again."""
+
+
+def client_of(conductor: ConductorOptions, role: Role = Role.admin) -> ConductorClient:
+    """A client of the conductor that the command line names, with a key of ``role``."""
+    place = (conductor.connect, conductor.state, conductor.namespace, conductor.key)
+    return ConductorClient(*place, role)
 
 
 class ConductorClient:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from conductor.commands.client import ConductorClient
+from conductor.commands.client import client_of
 from schemas.words import counted
-from twin.fabric.connection_options import InsecureOption, KeyOption
+from twin.base.option_record import with_options
+from twin.fabric.connection_options import ConductorOptions
 from twin.fabric.keys.roles import Role
 
-Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
-State = Annotated[
-    Path | None, typer.Option(help="Or: the conductor's state folder (holds conductor.json).")
-]
-Namespace = Annotated[str, typer.Option(help="Prefix of every key of this fabric.")]
 CampaignName = Annotated[str, typer.Argument(help="Name of the campaign.")]
 CaseName = Annotated[str, typer.Argument(help="One case of it; default: all.")]
 
@@ -34,37 +29,29 @@ ACTIONS: dict[Action, str] = {
 
 def add_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
-    app.command()(explain)
+    app.command()(with_options(explain))
     for action, text in ACTIONS.items():
-        app.command(action, help=text)(_command(action))
-    app.command()(drain)
+        app.command(action, help=text)(with_options(_command(action)))
+    app.command()(with_options(drain))
 
 
 def explain(
     campaign: CampaignName,
     case: Annotated[str, typer.Argument(help="The case.")],
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Say why a case waits, runs or ended."""
-    with ConductorClient(connect, state, namespace, key, Role.viewer) as client:
+    with client_of(conductor, Role.viewer) as client:
         for line in client.explain(campaign, case):
             print(line)
 
 
 def drain(
     worker: Annotated[str, typer.Argument(help="The worker, as `conductor status` names it.")],
-    connect: Connect = "",
-    state: State = None,
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
+    conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Let a worker give its cases back and leave."""
-    with ConductorClient(connect, state, namespace, key) as client:
+    with client_of(conductor) as client:
         client.control("drain", worker=worker)
     print(f"{worker}: draining")
 
@@ -75,13 +62,9 @@ def _command(action: Action) -> Callable[..., None]:
     def act(
         campaign: CampaignName,
         case: CaseName = "",
-        connect: Connect = "",
-        state: State = None,
-        namespace: Namespace = "twin",
-        key: KeyOption = None,
-        _insecure: InsecureOption = False,
+        conductor: ConductorOptions = ConductorOptions(),
     ) -> None:
-        with ConductorClient(connect, state, namespace, key) as client:
+        with client_of(conductor) as client:
             changed = client.control(action, campaign=campaign, case=case)
         print(f"{action} {campaign}{f' {case}' if case else ''}: {counted(changed, 'case')}")
 

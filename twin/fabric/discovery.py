@@ -12,7 +12,7 @@ from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import UnreachableError, UsageError
 from twin.base.own_folder import VARIABLE
-from twin.fabric.endpoint import is_tls
+from twin.fabric.endpoint import NAMESPACE, is_tls
 from twin.fabric.handshake import greet
 from twin.fabric.keys.key_file import MemberKey, UnfitKeyError, load_key
 from twin.fabric.keys.own_keys import fabric_folder
@@ -20,9 +20,6 @@ from twin.fabric.keys.roles import Role
 
 FILE_NAME = "conductor.json"
 """Name of the file in the state folder and in each campaign folder."""
-
-NAMESPACE = "twin"
-"""The namespace where nobody says another."""
 
 OUTCOMES_NAME = "outcomes.json"
 """Name of the file in a campaign folder that says how its cases ended."""

@@ -6,6 +6,9 @@ import ipaddress
 
 from twin.base.errors import UsageError
 
+NAMESPACE = "twin"
+"""Default of ``--namespace``."""
+
 PROTOCOLS = ("tcp", "tls")
 """``tcp`` is plain, see :func:`allow_plain` and :func:`demand_keys`; ``tls`` needs a key."""
 

@@ -25,7 +25,6 @@ StateOption = Annotated[
     typer.Option(help="Or: the conductor's state folder, on a shared file system."),
 ]
 WaitOption = Annotated[float, duration("With --state: wait this long for a conductor [s].")]
-NamespaceOption = Annotated[str, typer.Option(help="Namespace of the conductor.")]
 SlotsOption = Annotated[
     int | None,
     typer.Option(

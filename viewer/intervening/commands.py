@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,7 +18,8 @@ from schemas.wire.interventions import (
 )
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
-from twin.fabric.connection_options import InsecureOption, KeyOption
+from twin.base.option_record import with_options
+from viewer.live.place import FarPlace
 
 if TYPE_CHECKING:
     from viewer.intervening.command import InterventionOptions
@@ -32,41 +32,23 @@ Words = Annotated[
         "speed_mps, lights (low+fog, off, stack), gnss_noise, imu_bias ..., pace (1, 0.5, max)."
     ),
 ]
-Connect = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
-RunFolder = Annotated[
-    Path | None,
-    typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
-]
-Ssh = Annotated[
-    str, typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login.")
-]
-Node = Annotated[
-    str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
-]
 Campaign = Annotated[str, typer.Option(help="If several campaigns have a case of that name.")]
-Namespace = Annotated[str, typer.Option(help="Namespace of the conductor.")]
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the viewer's."""
-    app.command("set")(set_)
+    app.command("set")(with_options(set_))
     for name, (action, text) in _PLAIN.items():
-        app.command(name, help=text)(_plain(action))
-    app.command()(step)
-    app.command()(takeover)
+        app.command(name, help=text)(with_options(_plain(action)))
+    app.command()(with_options(step))
+    app.command()(with_options(takeover))
 
 
 def set_(
     case: Case,
     settings: Words,
-    connect: Connect = "",
-    run: RunFolder = None,
-    ssh: Ssh = "",
-    node: Node = "",
+    place: FarPlace = FarPlace(),
     campaign: Campaign = "",
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Change weather, hour, place, lamps, sensor errors or pace of a running case.
@@ -77,37 +59,25 @@ def set_(
         actions = actions_of(parse_words(settings))
     except ValueError as error:
         raise UsageError(str(error)) from None
-    _intervene(actions, _options(case, connect, run, ssh, node, campaign, namespace, key, output))
+    _intervene(actions, _options(case, place, campaign, output))
 
 
 def step(
     case: Case,
     ticks: Annotated[int, typer.Argument(min=1, max=STEPS_MAX, help="Control ticks.")] = 1,
-    connect: Connect = "",
-    run: RunFolder = None,
-    ssh: Ssh = "",
-    node: Node = "",
+    place: FarPlace = FarPlace(),
     campaign: Campaign = "",
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Let a case go on for some ticks and then stand still; its values stay the same."""
-    options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+    options = _options(case, place, campaign, output)
     _intervene([Step(ticks)], options)
 
 
 def takeover(
     case: Case,
-    connect: Connect = "",
-    run: RunFolder = None,
-    ssh: Ssh = "",
-    node: Node = "",
+    place: FarPlace = FarPlace(),
     campaign: Campaign = "",
-    namespace: Namespace = "twin",
-    key: KeyOption = None,
-    _insecure: InsecureOption = False,
 ) -> None:
     """Drive a running case by the keyboard of this terminal, in real time, until Q.
 
@@ -115,7 +85,7 @@ def takeover(
     """
     from viewer.intervening.command import take_over
 
-    options = _options(case, connect, run, ssh, node, campaign, namespace, key, Output.human)
+    options = _options(case, place, campaign, Output.human)
     raise typer.Exit(take_over(options))
 
 
@@ -133,17 +103,11 @@ _PLAIN: dict[str, tuple[Action, str]] = {
 def _plain(action: Action):  # type: ignore[no-untyped-def]
     def command(
         case: Case,
-        connect: Connect = "",
-        run: RunFolder = None,
-        ssh: Ssh = "",
-        node: Node = "",
+        place: FarPlace = FarPlace(),
         campaign: Campaign = "",
-        namespace: Namespace = "twin",
-        key: KeyOption = None,
-        _insecure: InsecureOption = False,
         output: OutputOption = Output.human,
     ) -> None:
-        options = _options(case, connect, run, ssh, node, campaign, namespace, key, output)
+        options = _options(case, place, campaign, output)
         _intervene([action], options)
 
     return command
@@ -155,28 +119,9 @@ def _intervene(actions: list[Action], options: InterventionOptions) -> None:
     raise typer.Exit(intervene(options, actions))
 
 
-def _options(
-    case: str,
-    connect: str,
-    run: Path | None,
-    ssh: str,
-    node: str,
-    campaign: str,
-    namespace: str,
-    key: Path | None,
-    output: Output,
-) -> InterventionOptions:
+def _options(case: str, place: FarPlace, campaign: str, output: Output) -> InterventionOptions:
     from twin.fabric.keys.roles import Role
     from viewer.intervening.command import InterventionOptions
-    from viewer.live.command import LiveOptions
 
-    where = LiveOptions(
-        connect=connect,
-        run=run,
-        ssh=ssh,
-        node=node,
-        namespace=namespace,
-        key=key,
-        role=Role.admin,
-    )
+    where = place.live(role=Role.admin)
     return InterventionOptions(case, where, campaign, json=output is Output.json)

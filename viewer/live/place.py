@@ -1,0 +1,67 @@
+"""The options of commands that look at, or intervene in, the running cases of a conductor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from twin.fabric.connection_options import (
+    ConnectOption,
+    InsecureOption,
+    KeyOption,
+    NamespaceOption,
+)
+from twin.fabric.endpoint import NAMESPACE
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from viewer.live.command import LiveOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LivePlace:
+    """Whose cases are meant; see :func:`twin.base.option_record.with_options`."""
+
+    connect: ConnectOption = ""
+    run: Annotated[
+        Path | None,
+        typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
+    ] = None
+    namespace: NamespaceOption = NAMESPACE
+    key: KeyOption = None
+    insecure: InsecureOption = False
+
+    def words(self) -> list[str]:
+        """The same for another command of ours."""
+        words = ["--connect", self.connect] if self.connect else []
+        words += ["--run", str(self.run)] if self.run is not None else []
+        words += ["--namespace", self.namespace, *(["--key", str(self.key)] if self.key else [])]
+        return [*words, *(["--insecure"] if self.insecure else [])]
+
+    def live(self, **more: Any) -> LiveOptions:
+        """As the commands take it; ``more``: further fields of :class:`LiveOptions`."""
+        from viewer.live.command import LiveOptions
+
+        place = {"connect": self.connect, "run": self.run}
+        return LiveOptions(**place, namespace=self.namespace, key=self.key, **more)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FarPlace(LivePlace):
+    """Whose cases are meant, also behind a login node."""
+
+    ssh: Annotated[
+        str,
+        typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login."),
+    ] = ""
+    node: Annotated[
+        str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
+    ] = ""
+
+    def live(self, **more: Any) -> LiveOptions:
+        """As the commands take it, with the tunnel."""
+        return LivePlace.live(self, ssh=self.ssh, node=self.node, **more)
