@@ -106,7 +106,7 @@ def run_command(
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
     from conductor.run.source import load, only_case, with_drive, with_render
-    from schemas.campaign import first
+    from schemas.plan import first
 
     loaded = load(campaign, seed=seed)
     if case:
@@ -335,7 +335,7 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
-    from schemas.campaign import expand
+    from schemas.plan import expand
 
     try:
         loaded = _checked(campaign, fetch=fetch)

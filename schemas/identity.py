@@ -6,12 +6,13 @@ import hashlib
 import struct
 from collections.abc import Iterable
 from pathlib import PurePath
-from typing import Literal
 
 import msgspec
 
-from schemas.campaign import Campaign, Case
-from schemas.sections.perception import GroundTruthPerception, file_fields
+from schemas.campaign import Campaign
+from schemas.case import Case, RigSpec
+from schemas.sections.perception import GroundTruthPerception, Perception, file_fields
+from schemas.sections.scenario import Scenario
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
@@ -29,50 +30,58 @@ def digest(parts: Iterable[bytes]) -> str:
 
 
 def case_digest(case: Case) -> str:
-    """Digest of everything that decides a case's result (batch label and viewers do not)."""
-    same = msgspec.structs.replace(
-        by_content(case),
-        batch=0,
-        view="live",
-        keep="all",
-        drive="none",
-        files={},
-        source=_source_of(case),
-        sandbox="default",
-        models=[],
-    )
-    return digest([_canonical(same)])
+    """Digest of everything that decides a case's result (batch label and viewers do not).
+
+    Taken over a case as it was before it had a rig and a variation, one mapping of all its fields:
+    so it is the same as in the first stage.
+    """
+    rig, variation = msgspec.to_builtins(_by_content(case.rig)), msgspec.to_builtins(case.variation)
+    variation["perception"] = msgspec.to_builtins(perception_by_content(case))
+    # Which sensors there are, and their rates, stand in their sections.
+    del rig["sensor_hz"], rig["scene"], rig["vehicle"]
+    variation["scenario"] = msgspec.to_builtins(scenario_by_content(case))
+    undecisive = {
+        "batch": 0,
+        "view": "live",
+        "keep": "all",
+        "drive": "none",
+        "sandbox": "default",
+        # Others hold them by content.
+        "files": {},
+        "models": [],
+    }
+    return digest([_canonical(rig | variation | undecisive)])
 
 
-def _source_of(case: Case) -> StackSource:
-    """What the stack consists of: digests alone, no paths."""
-    identity = StackIdentity(case.source.identity.digest)
-    return StackSource(identity=identity, parameters=case.source.parameters)
-
-
-def by_content(case: Case) -> Case:
-    """The case with digests in place of the paths of scene, vehicle and model files: the same file
-    may lie elsewhere."""
-    if not case.files:
-        return case
-    scenario = msgspec.structs.replace(
-        case.scenario, scene=_content_of(case, "scene"), vehicle=_content_of(case, "vehicle")
-    )
-    named = file_fields(case.perception)
+def perception_by_content(case: Case) -> Perception:
+    """The perception variant with digests in place of the paths of its files: the same file may
+    lie elsewhere."""
+    variation = case.variation
     changed = {
         # What its name ends with says what a file is.
-        key: case.files[path] + PurePath(path).suffix
-        for key, path in named.items()
-        if path in case.files
+        key: variation.files[path] + PurePath(path).suffix
+        for key, path in file_fields(variation.perception).items()
+        if path in variation.files
     }
-    perception = msgspec.structs.replace(case.perception, **changed)
-    return msgspec.structs.replace(case, scenario=scenario, perception=perception)
+    return msgspec.structs.replace(variation.perception, **changed)
 
 
-def _content_of(case: Case, field: Literal["scene", "vehicle"]) -> str:
-    """Digest of the scene or vehicle file; the name of a shipped one."""
-    name: str = getattr(case.scenario, field)
-    return case.files.get(name, name)
+def scenario_by_content(case: Case) -> Scenario:
+    """The scenario with digests in place of the paths of scene and vehicle."""
+    rig = _by_content(case.rig)
+    return msgspec.structs.replace(case.variation.scenario, scene=rig.scene, vehicle=rig.vehicle)
+
+
+def _by_content(rig: RigSpec) -> RigSpec:
+    """The rig with digests in place of paths; shipped scenes and vehicles keep their names."""
+    identity = StackIdentity(rig.source.identity.digest)
+    return msgspec.structs.replace(
+        rig,
+        scene=rig.files.get(rig.scene, rig.scene),
+        vehicle=rig.files.get(rig.vehicle, rig.vehicle),
+        files={},
+        source=StackSource(identity=identity, parameters=rig.source.parameters),
+    )
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
@@ -82,64 +91,23 @@ def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
 
 
 def rig_key(case: Case) -> str:
-    """Cases with equal keys may share one rig (simulator and stack process).
-
-    Perception variants, times, weathers and errors of sensors differ per slot; simulator, scene,
-    vehicle, camera, which sensors there are, rates, stack and its parameters do not, nor what is
-    shown: a rig has a recorder beside it or has none.
-    """
-    parts = (
-        *(
-            case.simulator,
-            case.control_hz,
-            _content_of(case, "scene"),
-            _content_of(case, "vehicle"),
-        ),
-        *(case.camera, case.cameras, case.lidars, case.sensors.rates(case.control_hz), case.stack),
-        *(case.parameters, case.placement, _source_of(case), case.view, case.render),
-        *(case.foreign, case.slots, case.keep, case.clock, case.cosim),
-        case.sandbox,
-    )
+    """Cases with equal keys may share one rig (simulator and stack process): digest of all that
+    the rig is built for."""
+    rig = _by_content(case.rig)
     # The cases of a campaign have few different keys, and the digest is the slow part.
-    packed = msgspec.msgpack.encode(parts)
-    found = _rig_keys.get(packed)
-    if found is None:
+    packed = msgspec.msgpack.encode(rig)
+    key = _rig_keys.get(packed)
+    if key is None:
         if len(_rig_keys) >= RIG_KEYS_MAX:
             _rig_keys.clear()
-        found = _rig_keys[packed] = _rig_key(case)
-    return found
+        key = _rig_keys[packed] = digest([_canonical(msgspec.to_builtins(rig))])[:16]
+    return key
 
 
 RIG_KEYS_MAX = 4096
 """Most keys remembered."""
 
 _rig_keys: dict[bytes, str] = {}
-
-
-def _rig_key(case: Case) -> str:
-    shared = {
-        "simulator": case.simulator,
-        "control_hz": case.control_hz,
-        "scene": _content_of(case, "scene"),
-        "vehicle": _content_of(case, "vehicle"),
-        "camera": msgspec.to_builtins(case.camera),
-        "cameras": msgspec.to_builtins(case.cameras),
-        "lidars": msgspec.to_builtins(case.lidars),
-        "sensors": case.sensors.rates(case.control_hz),
-        "stack": case.stack,
-        "parameters": case.parameters,
-        "placement": case.placement,
-        "clock": case.clock,
-        "cosim": case.cosim,
-        "source": msgspec.to_builtins(_source_of(case)),
-        "view": case.view,
-        "keep": case.keep,
-        "render": case.render,
-        "foreign": msgspec.to_builtins(case.foreign),
-        "slots": case.slots,
-        "sandbox": case.sandbox,
-    }
-    return digest([_canonical(shared)])[:16]
 
 
 def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
@@ -155,10 +123,10 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
 def stack_name(case: Case) -> str:
     """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
     the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
-    if "case" in case.tell:
+    if "case" in case.variation.tell:
         return case.id
-    names = digest([case.campaign.encode(), case.id.encode()]).encode()
-    key = struct.pack("<Q", case.seed)
+    names = digest([case.variation.campaign.encode(), case.id.encode()]).encode()
+    key = struct.pack("<Q", case.variation.seed)
     return (
         f"case-{hashlib.blake2b(names, digest_size=8, key=key, person=b'drive name').hexdigest()}"
     )
@@ -167,14 +135,17 @@ def stack_name(case: Case) -> str:
 def stack_seed(case: Case) -> int:
     """The seed that a stack gets for ``case``: a stream of its own, with which it cannot draw the
     simulator's numbers again. The campaign's, if the campaign says so."""
-    if "seed" in case.tell:
-        return case.seed
-    return stream_key(case.seed, case.id, "stack") >> 1
+    if "seed" in case.variation.tell:
+        return case.variation.seed
+    return stream_key(case.variation.seed, case.id, "stack") >> 1
 
 
 def is_told_truth(case: Case) -> bool:
     """Whether the stack gets boxes and the exact environment in ``case``."""
-    return isinstance(case.perception, GroundTruthPerception) or "truth" in case.tell
+    return (
+        isinstance(case.variation.perception, GroundTruthPerception)
+        or "truth" in case.variation.tell
+    )
 
 
 def _canonical(value: object) -> bytes:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import stack_name, stack_seed
 from schemas.sections.lens import Lens
 from schemas.sections.perception import Perception
@@ -228,19 +228,19 @@ class Episode(Struct, frozen=True):
             token=token,
             case=stack_name(case),
             seed=stack_seed(case),
-            model=case.model,
-            perception=case.perception,
-            camera=case.camera.name,
-            width=case.camera.width,
-            height=case.camera.height,
-            hfov_deg=case.camera.hfov_deg,
-            control_period_ns=1_000_000_000 // case.control_hz,
+            model=case.variation.model,
+            perception=case.variation.perception,
+            camera=case.rig.camera.name,
+            width=case.rig.camera.width,
+            height=case.rig.camera.height,
+            hfov_deg=case.rig.camera.hfov_deg,
+            control_period_ns=1_000_000_000 // case.rig.control_hz,
             cameras=cameras,
             lidars=lidars,
             device=device,
-            files=case.model_files(),
-            cosim=case.cosim,
-            ticks_per_rev=case.sensors.encoders.ppr * case.sensors.encoders.cgr,
+            files=case.variation.files,
+            cosim=case.rig.cosim,
+            ticks_per_rev=case.variation.sensors.encoders.ppr * case.variation.sensors.encoders.cgr,
         )
 
 
@@ -495,7 +495,7 @@ class Lease(Struct, frozen=True):
 def noop_result(lease: Lease) -> Result:
     """What ``simulator: noop`` says of a case: a test of the scheduling, which reports refuse."""
     return Result(
-        campaign=lease.case.campaign,
+        campaign=lease.case.variation.campaign,
         case=lease.case.id,
         token=lease.token,
         outcome="verdict",

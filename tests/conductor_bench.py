@@ -80,7 +80,7 @@ def hello(worker: str = "w1", **fields: Any) -> Hello:
 def result(lease: Lease, kpi: str = "", passed: bool = True, **fields: Any) -> Result:
     """A verdict; ``kpi`` defaults to what a deterministic simulator would give for the case."""
     values: dict[str, Any] = {
-        "campaign": lease.case.campaign,
+        "campaign": lease.case.variation.campaign,
         "case": lease.case.id,
         "token": lease.token,
         "outcome": "verdict",
@@ -93,7 +93,7 @@ def result(lease: Lease, kpi: str = "", passed: bool = True, **fields: Any) -> R
 
 def ended(lease: Lease, reason: Any, detail: str = "") -> Ended:
     return Ended(
-        campaign=lease.case.campaign,
+        campaign=lease.case.variation.campaign,
         case=lease.case.id,
         token=lease.token,
         reason=reason,

@@ -12,12 +12,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pyarrow as pa
+from case_changes import changed
 
-from schemas.campaign import Case, expand, parse_campaign
+from schemas.case import Case
 from schemas.messages import Command, Detection, Lights
+from schemas.plan import expand, parse_campaign
 from twin.base.software import device_class
 from twin.records.kpi_file import canonical, kpi_table
 from twin.rig.engine import Engine
@@ -72,7 +73,7 @@ def cases(scene: str) -> list[tuple[Case, Policy]]:
             }
         )
         assert campaign is not None, mistakes
-        found.append((msgspec.structs.replace(expand(campaign)[0], id=f"{scene}-{name}"), policy))
+        found.append((changed(expand(campaign)[0], id=f"{scene}-{name}"), policy))
     return found
 
 

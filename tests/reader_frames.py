@@ -15,9 +15,9 @@ from pathlib import Path
 
 import cv2
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import OBJECT_CLASSES, Command
 from schemas.names import WEATHERS
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine
 from twin.snapshot import usual_lights
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import msgspec
 import numpy as np
 import warp as wp
+from case_changes import changed
 
-from schemas.campaign import Case, parse_cases
+from schemas.case import Case
+from schemas.plan import parse_cases
 from twin.sensors.truth import TRUTH
 from twin.world.kernel_cache import prepare_kernels
 
@@ -27,7 +28,7 @@ def case(name: str = "a", seed: int = 4, hz: int = 20, **sensors: dict) -> Case:
     }
     campaign, cases, mistakes = parse_cases(data)
     assert campaign is not None, mistakes
-    return msgspec.structs.replace(cases[0], id=name)
+    return changed(cases[0], id=name)
 
 
 def resting(slots: int, **columns: float) -> np.ndarray:

@@ -10,7 +10,6 @@ import numpy as np
 import view_messages
 
 from schemas import SCHEMA_VERSION as V
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import (
     Beat,
     Bye,
@@ -32,6 +31,7 @@ from schemas.messages import (
     Submit,
     Tick,
 )
+from schemas.plan import expand, parse_campaign
 from schemas.sections.lens import Lens
 from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
 from schemas.wire.interventions import ControlReply, ControlRequest, SetLights

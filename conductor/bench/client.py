@@ -106,7 +106,7 @@ def with_files(template: dict[str, Any]) -> Made:
         relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
         folder = Path(lease.out) / relative
         table = kpi_table(template["columns"])
-        scenario = msgspec.to_builtins(lease.case.scenario)
+        scenario = msgspec.to_builtins(lease.case.variation.scenario)
         record = {**template["record"], "case": lease.case.id, "scenario": scenario}
         encoded = msgspec.json.encode(record) + b"\n"
         folder.mkdir(parents=True, exist_ok=True)

@@ -15,10 +15,12 @@ from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
 from conductor.records.timeline import COMMITTED, LEASED, TimelineEvent
 from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
-from schemas.campaign import WEATHERS, Campaign, Case, expand, parse_campaign
+from schemas.campaign import WEATHERS, Campaign
+from schemas.case import Case
 from schemas.files.kpi import SCALARS
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
+from schemas.plan import expand, parse_campaign
 from twin.records.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table
 
 TICKS = 400

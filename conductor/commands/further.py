@@ -107,7 +107,7 @@ def fields(
 def campaigns_command() -> None:
     """List the shipped campaigns."""
     from conductor.run.source import load, shipped
-    from schemas.campaign import expand
+    from schemas.plan import expand
 
     for name in shipped():
         loaded = load(name)

@@ -12,10 +12,15 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.campaign import CASES_MAX, Case
+from schemas.campaign import CASES_MAX
+from schemas.case import Case, RigSpec, Variation
+from schemas.first_stage import case_of, is_flat
 
-_FIELDS = {field.encode_name: field.type for field in msgspec.structs.fields(Case)}
-_OPTIONAL = {field.encode_name for field in msgspec.structs.fields(Case) if not field.required}
+_VARYING = msgspec.structs.fields(Variation)
+_RIG = "rig"
+"""Column of the rigs; the others are fields of the variations."""
+_FIELDS = {_RIG: RigSpec, **{field.encode_name: field.type for field in _VARYING}}
+_OPTIONAL = {field.encode_name for field in _VARYING if not field.required}
 """Fields that tables of older versions may lack."""
 
 
@@ -39,7 +44,13 @@ def pack(cases: Sequence[Case]) -> CaseTable:
     """Cases -> table."""
     return CaseTable(
         count=len(cases),
-        columns={name: _column([getattr(case, name) for case in cases]) for name in _FIELDS},
+        columns={
+            _RIG: _column([case.rig for case in cases]),
+            **{
+                field.encode_name: _column([getattr(case.variation, field.name) for case in cases])
+                for field in _VARYING
+            },
+        },
     )
 
 
@@ -52,20 +63,33 @@ def unpack(table: CaseTable) -> list[Case]:
     """
     if not 0 <= table.count <= CASES_MAX:
         raise AssertionError(f"a table of {table.count} cases, at most {CASES_MAX} are allowed")
+    if is_flat(table.columns):
+        names = [*table.columns]
+        plain = [_values(table, name, table.columns[name].values) for name in names]
+        return [case_of(dict(zip(names, row, strict=True))) for row in zip(*plain, strict=True)]
     columns = []
     names = [name for name in _FIELDS if name in table.columns or name not in _OPTIONAL]
     for name in names:
         type_ = _FIELDS[name]
         values = msgspec.convert(table.columns[name].values, list[type_])  # type: ignore[valid-type]
-        index = table.columns[name].index
-        if index:
-            values = [values[i] for i in index]
-        elif len(values) == 1:
-            values *= table.count
-        if len(values) != table.count:
-            raise AssertionError(f"column {name}: {len(values)} of {table.count} cases")
-        columns.append(values)
-    return [Case(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
+        columns.append(_values(table, name, values))
+    rigs, *varying = columns
+    return [
+        Case(rig=rig, variation=Variation(**dict(zip(names[1:], row, strict=True))))
+        for rig, *row in zip(rigs, *varying, strict=True)
+    ]
+
+
+def _values(table: CaseTable, name: str, different: list[Any]) -> list[Any]:
+    """The column ``name``, a value per case, of its different values."""
+    index = table.columns[name].index
+    if index:
+        values = [different[i] for i in index]
+    else:
+        values = different * table.count if len(different) == 1 else different
+    if len(values) != table.count:
+        raise AssertionError(f"column {name}: {len(values)} of {table.count} cases")
+    return values
 
 
 def _column(values: list[Any]) -> CaseColumn:

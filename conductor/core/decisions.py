@@ -278,7 +278,9 @@ def _next(turn: RequestTurn, request: Next) -> Reply:
 def _replied(request: Next, reply: Reply) -> Replied:
     """Cases are large and in the journal already."""
     granted = [
-        Granted(lease.case.campaign, lease.case.id, lease.token, lease.attempt, lease.alone)
+        Granted(
+            lease.case.variation.campaign, lease.case.id, lease.token, lease.attempt, lease.alone
+        )
         for lease in reply.leases
     ]
     bare = msgspec.structs.replace(reply, leases=[]) if granted else reply
@@ -330,13 +332,13 @@ def _grant(
     state = turn.state
     leases = []
     for case in choose(state, request, worker, held, turn.now_ns):
-        campaign = state.campaigns[case.case.campaign]
+        campaign = state.campaigns[case.case.variation.campaign]
         _pin(turn, campaign, worker.joined)
         leases.append(_lease(turn, campaign, case, worker.joined.worker))
     if not leases:
         case_late = straggler(state, request, worker, turn.now_ns)
         if case_late is not None:
-            campaign = state.campaigns[case_late.case.campaign]
+            campaign = state.campaigns[case_late.case.variation.campaign]
             leases.append(_lease(turn, campaign, case_late, worker.joined.worker))
     return leases
 
@@ -355,7 +357,7 @@ def _pin(turn: RequestTurn, campaign: CampaignState, worker: WorkerJoined) -> No
 def _lease(turn: RequestTurn, campaign: CampaignState, case: CaseState, worker: str) -> Lease:
     state = turn.state
     fact = Leased(
-        campaign=case.case.campaign,
+        campaign=case.case.variation.campaign,
         case=case.case.id,
         token=token_of(state.epoch, state.granted + 1),
         attempt=case.attempts + 1,

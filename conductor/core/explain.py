@@ -65,11 +65,12 @@ def _waiting(state: State, campaign: CampaignState, case: CaseState, now_ns: int
     if case.paused:
         blocked = True
         yield "waits: the case is paused"
-    if state.config.by_batch and case.case.batch != campaign.lowest_batch():
+    if state.config.by_batch and case.case.variation.batch != campaign.lowest_batch():
         blocked = True
         waiting = campaign.open_batches[campaign.lowest_batch()]
+        batch = case.case.variation.batch
         yield (
-            f"waits: batch {case.case.batch} is not open, batch {campaign.lowest_batch()} has "
+            f"waits: batch {batch} is not open, batch {campaign.lowest_batch()} has "
             f"{counted(waiting, 'case')} that {agree(waiting, 'has', 'have')} not ended"
         )
     here = [w for w in state.workers.values() if present(state, w, now_ns)]

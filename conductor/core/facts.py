@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args
 from msgspec import Struct
 
 from conductor.core.case_table import CaseTable
-from schemas.campaign import Case
 from schemas.messages import Release, Reply, Result, Share
 
 SHARED = 0
@@ -46,8 +45,7 @@ class Submitted(_Fact, frozen=True):
     """A campaign was accepted, with its cases as they were expanded at that moment."""
 
     campaign: dict[str, Any]
-    cases: list[Case] | CaseTable
-    """A table; journals of version 1 hold a list."""
+    cases: CaseTable
     digest: str
     out: str
     """Campaign folder, absolute."""

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from conductor.core.backlog import Backlog
-from conductor.core.case_table import CaseTable, pack, unpack
+from conductor.core.case_table import pack, unpack
 from conductor.core.facts import (
     ALONE,
     SHARED,
@@ -122,7 +122,7 @@ def _epoch_raised(state: State, fact: EpochRaised) -> None:
 def _submitted(state: State, fact: Submitted) -> None:
     campaign = msgspec.convert(fact.campaign, Campaign)
     _expect(campaign.campaign not in state.campaigns, fact)
-    cases = unpack(fact.cases) if isinstance(fact.cases, CaseTable) else fact.cases
+    cases = unpack(fact.cases)
     ordered = [
         CaseState(case=case, order=order, rig=rig_key(case)) for order, case in enumerate(cases)
     ]
@@ -141,7 +141,7 @@ def _submitted(state: State, fact: Submitted) -> None:
         cases={case_state.case.id: case_state for case_state in ordered},
         ordered=ordered,
         backlog=backlog,
-        open_batches=dict(Counter(case.batch for case in cases)),
+        open_batches=dict(Counter(case.variation.batch for case in cases)),
         order=len(state.campaigns),
         priority=fact.priority,
         left=len(cases),
@@ -283,7 +283,7 @@ def _end(
     campaign.ended[name] = campaign.ended.get(name, 0) + 1
     campaign.left -= 1
     state.left -= 1
-    batch = case.case.batch
+    batch = case.case.variation.batch
     campaign.open_batches[batch] -= 1
     if not campaign.open_batches[batch]:
         del campaign.open_batches[batch]
@@ -373,7 +373,7 @@ def _retried(state: State, fact: Retried) -> None:
         del campaign.ended[name]
     campaign.left += 1
     state.left += 1
-    campaign.reopen(case.case.batch)
+    campaign.reopen(case.case.variation.batch)
     case.end, case.charges, case.losses, case.lost, case.lost_times = None, (), (), (), 0
     case.group, case.paused = SHARED, False
     _wait(campaign, case)

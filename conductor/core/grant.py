@@ -163,7 +163,7 @@ class Asker:
 
     def usable(self, campaign: CampaignState, case: CaseState) -> bool:
         """The case's batch is open, and no other worker should try it instead."""
-        if self.state.config.by_batch and case.case.batch != campaign.lowest_batch():
+        if self.state.config.by_batch and case.case.variation.batch != campaign.lowest_batch():
             return False
         return not case.charges or not avoids(self.state, campaign, case, self.worker, self.now_ns)
 

@@ -77,7 +77,7 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
             ended[end] += 1
             committed += token is not None
         else:
-            open_batches[case.case.batch] += 1
+            open_batches[case.case.variation.batch] += 1
             if case.waits:
                 waiting.setdefault(case.rig, {}).setdefault(case.group, []).append(-order)
     lanes = {r: {g: q[::-1] for g, q in groups.items()} for r, groups in waiting.items()}

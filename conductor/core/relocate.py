@@ -12,7 +12,8 @@ from typing import Any
 
 import msgspec
 
-from schemas.campaign import Campaign, Case
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.sections.perception import Perception, file_fields
 
 
@@ -58,14 +59,23 @@ def campaign_at(campaign: Campaign, paths: Mapping[str, str]) -> Campaign:
 
 def case_at(case: Case, paths: Mapping[str, str]) -> Case:
     """The case with its files at their new places."""
-    files = [paths.get(path, path) for path in case.source.files]
-    return msgspec.structs.replace(
-        case,
-        perception=_variant_at(case.perception, paths),
-        scenario=_scenario_at(case.scenario, paths),
-        files=_files_at(case.files, paths),
-        source=msgspec.structs.replace(case.source, files=files),
-        models=sorted(paths.get(path, path) for path in case.models),
+    rig, variation = case.rig, case.variation
+    files = [paths.get(path, path) for path in rig.source.files]
+    return Case(
+        rig=msgspec.structs.replace(
+            rig,
+            scene=paths.get(rig.scene, rig.scene),
+            vehicle=paths.get(rig.vehicle, rig.vehicle),
+            files=_files_at(rig.files, paths),
+            source=msgspec.structs.replace(rig.source, files=files),
+        ),
+        variation=msgspec.structs.replace(
+            variation,
+            perception=_variant_at(variation.perception, paths),
+            scenario=_scenario_at(variation.scenario, paths),
+            files=_files_at(variation.files, paths),
+            models=sorted(paths.get(path, path) for path in variation.models),
+        ),
     )
 
 

@@ -58,7 +58,7 @@ def mistake_of(result: Result, case: CaseState, issued: Issued) -> str:
         folder := f"cases/{case.case.id}/attempt-{issued.attempt}"
     ):
         return f"it names the folder {result.attempt_dir}, its attempt has {folder}"
-    if case.case.simulator == "noop" or (result.outcome == "failed" and not result.kpi_sha256):
+    if case.case.rig.simulator == "noop" or (result.outcome == "failed" and not result.kpi_sha256):
         return ""  # nothing was simulated, or the case failed before its first tick
     if not result.kpi_sha256:
         return "it is a verdict without a digest of its KPIs"

@@ -30,7 +30,6 @@ from conductor.core.state import (
     LiveLease,
     State,
     WorkerState,
-    end_name,
 )
 
 
@@ -57,8 +56,6 @@ class _CampaignHead(Struct, frozen=True, array_like=True):
     attempts: int
     disagreements: int
     durations: dict[int, int]
-    counted: int = 1
-    """By which rule ``ended`` was counted; 1: cases without a collision as passed."""
 
 
 class _WorkerHead(Struct, frozen=True, array_like=True):
@@ -102,9 +99,6 @@ class _Cases(Struct, frozen=True):
     campaign: str
     rows: list[_CaseRow]
 
-
-_COUNTED = 2
-"""Only the verdict ``pass`` counts as passed."""
 
 _encode = msgspec.msgpack.Encoder().encode
 HEAD = "0"
@@ -174,7 +168,6 @@ def _campaign_head(campaign: CampaignState) -> _CampaignHead:
         campaign.attempts,
         campaign.disagreements,
         campaign.durations.counts,
-        _COUNTED,
     )
 
 
@@ -248,16 +241,13 @@ def _restore_campaign(campaign: CampaignState, head: _CampaignHead) -> None:
     campaign.paused, campaign.pinned = head.paused, head.pinned
     campaign.software, campaign.device_class = head.software, head.device_class
     campaign.ended, campaign.attempts = dict(head.ended), head.attempts
-    if head.counted != _COUNTED:
-        ends = (case.end for case in campaign.ordered)
-        campaign.ended = dict(Counter(end_name(end) for end in ends if end is not None))
     campaign.disagreements = head.disagreements
     campaign.durations.counts = dict(head.durations)
     campaign.durations.total = sum(head.durations.values())
     unended = [case for case in campaign.ordered if not case.ended]
     campaign.left = len(unended)
     campaign.leased = sum(bool(case.live) for case in unended)
-    campaign.open_batches = dict(Counter(case.case.batch for case in unended))
+    campaign.open_batches = dict(Counter(case.case.variation.batch for case in unended))
     lanes: dict[tuple[str, int], list[int]] = {}
     for case in unended:
         if case.waits:

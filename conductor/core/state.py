@@ -26,7 +26,8 @@ from conductor.core.facts import (
     Submitted,
     WorkerJoined,
 )
-from schemas.campaign import Campaign, Case
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.sections.view_mode import ViewMode
 
 IMAGE_CASES = 1000

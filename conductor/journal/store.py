@@ -39,9 +39,14 @@ from schemas.wire.codec import WireError, decode, encode
 from schemas.words import plain
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
-VERSION = 3
-"""Layout of the tables and facts. 1: no snapshots; 2: no chain. Older ones are brought forward when
-opened."""
+VERSION = 4
+"""Layout of the tables and facts. 3: cases are one mapping, without rig and variation."""
+
+FIRST_STAGE = ("1", "2", "3")
+"""Versions that release 0.1 has written, which has to finish what it has begun."""
+
+READABLE = ("3", str(VERSION))
+"""Versions whose chain and results a finished journal is checked by."""
 
 FACT_BYTES_MAX = 1 << 30
 """Largest fact [bytes]: a campaign of the largest number of cases."""
@@ -211,34 +216,10 @@ class Journal:
         execute("INSERT OR IGNORE INTO meta VALUES ('version', ?)", (str(VERSION),))
         execute("COMMIT")
         version = _version(self._connection)
-        if version in ("1", "2"):
-            self._bring_forward()
-        elif version != str(VERSION):
+        if version != str(VERSION):
             raise _unknown_version(self.path, version)
         self.chain = _read_chain(self._connection, self.path)
         self._claim_folder()
-
-    def _bring_forward(self) -> None:
-        """Chain what an earlier version has written. Its facts lack fields that have defaults."""
-        execute = self._connection.execute
-        execute("BEGIN IMMEDIATE")
-        columns = [row[1] for row in execute("PRAGMA table_info(facts)")]
-        if "chain" not in columns:
-            execute("ALTER TABLE facts ADD COLUMN chain BLOB")
-        chain = Chain()
-        if images := _image_digests(self._connection, self.path):
-            chain = chain.snapshot(images, 0.0)
-        links = []
-        for number, unix_s, data in execute("SELECT id, unix_s, fact FROM facts ORDER BY id"):
-            fact = _as_bytes(data, self.path, f"fact {number}")
-            chain, (head,) = chain.facts([fact], unix_s)
-            links.append((head, number))
-        self._connection.executemany("UPDATE facts SET chain = ? WHERE id = ?", links)
-        for row in execute("SELECT worker, seq, reply FROM replies"):
-            chain = chain.replied(b"", _reply_digest(row, self.path))
-        self._write_chain(chain)
-        execute("UPDATE meta SET value = ? WHERE name = 'version'", (str(VERSION),))
-        execute("COMMIT")
 
     def _claim_folder(self) -> None:
         try:
@@ -359,7 +340,7 @@ def read_journal(path: Path) -> tuple[Chain, Iterator[Fact]]:
         raise UsageError(f"{path}: cannot be opened ({plain(str(error))})") from None
     try:
         version = _version(connection)
-        if version != str(VERSION):
+        if version not in READABLE:
             raise _unknown_version(path, version)
         chain = _read_chain(connection, path)
     except (sqlite3.Error, UnicodeDecodeError) as error:
@@ -436,6 +417,12 @@ def _version(connection: sqlite3.Connection) -> str:
 
 
 def _unknown_version(path: Path, version: str) -> UsageError:
+    if version in FIRST_STAGE:
+        return UsageError(
+            f"{path}: begun by drivetwin 0.1 (version {version} of the journal, this program goes "
+            f"on with {VERSION}); finish it with that release, or give another folder; report, "
+            "compare, export, fingerprint and viewer read what it has as it is"
+        )
     return UsageError(
         f"{path}: written by version {version} of the journal, this program knows {VERSION}; "
         "choose another folder or the program that wrote it"

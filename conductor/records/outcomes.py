@@ -15,7 +15,7 @@ from conductor.core.facts import Committed
 from conductor.core.fold import agrees
 from conductor.core.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Clock
+from schemas.case import Clock
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.messages import PerceptionCost

@@ -46,8 +46,9 @@ from conductor.trust.sign_run import (
     sign_run,
 )
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Campaign, expand
+from schemas.campaign import Campaign
 from schemas.messages import Stop, Submit
+from schemas.plan import expand
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.verdict import no_collision
 from schemas.wire.view import ViewMode

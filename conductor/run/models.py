@@ -17,7 +17,8 @@ from typing import Any
 import msgspec
 
 from conductor.run.good_networks import identities, remember, remembered, unchanged
-from schemas.campaign import Campaign, expand
+from schemas.campaign import Campaign
+from schemas.plan import expand
 from schemas.sections.perception import NetworkPerception
 from schemas.validation import Mistake
 from twin.base.errors import InfrastructureError, UsageError
@@ -50,9 +51,9 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
     """
     cases = expand(campaign)
     used = {
-        case.model: case.perception
+        case.variation.model: case.variation.perception
         for case in cases
-        if isinstance(case.perception, NetworkPerception)
+        if isinstance(case.variation.perception, NetworkPerception)
     }
     if not used:
         yield
@@ -61,7 +62,7 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
     first: dict[tuple[str, ...], str] = {}
     for name, variant in used.items():
         first.setdefault(_what_is_loaded(variant), name)
-    camera, files = cases[0].camera, campaign.files
+    camera, files = cases[0].rig.camera, campaign.files
     size_px = (camera.width, camera.height)
     known = identities({name: used[name] for name in first.values()}, files, device, size_px)
     good = set(remembered())

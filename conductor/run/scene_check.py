@@ -13,7 +13,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from schemas.campaign import Campaign, Case
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.assets import is_path
 from schemas.validation import Mistake
 from twin.base.errors import EXIT_PASS, EXIT_USAGE, InfrastructureError
@@ -29,7 +30,7 @@ def scene_mistakes(campaign: Campaign, cases: Sequence[Case]) -> list[Mistake]:
     Raises:
         InfrastructureError: the check itself did not work.
     """
-    if not any(is_path(case.scenario.scene) or case.objects for case in cases):
+    if not any(is_path(case.rig.scene) or case.variation.objects for case in cases):
         return []
     command = [sys.executable, "-m", "twin", "validate", "scene", "--campaign", "-"]
     try:

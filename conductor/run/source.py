@@ -11,9 +11,11 @@ import msgspec
 from conductor.run.repository import with_repository
 from conductor.run.scene_check import scene_mistakes
 from conductor.run.stack_check import stack_mistakes
-from schemas.campaign import UNREPEATABLE, Campaign, Case, examine, only, parse_campaign
+from schemas.campaign import UNREPEATABLE, Campaign
+from schemas.case import Case
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.plan import examine, only, parse_campaign
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
@@ -211,7 +213,7 @@ def _with_absolute_files(campaign: Campaign, folder: Path) -> Campaign:
 
 def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
     """Files of the variants that cases use; what is in them is looked at elsewhere."""
-    used = dict.fromkeys(case.model for case in cases)
+    used = dict.fromkeys(case.variation.model for case in cases)
     return [
         Mistake(f"autonomy.perception.{name}.{key}", f"{path}: no such file")
         for name in used
@@ -224,7 +226,7 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
     for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
         names = _simulator_files(folder)
-        for given in sorted({getattr(case.scenario, field) for case in cases}):
+        for given in sorted({getattr(case.rig, field) for case in cases}):
             if given not in names and not (is_path(given) and Path(given).is_file()):
                 mistakes.append(
                     Mistake(
@@ -238,10 +240,10 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
 def _missing_mounts(cases: list[Case]) -> list[Mistake]:
     """Cameras and lidars that the vehicle file does not have: no simulator would start."""
     any_case = cases[0]  # which sensors there are is no axis
-    cameras = sorted(camera.name for camera in (any_case.camera, *any_case.cameras))
-    lidars = sorted(any_case.lidars, key=lambda lidar: lidar.name)
+    cameras = sorted(camera.name for camera in (any_case.rig.camera, *any_case.rig.cameras))
+    lidars = sorted(any_case.rig.lidars, key=lambda lidar: lidar.name)
     mistakes = []
-    for vehicle in sorted({case.scenario.vehicle for case in cases}):
+    for vehicle in sorted({case.rig.vehicle for case in cases}):
         path = Path(vehicle)
         if not is_path(vehicle):
             path = _simulator_folder("vehicle/models") / f"{vehicle}.yaml"
@@ -260,7 +262,7 @@ def _missing_mounts(cases: list[Case]) -> list[Mistake]:
         for lidar in lidars:
             mount = _inner(_inner(data, "lidars"), lidar.name)
             if isinstance(mount, dict):
-                mistakes += _sweep_rate(path, lidar, mount, any_case.control_hz)
+                mistakes += _sweep_rate(path, lidar, mount, any_case.rig.control_hz)
     return mistakes
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from schemas.campaign import Campaign, Case
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.kinds.bridge import bridges
 from schemas.sections.autonomy import Autonomy
 from schemas.validation import Mistake
@@ -17,8 +18,8 @@ def stack_mistakes(campaign: Campaign, cases: Iterable[Case]) -> list[Mistake]:
     mistakes = _missing_packages(campaign.autonomy)
     wanted: dict[str, set[str]] = {}
     for case in cases:
-        if case.stack:
-            wanted.setdefault(case.stack, set()).update(case.parameters)
+        if case.rig.stack:
+            wanted.setdefault(case.rig.stack, set()).update(case.rig.parameters)
     for entry_point, parameters in wanted.items():
         mistakes += class_mistakes(entry_point, sorted(parameters))
     return mistakes

@@ -126,7 +126,7 @@ class JudgeFeed:
             Claim(
                 folder=campaign.out,
                 case=result.case,
-                scenario=campaign.cases[result.case].case.scenario,
+                scenario=campaign.cases[result.case].case.variation.scenario,
                 **{name: getattr(result, name) for name in CLAIMED},
             )
         )

@@ -20,9 +20,11 @@ import msgspec
 from devkit.checking.frames import CheckDrive
 from devkit.checking.rig import CheckRig
 from devkit.checking.stack_rig import running
-from schemas.campaign import Campaign, Case, parse_campaign
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.messages import Command, command_mistake
+from schemas.plan import parse_campaign
 from schemas.sections.perception import with_absolute_files
 from schemas.words import counted
 from twin.base.errors import InfrastructureError, UsageError
@@ -96,14 +98,14 @@ def check_present(case: Case) -> None:
         UsageError: no such class or command, or parameters that the class does not take; one line
             per mistake.
     """
-    foreign = case.foreign
+    foreign = case.rig.foreign
     if foreign is not None and foreign.image is None and foreign.repository is None:
         command = foreign.command[0]
         if shutil.which(command) is None:
             raise UsageError(f"no command '{command}' here; give its path, or one that is on PATH")
-    mistakes = class_mistakes(case.stack, sorted(case.parameters)) if case.stack else []
+    mistakes = class_mistakes(case.rig.stack, sorted(case.rig.parameters)) if case.rig.stack else []
     if mistakes:
-        raise UsageError("\n".join(mistake.line(case.stack) for mistake in mistakes))
+        raise UsageError("\n".join(mistake.line(case.rig.stack) for mistake in mistakes))
 
 
 def names_file(stack: str) -> bool:
@@ -123,7 +125,7 @@ def check_stack(
         done.append(RuleCheck(name, passed, detail))
         report(done[-1])
 
-    slots = case.rig_slots(2)
+    slots = case.rig.slots_of(2)
     try:
         with running(CheckRig, case, slots, timeout_s) as rig:
             say("starts", True, f"{counted(slots, 'slot')}, ready")

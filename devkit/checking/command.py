@@ -31,7 +31,7 @@ def check(
     between, frames that are lost, a seq that comes again, messages of a later version.
     """
     from devkit.checking.check import campaign_of, check_present, check_stack
-    from schemas.campaign import expand
+    from schemas.plan import expand
 
     values = parsed_parameters(parameters)
     case = expand(campaign_of(stack, values))[0]

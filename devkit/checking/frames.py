@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from msgspec import structs
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import (
     BOX_COLUMNS,
     BOXES_MAX,
@@ -65,24 +65,29 @@ def episode_of(case: Case, drive: CheckDrive, slot: int, token: int, seq: int) -
             rotation_deg=[0.0, 0.0, 0.0],
             lens=Lens(),
         )
-        for index, camera in enumerate(case.seeing)
+        for index, camera in enumerate(case.rig.seeing)
     ]
     lidars = [
         LidarSite(
             name=lidar.name,
             message=f"lidar.{lidar.name}",
-            hz=lidar.hz or case.control_hz,
+            hz=lidar.hz or case.rig.control_hz,
             channels=CHANNELS,
             columns=COLUMNS,
             fields=list(POINT_COLUMNS),
             position_m=[1.3, 0.0, 1.93],
             rotation_deg=[0.0, 0.0, 0.0],
         )
-        for lidar in case.lidars
+        for lidar in case.rig.lidars
     ]
     return Episode.of(
         # Made up, so nothing has to be kept from the stack.
-        structs.replace(case, id=drive.case, seed=drive.seed, tell=["case", "seed"]),
+        structs.replace(
+            case,
+            variation=structs.replace(
+                case.variation, id=drive.case, seed=drive.seed, tell=["case", "seed"]
+            ),
+        ),
         seq=seq,
         slot=slot,
         token=token,
@@ -99,12 +104,12 @@ def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, t
     found["environment"] = _stack(rows, "environment", len(ENVIRONMENT_COLUMNS)), None
     widths = {"encoders": ENCODER_COLUMNS, "gnss": GNSS_COLUMNS, "imu": IMU_COLUMNS}
     widths["pose"] = POSE_COLUMNS
-    for name, hz in case.sensors.rates(case.control_hz).items():
-        if tick % (case.control_hz // hz) == 0:
+    for name, hz in case.rig.sensor_hz.items():
+        if tick % (case.rig.control_hz // hz) == 0:
             values = _stack(rows, name, len(widths[name]))
             found[name] = (values.astype(np.int64) if name == "encoders" else values), None
-    for index, camera in enumerate(case.seeing):
-        if tick % (case.control_hz // camera.hz):
+    for index, camera in enumerate(case.rig.seeing):
+        if tick % (case.rig.control_hz // camera.hz):
             continue
         dot = "" if index == 0 else f".{camera.name}"
         images = np.zeros((len(drives), camera.height, camera.width, 3), np.uint8)
@@ -115,8 +120,8 @@ def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, t
                 images[slot] = row.image(boxes[slot, 0], camera.width, camera.height)
         found[f"camera{dot}"] = images, None
         found[f"boxes{dot}"] = boxes, [int(row is not None) for row in rows]
-    for lidar in case.lidars:
-        if tick % (case.control_hz // (lidar.hz or case.control_hz)) == 0:
+    for lidar in case.rig.lidars:
+        if tick % (case.rig.control_hz // (lidar.hz or case.rig.control_hz)) == 0:
             points = np.full((len(drives), CHANNELS * COLUMNS, len(POINT_COLUMNS)), np.nan)
             for slot, row in enumerate(rows):
                 points[slot] = 0.0 if row is None else row.points()
@@ -130,9 +135,9 @@ class _Row:
 
     def __init__(self, case: Case, drive: CheckDrive, tick: int) -> None:
         self._drive, self._tick = drive, tick
-        time_s = tick / case.control_hz
+        time_s = tick / case.rig.control_hz
         speed = drive.speed_mps
-        self.gap_m = drive.distance_m(tick, 1.0 / case.control_hz)
+        self.gap_m = drive.distance_m(tick, 1.0 / case.rig.control_hz)
         turned = int(44 * speed * time_s / (2 * np.pi * 0.36))
         self.values = {
             "vehicle": [speed, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0],

@@ -15,7 +15,7 @@ import numpy as np
 from devkit.checking.frames import CheckDrive, episode_of, sense
 from devkit.checking.stack_rig import StackRig
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Command, Commands, Episode, Frame, Tick
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode
@@ -149,7 +149,7 @@ class CheckRig(StackRig):
     def _messages(
         self, drives: list[CheckDrive | None], tokens: list[int], tick: int, episodes: list[Episode]
     ) -> tuple[Tick, list[Outgoing]]:
-        period_ns = 1_000_000_000 // self._case.control_hz
+        period_ns = 1_000_000_000 // self._case.rig.control_hz
         active = [drive is not None for drive in drives]
         each: dict[str, Any] = {
             "v": SCHEMA_VERSION,

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Commands, Episode, Tick
 from twin.base.errors import InfrastructureError
 from twin.base.process import bound_log, end, how_it_ended, last_lines, spawn
@@ -110,11 +110,11 @@ def running(kind: type[R], case: Case, slots: int, timeout_s: float) -> Iterator
     with tempfile.TemporaryFile() as log:
         arguments = [
             *("--connect", bus.endpoints[0], "--rig", rig, "--namespace", namespace),
-            *("--slots", str(slots), "--stack", case.stack),
-            *("--parameters", json.dumps(case.parameters)),
+            *("--slots", str(slots), "--stack", case.rig.stack),
+            *("--parameters", json.dumps(case.rig.parameters)),
         ]
-        if case.foreign is not None:
-            arguments += ["--foreign", msgspec.json.encode(case.foreign).decode()]
+        if case.rig.foreign is not None:
+            arguments += ["--foreign", msgspec.json.encode(case.rig.foreign).decode()]
         child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
         try:
             found = kind(case, slots, bus, rig, child, log)

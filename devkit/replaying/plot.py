@@ -73,7 +73,7 @@ def _panel(
 ) -> None:
     from devkit.replaying.compare import difference_of
 
-    period_s = 1.0 / one.head.case.control_hz
+    period_s = 1.0 / one.head.case.rig.control_hz
     times = [tick * period_s for tick, _, _ in one.pairs]
     for tick, recorded, now in one.pairs:
         if recorded is not None and any(

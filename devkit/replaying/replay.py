@@ -22,10 +22,12 @@ from devkit.checking.check import check_present
 from devkit.checking.stack_rig import StackRig, running
 from devkit.replaying.compare import FieldRow, compared
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Campaign, Case, expand
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.drive_record import DRIVE_FILE, RecordHead, RecordSeen
 from schemas.identity import stack_name
 from schemas.messages import Command, Frame, Tick
+from schemas.plan import expand
 from schemas.sections.perception import Perception
 from schemas.wire import topics
 from schemas.words import plain
@@ -154,7 +156,7 @@ def replay(
                 damaged.append(str(error))
                 continue
             case = _case(reader.head.case, asked)
-            same = msgspec.json.encode((case.stack, case.parameters, case.foreign))
+            same = msgspec.json.encode((case.rig.stack, case.rig.parameters, case.rig.foreign))
             if rig is None or of != same:
                 held.close()
                 rig, of = _started(held, case, asked.timeout_s), same
@@ -175,7 +177,7 @@ def _refuse_commands(paths: Sequence[Path]) -> None:
     """A record may come from anybody, and what it was made with is what it would run."""
     for path in paths:
         try:
-            foreign = RecordReader(path).head.case.foreign
+            foreign = RecordReader(path).head.case.rig.foreign
         except UsageError:
             continue  # told when its turn comes
         if foreign is not None:
@@ -198,17 +200,23 @@ def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> Replay
 def _case(recorded: Case, asked: StackChoice) -> Case:
     """The recorded case with the stack that was asked for."""
     if asked.campaign is None:
-        parameters = {**recorded.parameters, **(asked.parameters or {})}
-        return msgspec.structs.replace(recorded, parameters=parameters)
+        parameters = {**recorded.rig.parameters, **(asked.parameters or {})}
+        rig = msgspec.structs.replace(recorded.rig, parameters=parameters)
+        return msgspec.structs.replace(recorded, rig=rig)
     given = expand(asked.campaign)[0]
-    return msgspec.structs.replace(
-        recorded,
-        stack=given.stack,
-        foreign=given.foreign,
-        parameters=given.parameters,
-        perception=asked.variants.get(recorded.model, recorded.perception),
-        # Networks that have changed since are what is to be tried.
-        files={},
+    return Case(
+        rig=msgspec.structs.replace(
+            recorded.rig,
+            stack=given.rig.stack,
+            foreign=given.rig.foreign,
+            parameters=given.rig.parameters,
+        ),
+        variation=msgspec.structs.replace(
+            recorded.variation,
+            perception=asked.variants.get(recorded.variation.model, recorded.variation.perception),
+            # Networks that have changed since are what is to be tried.
+            files={},
+        ),
     )
 
 
@@ -280,10 +288,14 @@ class ReplayRig(StackRig):
         self._seq += 1
         episodes = []
         if seen.episode is not None:
-            changed = {"seq": each["seq"], "token": self._token, "perception": case.perception}
+            changed = {
+                "seq": each["seq"],
+                "token": self._token,
+                "perception": case.variation.perception,
+            }
             changed |= {"device": asked.device or seen.episode.device}
             if asked.campaign is not None:
-                changed["files"] = case.files
+                changed["files"] = case.variation.files
             episodes = [msgspec.structs.replace(seen.episode, **changed)]
         sensors = list(sensor_messages(seen, reader, each))
         names = [sensor.name for sensor in sensors]

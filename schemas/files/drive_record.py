@@ -12,7 +12,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Command, Episode
 
 DRIVE_FILE = "drive.record"

@@ -93,7 +93,7 @@ UNPROTECTED = "unprotected"
 
 
 class _Driven(Protocol):
-    """A campaign's section ``autonomy``, or a case."""
+    """A campaign's section ``autonomy``, or a rig."""
 
     @property
     def placement(self) -> str: ...

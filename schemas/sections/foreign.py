@@ -53,7 +53,7 @@ class ContainerImage(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Foreign(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the stack of a case is started; part of :class:`schemas.campaign.Case`."""
+    """How the stack of a case is started; part of :class:`schemas.case.RigSpec`."""
 
     command: list[Word]
     """Words of the command line."""

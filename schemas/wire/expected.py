@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from msgspec import Struct, json
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.sections.perception import Perception
 
 EXPECTED_MAX = 16
@@ -31,7 +31,11 @@ def expected_of(cases: Iterable[Case], device: str) -> list[Expected]:
     found: dict[bytes, Expected] = {}
     for case in cases:
         one = Expected(
-            case.perception, case.camera.width, case.camera.height, device, case.model_files()
+            case.variation.perception,
+            case.rig.camera.width,
+            case.rig.camera.height,
+            device,
+            case.variation.files,
         )
         found.setdefault(json.encode(one, order="deterministic"), one)
     return list(found.values())[:EXPECTED_MAX]

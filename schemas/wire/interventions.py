@@ -12,7 +12,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Lights, SensorErrors
 from schemas.sections.environment import Conditions
 

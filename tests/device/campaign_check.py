@@ -39,9 +39,9 @@ from conductor.run.source import find, load
 from devkit.darknet.onnx_writer import write_onnx
 from devkit.darknet.variant import ARCHITECTURES, architecture_network
 from devkit.detector.model_files import shipped_models
-from schemas.campaign import expand
 from schemas.files.yaml_file import load_yaml
 from schemas.messages import Command
+from schemas.plan import expand
 from twin.base.gpu.nvml import visible_gpus
 from twin.bench.campaign import Request, as_json, lines, measure
 from twin.rig.simulator import TRANSPORT_VARIABLE

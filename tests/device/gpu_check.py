@@ -17,10 +17,11 @@ import time
 from pathlib import Path
 
 import msgspec
+from case_changes import changed
 
 from conductor.run.source import load
-from schemas.campaign import expand
 from schemas.messages import Command
+from schemas.plan import expand
 
 
 def campaign(name: str, device: str, slots: int, out: Path) -> dict[str, object]:
@@ -43,8 +44,8 @@ def frames_per_s(device: str, slots: int, width: int, height: int, ticks: int) -
     from twin.rig.engine import Engine
 
     case = expand(load("aeb-demo"))[0]
-    camera = msgspec.structs.replace(case.camera, width=width, height=height, hz=20)
-    case = msgspec.structs.replace(case, camera=camera)
+    camera = msgspec.structs.replace(case.rig.camera, width=width, height=height, hz=20)
+    case = changed(case, camera=camera)
     engine = Engine(case, slots, device)
     for slot in range(slots):
         engine.reset(slot, case)
@@ -104,7 +105,7 @@ def sensor_bytes_equal(device: str) -> bool:
     from twin.rig.engine import Engine
 
     sensors = Sensors(encoders=Encoders(), gnss=Gnss(dropouts_per_min=60.0), imu=Imu())
-    cases = [msgspec.structs.replace(c, sensors=sensors) for c in expand(load("chaos-16"))]
+    cases = [changed(c, sensors=sensors) for c in expand(load("chaos-16"))]
 
     def drive(order: dict[int, int], slots: int) -> list[bytes]:
         engine = Engine(cases[0], slots, device)

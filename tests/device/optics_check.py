@@ -20,8 +20,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from schemas.campaign import Case, expand, parse_campaign
+from schemas.case import Case
 from schemas.messages import Command, Lights
+from schemas.plan import expand, parse_campaign
 
 AGREE_MIN = 0.999
 TICKS = 3

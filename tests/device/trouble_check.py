@@ -28,7 +28,7 @@ from campaign_check import Check, full_campaign
 from conductor.records.fingerprint import fingerprint
 from conductor.records.outcomes import read_outcomes
 from conductor.run.source import load
-from schemas.campaign import expand
+from schemas.plan import expand
 
 SHORT = {"ego_start_m": 40.0, "ego_speed_mps": 8.0, "duration_s": 2.0}
 """Two seconds; files of sensors and networks are the real ones."""

@@ -23,10 +23,10 @@ from conductor.serve.engine import ConductorEngine
 from devkit.detector.labelled_images import read_head
 from devkit.replaying.replay import sensor_messages
 from hpc.site import load_site
-from schemas.campaign import parse_cases
 from schemas.files.assets import asset_digest
 from schemas.files.drive_record import DRIVE_FILE
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.plan import parse_cases
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery

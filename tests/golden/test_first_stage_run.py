@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from conductor.cli import app as conductor_app
+from twin.base.errors import UsageError
 from viewer.cli import app as viewer_app
 
 HERE = Path(__file__).parent / "first_stage_run"
@@ -69,6 +70,15 @@ def test_it_is_exported(finished: Path, tmp_path: Path) -> None:
     told = conductor("export", finished, "--out", tmp_path / "exported")
     assert told.exit_code == 0, told.output
     assert len(list((tmp_path / "exported").rglob("*.csv"))) == len(CASES)
+
+
+def test_what_has_not_ended_is_left_to_its_release(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(HERE / "unfinished", tmp_path / "unfinished"))
+    told = conductor("run", folder / "campaign.yaml", "--out", folder, "--view", "none")
+    assert isinstance(told.exception, UsageError), told.output
+    (line,) = str(told.exception).splitlines()
+    assert "begun by drivetwin 0.1" in line
+    assert "finish it with that release" in line
 
 
 def test_its_recording_is_shown(finished: Path, tmp_path: Path) -> None:

@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
-from schemas.campaign import Camera, expand, parse_campaign
+from schemas.campaign import Camera
 from schemas.messages import Lights
 from schemas.names import WEATHERS
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine
 from twin.snapshot import contact_sheet
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lights
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine
 
 FILE = Path(__file__).with_name("twin_engine.json")

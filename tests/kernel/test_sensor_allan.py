@@ -33,7 +33,7 @@ def allan_deviation(values, tau_s):
 
 def figures(part):
     """N and B of the accelerometer or gyroscope, SI."""
-    imu = case(imu={}).sensors.imu
+    imu = case(imu={}).variation.sensors.imu
     if part == "accel":
         return imu.accel_noise_mps2_per_sqrt_hz, imu.accel_bias_mps2
     return math.radians(imu.gyro_noise_degps_per_sqrt_hz), math.radians(imu.gyro_bias_degps)
@@ -57,7 +57,7 @@ def test_white_noise(hour, part):
 @pytest.mark.parametrize("part", ["accel", "gyro"])
 def test_bias_instability(hour, part):
     _, instability = figures(part)
-    tau_s = 1.8926 * case(imu={}).sensors.imu.bias_time_s
+    tau_s = 1.8926 * case(imu={}).variation.sensors.imu.bias_time_s
     found = allan_deviation(of(hour, part), tau_s)
     assert math.sqrt((found**2).mean()) == pytest.approx(instability, rel=TOLERANCE)
 
@@ -65,7 +65,7 @@ def test_bias_instability(hour, part):
 @pytest.mark.parametrize("part", ["accel", "gyro"])
 def test_whole_curve(hour, part):
     density, instability = figures(part)
-    time_s = case(imu={}).sensors.imu.bias_time_s
+    time_s = case(imu={}).variation.sensors.imu.bias_time_s
     for tau_s in (0.1, 1.0, 3.0, 10.0, 30.0, 100.0, 189.3, 300.0):
         x = tau_s / time_s
         markov = 2 / x * (1 - (3 - 4 * math.exp(-x) + math.exp(-2 * x)) / (2 * x))

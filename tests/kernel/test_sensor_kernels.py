@@ -81,7 +81,7 @@ def test_gnss_errors_have_the_configured_size():
         sensor.reset(slot, case(f"car-{slot}", hz=10, gnss=settings))
     found = readings(sensor, cars, 4000)
     east, north, up = pymap3d.geodetic2enu(*found[..., :3].reshape(-1, 3).T, 34.8, -82.32, 250.0)
-    gnss = one.sensors.gnss
+    gnss = one.variation.sensors.gnss
     for errors, white_m, bias_m in (
         (east, gnss.noise_horizontal_m, gnss.bias_horizontal_m),
         (north, gnss.noise_horizontal_m, gnss.bias_horizontal_m),

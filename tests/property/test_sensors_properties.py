@@ -7,6 +7,7 @@ import math
 import msgspec
 import numpy as np
 import pymap3d
+from case_changes import changed
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sensor_rows import CPU, case, on_device, readings, resting
@@ -62,7 +63,7 @@ receivers = st.builds(
 
 def with_section(name, **sections):
     one = case(name)
-    return msgspec.structs.replace(one, sensors=msgspec.structs.replace(one.sensors, **sections))
+    return changed(one, sensors=msgspec.structs.replace(one.variation.sensors, **sections))
 
 
 @given(origins, places)
@@ -107,7 +108,7 @@ def test_every_allowed_receiver_gives_numbers_or_no_fix(gnss):
 @FAST
 def test_every_allowed_imu_is_finite_and_the_same_in_every_slot(imu, seed, slots):
     assert convert_all(msgspec.to_builtins(imu), Imu)[1] == []
-    one = msgspec.structs.replace(with_section("i", imu=imu), seed=seed)
+    one = changed(with_section("i", imu=imu), seed=seed)
 
     def run(count, slot):
         sensor = InertialUnit(one, count, CPU)

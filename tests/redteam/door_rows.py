@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import psutil
 from attacks import Found, attack, refused_if
+from case_changes import changed
 from processes import keys_of
 from theatre import Theatre, ask
 
@@ -197,18 +198,17 @@ def slow_downloads(theatre: Theatre) -> Found:
 @attack(16, "gives somebody a recorded drive that holds a command", "who sends files", "files")
 def command_in_a_record(theatre: Theatre) -> Found:
     """Does `devkit replay` run it?"""
-    import msgspec
 
     from schemas import SCHEMA_VERSION
-    from schemas.campaign import examine
     from schemas.files.drive_record import RecordHead, RecordSeen
+    from schemas.plan import examine
     from schemas.sections.foreign import Foreign
     from twin.records.drive_record import RecordWriter
 
     ran = theatre.folder / "ran"
     _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})
     foreign = Foreign(["/bin/sh", "-c", f"touch {ran}; exit 1"])
-    case = msgspec.structs.replace(cases[0], stack="", foreign=foreign)
+    case = changed(cases[0], stack="", foreign=foreign)
     path: Path = theatre.folder / "cases/clear/attempt-1/drive.record"
     writer = RecordWriter(path, RecordHead(SCHEMA_VERSION, 1, "", "cpu", 1, case))
     writer.write(RecordSeen(tick=0, sim_time_ns=0, sensors={}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.files.judging import HitRecord, JudgeRecord, LaneRecord
 from twin.road.lane import LanePath
 from twin.scenario.surroundings import Surroundings
@@ -28,7 +28,7 @@ def judge_record(
     return JudgeRecord(
         v=SCHEMA_VERSION,
         case=case.id,
-        scenario=case.scenario,
+        scenario=case.variation.scenario,
         collisions=int(state[COLUMN["collisions"]]),
         impact_speed_mps=float(state[COLUMN["impact_speed_mps"]]),
         impact_step=int(state[COLUMN["impact_step"]]),

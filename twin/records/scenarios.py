@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from schemas.campaign import Scenario, expand, parse_campaign
+from schemas.campaign import Scenario
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.plan import expand, parse_campaign
 from twin.base.errors import InfrastructureError
 
 
@@ -21,4 +22,4 @@ def scenarios_in(path: Path) -> dict[str, Scenario]:
         raise InfrastructureError(str(error)) from None
     if campaign is None:
         raise InfrastructureError(mistakes[0].line(str(path)))
-    return {case.id: case.scenario for case in expand(campaign)}
+    return {case.id: case.variation.scenario for case in expand(campaign)}

@@ -49,7 +49,7 @@ def write_attempt(
         raise storage_error(error, str(folder)) from None
     sha = kpi_sha256(table)
     return Result(
-        campaign=lease.case.campaign,
+        campaign=lease.case.variation.campaign,
         case=lease.case.id,
         token=lease.token,
         outcome=finished.outcome,

@@ -36,7 +36,7 @@ def write_failure(lease: Lease, reason: str, output: Kept | None) -> Result:
 def failure(lease: Lease, reason: str) -> Result:
     """The same without a log."""
     return Result(
-        campaign=lease.case.campaign,
+        campaign=lease.case.variation.campaign,
         case=lease.case.id,
         token=lease.token,
         outcome="failed",
@@ -69,11 +69,14 @@ def write_log(lease: Lease, end: str, output: Kept | None) -> bytes:
 def head(lease: Lease) -> list[str]:
     """The first lines: which case it is."""
     case = lease.case
-    told = f", told {', '.join(case.tell)}" if case.tell else ""
+    variation = case.variation
+    kind = type(variation.perception).__struct_config__.tag
+    told = f", told {', '.join(variation.tell)}" if variation.tell else ""
+    hour, minute = divmod(variation.time_of_day_min, 60)
     return [
-        f"case {case.id} of campaign {case.campaign}, seed {case.seed}",
-        f"perception {case.model} ({type(case.perception).__struct_config__.tag}), "
-        f"weather {case.weather}, {case.time_of_day_min // 60:02d}:{case.time_of_day_min % 60:02d}",
+        f"case {case.id} of campaign {variation.campaign}, seed {variation.seed}",
+        f"perception {variation.model} ({kind}), weather {variation.weather}, "
+        f"{hour:02d}:{minute:02d}",
         f"the stack knows it as {stack_name(case)}{told}",
     ]
 

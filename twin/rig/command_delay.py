@@ -9,7 +9,7 @@ import hashlib
 import struct
 from collections import deque
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import stream_key
 from schemas.messages import Command
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -21,11 +21,13 @@ class Delays:
     """The way of one case's commands."""
 
     def __init__(self, case: Case) -> None:
-        self._latency_ns = case.latency_ms * 1_000_000
-        self._jitter_ns = case.latency_jitter_ms * 1_000_000
-        self._every = case.control_hz // case.rate_hz if case.rate_hz else 1
-        self._drop = int(case.drop * _ONE)
-        self._keys = {name: stream_key(case.seed, case.id, name) for name in ("latency", "drop")}
+        self._latency_ns = case.variation.latency_ms * 1_000_000
+        self._jitter_ns = case.variation.latency_jitter_ms * 1_000_000
+        self._every = case.rig.control_hz // case.variation.rate_hz if case.variation.rate_hz else 1
+        self._drop = int(case.variation.drop * _ONE)
+        self._keys = {
+            name: stream_key(case.variation.seed, case.id, name) for name in ("latency", "drop")
+        }
 
     def send(
         self, pending: deque[tuple[int, Command]], first_step: int, tick: int, command: Command

@@ -44,7 +44,7 @@ class DriveRecorder(SlotListener):
 
     def started(self, slot: Slot) -> None:
         """See :class:`SlotListener`."""
-        if slot.lease.case.drive == "none":
+        if slot.lease.case.variation.drive == "none":
             return
         if self._jobs is None:
             self._jobs = BoundedChannel(WAITING_BYTES_MAX)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.files.assets import asset_digest
 from schemas.files.yaml_file import YamlError
 from schemas.identity import stream_key
@@ -110,11 +110,11 @@ class Engine:
         prepare_kernels()
         self._device = _known_device(device)
         check_files(case)
-        scene = load_scene(case.scenario.scene)
-        vehicle = load_vehicle(case.scenario.vehicle)
+        scene = load_scene(case.rig.scene)
+        vehicle = load_vehicle(case.rig.vehicle)
         self.slots = slots
         self._watch = watch or Stopwatch()
-        self.control_period_ns = 1_000_000_000 // case.control_hz
+        self.control_period_ns = 1_000_000_000 // case.rig.control_hz
         self.active = np.zeros(slots, np.bool_)
         self.tick = np.zeros(slots, np.int32)
         self.sim_time_ns = np.zeros(slots, np.int64)
@@ -135,7 +135,7 @@ class Engine:
         self._hull_sizes = np.array([(k.half_length_m, k.half_width_m) for k in kinds] or [(0, 0)])
         self._vehicles = self._build_fleet()
         self._carrier = Carrier(self._vehicles, self._steps)
-        if case.cosim:
+        if case.rig.cosim:
             self._carrier.prepare()
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = self._exteroceptive.lidar_sites
@@ -209,21 +209,23 @@ class Engine:
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
-        self.objects.begin(slot, case.objects)
+        self.objects.begin(slot, case.variation.objects)
         ground = self._ground(slot, case)
-        x_m, y_m, yaw_rad = families.start_of(case.scenario, ground)
-        speed_mps = case.scenario.ego_speed_mps
+        x_m, y_m, yaw_rad = families.start_of(case.variation.scenario, ground)
+        speed_mps = case.variation.scenario.ego_speed_mps
         self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
         self._unmeasured = True  # once for all that begin together
         self._surveyed = False
         self._vehicles.active[slot] = 1
         self._exteroceptive.reset(slot, case)
-        self._winds.reset(slot, stream_key(case.seed, case.id, "wind"), environment.wind_towards)
+        self._winds.reset(
+            slot, stream_key(case.variation.seed, case.id, "wind"), environment.wind_towards
+        )
         self._suite.reset(slot, case)
-        run = families.begin(case.scenario, ground, x_m, y_m)
+        run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)
         self._recorder.begin(slot, target=ground.target is not None)
-        self._limits.begin(slot, case.scenario)
+        self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
         self.tick[slot] = 0
         self.sim_time_ns[slot] = 0
@@ -231,7 +233,7 @@ class Engine:
 
     def _ground(self, slot: int, case: Case) -> Surroundings:
         """What the scenario of a case looks at; distances of its slot are to its target."""
-        scenario = case.scenario
+        scenario = case.variation.scenario
         target = self._world.collider_of(kind_of(scenario).target)
         self._vehicles.targets[slot] = -1 if target is None else target
         return Surroundings.of(
@@ -316,7 +318,7 @@ class Engine:
             slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
         )
         run = self._run(slot)
-        run.scenario = families.begin(run.case.scenario, run.ground, place.x_m, place.y_m)
+        run.scenario = families.begin(run.case.variation.scenario, run.ground, place.x_m, place.y_m)
         self._exteroceptive.moved(slot)
 
     def sensors_mistake(self, errors: SensorErrors) -> str:
@@ -388,7 +390,7 @@ class Engine:
             assert command is not None, f"slot {slot} is active and has no command"
             mistake = command_mistake(command) or self._suite.mistake(command.sensors)
             mistake = mistake or self._carrier.mistake(
-                slot, command.pose, allowed=run.case.cosim, first=not run.carried
+                slot, command.pose, allowed=run.case.rig.cosim, first=not run.carried
             )
             if mistake:
                 mistakes[slot] = f"{mistake}, at tick {self.tick[slot]}"
@@ -558,7 +560,7 @@ def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
     Raises:
         ValueError: the vehicle has no such sensor; one line.
     """
-    return exteroceptive.frame_channels(case, load_vehicle(case.scenario.vehicle), slots)
+    return exteroceptive.frame_channels(case, load_vehicle(case.rig.vehicle), slots)
 
 
 def check_files(case: Case) -> None:
@@ -567,7 +569,7 @@ def check_files(case: Case) -> None:
     Raises:
         RefusedError: one is another, or is missing; one line.
     """
-    for name, digest in case.simulator_files().items():
+    for name, digest in case.rig.files.items():
         try:
             found = asset_digest(Path(name))
         except (YamlError, OSError):  # gone, or cut short

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Commands, Episode, Tick
 from twin.fabric.drive import Incoming, check_answer
 from twin.sensors.data import SensorData
@@ -34,7 +34,7 @@ class InlineStack:
         """
         module, _, name = HOST.partition(":")
         host = getattr(importlib.import_module(module), name)
-        self._host: Any = host(case.stack, slots, case.parameters, case.source)
+        self._host: Any = host(case.rig.stack, slots, case.rig.parameters, case.rig.source)
 
     def exchange(
         self, tick: Tick, sensed: dict[str, SensorData], episodes: list[Episode]

@@ -12,9 +12,10 @@ from typing import Any
 import msgspec
 import warp as wp
 
-from schemas.campaign import Case, parse_cases
+from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import rig_key
+from schemas.plan import parse_cases
 from schemas.sections.perception import NetworkPerception, file_fields
 from twin.base.errors import UsageError
 from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
@@ -114,9 +115,9 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
     """Print the plan of the cases' largest rig, and what fits into ``free`` [bytes]."""
     rigs = {rig_key(case): case for case in cases}
     networks = {
-        msgspec.json.encode(case.perception): case.perception
+        msgspec.json.encode(case.variation.perception): case.variation.perception
         for case in cases
-        if isinstance(case.perception, NetworkPerception)
+        if isinstance(case.variation.perception, NetworkPerception)
     }
     try:
         plans = [_plan(case, list(networks.values()), slots) for case in rigs.values()]
@@ -139,10 +140,10 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
 
 
 def _plan(case: Case, networks: list[NetworkPerception], slots: int) -> MemoryPlan:
-    vehicle = load_vehicle(case.scenario.vehicle)
-    for camera in case.seeing:
+    vehicle = load_vehicle(case.rig.vehicle)
+    for camera in case.rig.seeing:
         vehicle.camera(camera.name)
-    found = rig_memory(case, vehicle, build_world(load_scene(case.scenario.scene)), slots)
+    found = rig_memory(case, vehicle, build_world(load_scene(case.rig.scene)), slots)
     if not networks:
         return found
     rows = (

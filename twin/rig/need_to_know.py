@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import is_told_truth
 from twin.sensors.data import SensorData
 

@@ -85,7 +85,7 @@ class Simulator:
         bus.serve(topics.CONTROL.key.format(rig=rig), lambda p, r: ask(None, p, r))
         view.asks(ask)
         self._recorder = DriveRecorder(slots, device)
-        inline = self._case.placement == "inline"  # its words are among ours
+        inline = self._case.rig.placement == "inline"  # its words are among ours
         self._output = StackOutput(STDERR if inline else readable(build.output))
         self._waiting: list[Assign] = []
         self._seq = 0
@@ -164,7 +164,7 @@ class Simulator:
             raise
         offsets, size = lay_out(channels)
         # In real time the stack looks at pictures while the next are drawn: it gets copies.
-        near = case.placement == "worker" and case.clock == "lockstep"
+        near = case.rig.placement == "worker" and case.rig.clock == "lockstep"
         best = os.environ.get(TRANSPORT_VARIABLE, "device") if near else ""
         shared = best in ("device", "memory") and size > 0
         frames = offer_frames(size, frames_socket(self._bus.endpoints[0])) if shared else None
@@ -172,14 +172,14 @@ class Simulator:
         if frames is not None:
             buffers = {c.name: frames.array(c, offsets[c.name]) for c in channels}
         self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
-        if case.placement == "inline":
+        if case.rig.placement == "inline":
             from twin.rig.inline import InlineStack
 
             self._inline = InlineStack(case, slots)
             transport: Transport = "inline"
         else:
             transport = self._meet(slots, frames, best)
-            if case.clock == "realtime":
+            if case.rig.clock == "realtime":
                 self._realtime = RealtimeLink(self._end, self._engine.control_period_ns)
         self._log.transport = transport
         self._messages = TickMessages(self._engine, self._slots, self._device, transport, offsets)

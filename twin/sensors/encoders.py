@@ -7,7 +7,7 @@ import math
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import ENCODER_COLUMNS, SensorErrors
 from twin.sensors.truth import WHEELS
 from twin.world.mirror import Mirror
@@ -40,7 +40,7 @@ class WheelEncoders:
     """Encoders of all slots, columns :data:`schemas.messages.ENCODER_COLUMNS`."""
 
     def __init__(self, case: Case, slots: int, device: wp.Device) -> None:
-        self.every = case.control_hz // case.sensors.rates(case.control_hz)["encoders"]
+        self.every = case.rig.control_hz // case.rig.sensor_hz["encoders"]
         """Control periods between two readings."""
         self._device = device
         self._ticks_per_rev = Mirror((slots,), wp.float64, device)
@@ -49,7 +49,9 @@ class WheelEncoders:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        self._ticks_per_rev.host[slot] = case.sensors.encoders.ppr * case.sensors.encoders.cgr
+        self._ticks_per_rev.host[slot] = (
+            case.variation.sensors.encoders.ppr * case.variation.sensors.encoders.cgr
+        )
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""

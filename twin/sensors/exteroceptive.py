@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Camera, Case
+from schemas.campaign import Camera
+from schemas.case import Case
 from schemas.identity import stream_key
 from schemas.messages import CameraSite, LidarSite, Lights
 from schemas.sections.lidar import lidar_columns
@@ -76,14 +77,14 @@ def lidar_sites(case: Case, vehicle: Vehicle) -> list[LidarSite]:
         ValueError: the vehicle has no such lidar, or its rate does not fit; one line.
     """
     sites = []
-    for lidar in case.lidars:
+    for lidar in case.rig.lidars:
         mount = vehicle.lidar(lidar.name)
         profile = mounted_profile(mount)
         hz = lidar.hz or profile.hz
-        if case.control_hz % hz:
+        if case.rig.control_hz % hz:
             raise ValueError(
                 f"lidar '{lidar.name}': its profile's {hz} Hz do not divide control_hz "
-                f"{case.control_hz}; give lidars[].hz"
+                f"{case.rig.control_hz}; give lidars[].hz"
             )
         sites.append(
             LidarSite(
@@ -127,7 +128,7 @@ def camera_sites(case: Case, vehicle: Vehicle) -> list[CameraSite]:
 
 def _cameras(case: Case) -> Iterator[tuple[Camera, str]]:
     """The cameras, and what stands behind the kind in the names of their messages."""
-    for index, camera in enumerate(case.seeing):
+    for index, camera in enumerate(case.rig.seeing):
         yield camera, f".{camera.name}" if index else ""
 
 
@@ -191,16 +192,16 @@ class ExteroceptiveSuite:
                 {o: buffers[o + suffix] for o in camera.outputs if o + suffix in buffers},
             )
             boxes = BoxSensor(self._geometry.classes, slots, device)
-            every = case.control_hz // camera.hz
+            every = case.rig.control_hz // camera.hz
             self._eyes.append(_Eye(camera, suffix, every, eye, boxes, [None] * slots))
         self._scanners = []
         self.lidar_sites = lidar_sites(case, vehicle)
-        for lidar, site in zip(case.lidars, self.lidar_sites, strict=True):
+        for lidar, site in zip(case.rig.lidars, self.lidar_sites, strict=True):
             mount = vehicle.lidar(lidar.name)
             profile = mounted_profile(mount)
             out = buffers.get(site.message)
             sensor = LidarSensor(profile, mount, self._geometry, lidar, out)
-            self._scanners.append(_Scanner(site, case.control_hz // site.hz, sensor))
+            self._scanners.append(_Scanner(site, case.rig.control_hz // site.hz, sensor))
         self._aloft: dict[tuple[int, int], list[np.ndarray]] = {}
         """By slot that is held and eye."""
         self.needs_truth = bool(self._scanners)
@@ -214,12 +215,12 @@ class ExteroceptiveSuite:
         for eye in self._eyes:
             row = eye.camera.lights.host[slot]
             row["noise"] = int(eye.spec.noise)
-            row["key"] = stream_key(case.seed, case.id, f"camera/{eye.spec.name}")
+            row["key"] = stream_key(case.variation.seed, case.id, f"camera/{eye.spec.name}")
             row["active"] = 1
-            begin_sky(row, stream_key(case.seed, case.id, "clouds"))
+            begin_sky(row, stream_key(case.variation.seed, case.id, "clouds"))
             eye.camera.reset(slot)
         for scanner in self._scanners:
-            key = stream_key(case.seed, case.id, f"lidar/{scanner.site.name}")
+            key = stream_key(case.variation.seed, case.id, f"lidar/{scanner.site.name}")
             scanner.sensor.reset(slot, key)
 
     def light(

@@ -12,7 +12,7 @@ import math
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import stream_key
 from schemas.messages import GNSS_COLUMNS, SensorErrors
 from twin.sensors.geodesy import Datum, datum_of, geodetic
@@ -98,8 +98,8 @@ class SatelliteReceiver:
     """Receivers of all slots, columns :data:`schemas.messages.GNSS_COLUMNS`."""
 
     def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
-        self._hz = case.sensors.rates(case.control_hz)["gnss"]
-        self.every = case.control_hz // self._hz
+        self._hz = case.rig.sensor_hz["gnss"]
+        self.every = case.rig.control_hz // self._hz
         """Control periods between two fixes."""
         self._device = device
         self._datum = datum_of(origin)
@@ -110,7 +110,7 @@ class SatelliteReceiver:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        gnss = case.sensors.gnss
+        gnss = case.variation.sensors.gnss
         period_s = 1.0 / self._hz
         row = self._errors.host[slot]
         row["antenna"] = gnss.antenna_m
@@ -121,7 +121,7 @@ class SatelliteReceiver:
             row["bias"] = [*[gnss.bias_horizontal_m] * 2, gnss.bias_vertical_m]
             row["lose"] = -math.expm1(-period_s * gnss.dropouts_per_min / 60.0)
         row["wander"] = wander_numbers(period_s, gnss.bias_time_s)
-        row["key"] = stream_key(case.seed, case.id, "gnss")
+        row["key"] = stream_key(case.variation.seed, case.id, "gnss")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["blocked"] = 0
         row["active"] = 1

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import stream_key
 from schemas.messages import IMU_COLUMNS, SensorErrors
 from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wander_numbers
@@ -77,8 +77,8 @@ class InertialUnit:
     """IMUs of all slots, columns :data:`schemas.messages.IMU_COLUMNS`."""
 
     def __init__(self, case: Case, slots: int, device: wp.Device) -> None:
-        self._hz = case.sensors.rates(case.control_hz)["imu"]
-        self.every = case.control_hz // self._hz
+        self._hz = case.rig.sensor_hz["imu"]
+        self.every = case.rig.control_hz // self._hz
         """Control periods between two samples."""
         self._device = device
         self._errors = Mirror((slots,), ImuErrors, device)
@@ -88,7 +88,7 @@ class InertialUnit:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        imu = case.sensors.imu
+        imu = case.variation.sensors.imu
         root_hz = math.sqrt(self._hz)
         accel = (
             imu.accel_noise_mps2_per_sqrt_hz * root_hz,
@@ -104,7 +104,7 @@ class InertialUnit:
         for name, *pair in zip(("noise", "bias", "scale"), accel, gyro, strict=True):
             row[name] = pair if imu.noise else 0.0
         row["wander"] = wander_numbers(1.0 / self._hz, imu.bias_time_s)
-        row["key"] = stream_key(case.seed, case.id, "imu")
+        row["key"] = stream_key(case.variation.seed, case.id, "imu")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["active"] = 1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import POSE_COLUMNS, SensorErrors
 from twin.sensors.truth import TRUTH
 
@@ -16,13 +16,13 @@ class TruePose:
     """Poses of all slots, columns :data:`schemas.messages.POSE_COLUMNS`."""
 
     def __init__(self, case: Case, slots: int) -> None:
-        self.every = case.control_hz // case.sensors.rates(case.control_hz)["pose"]
+        self.every = case.rig.control_hz // case.rig.sensor_hz["pose"]
         """Control periods between two readings."""
         self._active = np.zeros(slots, np.bool_)
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case; it changes nothing about the truth."""
-        assert case.sensors.pose.on
+        assert case.variation.sensors.pose.on
         self._active[slot] = True
 
     def clear(self, slot: int) -> None:

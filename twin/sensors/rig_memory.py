@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.sections.lidar import lidar_columns
 from twin.render.memory import LidarLoad, MemoryPlan, plan
 from twin.sensors.lidar.lidar import mounted_profile
@@ -16,16 +16,16 @@ def rig_memory(case: Case, vehicle: Vehicle, world: World, slots: int) -> Memory
     Raises:
         ValueError: the vehicle has no such lidar; one line.
     """
-    profiles = [mounted_profile(vehicle.lidar(lidar.name)) for lidar in case.lidars]
+    profiles = [mounted_profile(vehicle.lidar(lidar.name)) for lidar in case.rig.lidars]
     return plan(
-        case.seeing,
+        case.rig.seeing,
         [
             LidarLoad(
                 f"lidar.{lidar.name}",
                 profile.channels * profile.columns,
                 4 * len(lidar_columns(lidar)) + 16 * profile.sub_rays + 16,
             )
-            for lidar, profile in zip(case.lidars, profiles, strict=True)
+            for lidar, profile in zip(case.rig.lidars, profiles, strict=True)
         ],
         slots,
         triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import SensorErrors
 from twin.sensors.encoders import WheelEncoders
 from twin.sensors.gnss import SatelliteReceiver
@@ -44,7 +44,7 @@ class SensorSuite:
 
     def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
         self._sensors: dict[str, Sensor] = {}
-        wanted = case.sensors.rates(case.control_hz)
+        wanted = case.rig.sensor_hz
         if "encoders" in wanted:
             self._sensors["encoders"] = WheelEncoders(case, slots, device)
         if "gnss" in wanted:

@@ -10,7 +10,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from schemas.campaign import Campaign, expand
+from schemas.campaign import Campaign
+from schemas.plan import expand
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
 
@@ -48,7 +49,7 @@ def scene(
     variants = [Variant(name, {})]
     if campaign:
         cases = expand(msgspec.json.decode(sys.stdin.buffer.read(), type=Campaign))
-        variants = [Variant(case.scenario.scene, case.objects) for case in cases]
+        variants = [Variant(case.rig.scene, case.variation.objects) for case in cases]
     mistakes = mistakes_of(variants)
     if output is Output.json:
         print(json.dumps({"valid": not mistakes, "mistakes": mistakes}))

@@ -67,7 +67,7 @@ class Demand:
             return NOTHING
         names = set(sensed)
         due = set()
-        blind = not run.lease.case.seeing
+        blind = not run.lease.case.rig.seeing
         if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
             due.add("thumbnail")
         if singles and self.focused(run):
@@ -92,7 +92,7 @@ class Demand:
 
 def _keys(run: SlotRun) -> str:
     case = run.lease.case
-    return topics.live_keys(case.campaign, case.id)
+    return topics.live_keys(case.variation.campaign, case.id)
 
 
 def _elapsed(run: SlotRun, name: str, now_s: float) -> float:

@@ -86,7 +86,7 @@ class Encoder:
         return self._scene
 
     def _stage(self, run: SlotRun, colliders: np.ndarray, cars: int) -> Stage:
-        scenario = run.lease.case.scenario
+        scenario = run.lease.case.variation.scenario
         key = (scenario.scene, scenario.vehicle, run.target)
         if key not in self._stages:
             self._stages[key] = stage_of(run.lease, colliders, cars, run.target)
@@ -234,12 +234,12 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMe
         # The verdict comes with the latest picture once more.
         seq=shown.count - (finished is None),
         token=lease.token,
-        campaign=case.campaign,
+        campaign=case.variation.campaign,
         case=case.id,
         attempt=lease.attempt,
-        model=case.model,
-        weather=case.weather,
-        time_of_day_min=case.time_of_day_min,
+        model=case.variation.model,
+        weather=case.variation.weather,
+        time_of_day_min=case.variation.time_of_day_min,
         sim_time_ns=time_ns,
         speed_mps=speed_mps,
         dtc_m=dtc_m,

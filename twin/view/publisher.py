@@ -139,7 +139,9 @@ class ViewPublisher(View):
             self._channel.offer(Began(run, run.number(), engine.colliders, engine.cars), 0)
         ask = self._ask
         if self._shows and ask is not None:
-            key = topics.VIEW_CONTROL.key.format(campaign=lease.case.campaign, case=lease.case.id)
+            key = topics.VIEW_CONTROL.key.format(
+                campaign=lease.case.variation.campaign, case=lease.case.id
+            )
             self._served[slot.index] = self._bus.serve(key, lambda p, r: ask(slot.index, p, r))
 
     def commanded(self, tick: RigTick) -> None:
@@ -320,7 +322,7 @@ class ViewPublisher(View):
             batch.add(sample, time.monotonic())
         for message in messages:
             key = message.topic.key.format(
-                campaign=case.campaign, case=case.id, sensor=message.sensor
+                campaign=case.variation.campaign, case=case.id, sensor=message.sensor
             )
             block = message.topic.block
             self._bus.publish(key, message.payload, message.attachment, block=block)

@@ -52,11 +52,11 @@ def points_of(cloud: Cloud) -> np.ndarray:
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None) -> Stage:
     """The standing world of a lease's case: ``colliders`` [N, 5], of which the first ``cars`` are
     cars and ``target`` is what the scenario is about."""
-    scene = load_scene(lease.case.scenario.scene)
+    scene = load_scene(lease.case.rig.scene)
     hulls = colliders.tolist()
     standing = [] if target is None else [hulls.pop(target)]
     size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]
-    vehicle = load_vehicle(lease.case.scenario.vehicle)
+    vehicle = load_vehicle(lease.case.rig.vehicle)
     road = scene.road
     return Stage(
         lane=road.lane().places(_LANE_STEP_M).tolist(),
@@ -68,7 +68,7 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None)
         obstacle_size_m=[*size_m, HEIGHT_M],
         ego_center_m=[vehicle.centre_offset_m, 0.0, vehicle.height_m / 2],
         ego_size_m=[vehicle.length_m, vehicle.width_m, vehicle.height_m],
-        camera_m=list(vehicle.camera(lease.case.camera.name).position_m),
+        camera_m=list(vehicle.camera(lease.case.rig.camera.name).position_m),
         hulls=hulls,
         cars=cars - (target is not None and target < cars),
     )
@@ -81,23 +81,23 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         v=SCHEMA_VERSION,
         seq=seq,
         token=lease.token,
-        campaign=case.campaign,
+        campaign=case.variation.campaign,
         case=case.id,
         attempt=lease.attempt,
         folder=f"{lease.out}/cases/{case.id}/attempt-{lease.attempt}",
-        model=case.model,
-        weather=case.weather,
-        time_of_day_min=case.time_of_day_min,
-        scene=case.scenario.scene,
-        vehicle=case.scenario.vehicle,
-        seed=case.seed,
-        control_hz=case.control_hz,
-        camera=case.camera.name,
-        width=case.camera.width,
-        height=case.camera.height,
-        hfov_deg=case.camera.hfov_deg,
+        model=case.variation.model,
+        weather=case.variation.weather,
+        time_of_day_min=case.variation.time_of_day_min,
+        scene=case.rig.scene,
+        vehicle=case.rig.vehicle,
+        seed=case.variation.seed,
+        control_hz=case.rig.control_hz,
+        camera=case.rig.camera.name,
+        width=case.rig.camera.width,
+        height=case.rig.camera.height,
+        hfov_deg=case.rig.camera.hfov_deg,
         stage=stage,
-        keep=case.keep,
+        keep=case.rig.keep,
     )
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.identity import rig_key
 from schemas.messages import (
     Beat,
@@ -522,7 +522,7 @@ class Core:
     def _accept(self, leases: list[Lease], now_ns: int) -> list[Effect]:
         effects: list[Effect] = []
         for lease in leases:
-            if lease.case.simulator == "noop":
+            if lease.case.rig.simulator == "noop":
                 self.results.append(noop_result(lease))
                 self.ask_at_ns = now_ns
                 continue
@@ -555,7 +555,7 @@ class Core:
         return self.hello.device_class.startswith("cuda")
 
     def _slots_of(self, case: Case) -> int:
-        slots = case.rig_slots(self.hello.slots)
+        slots = case.rig.slots_of(self.hello.slots)
         return slots if self.fitting is None else max(1, min(slots, self.fitting(case)))
 
     def _forget(self, lost: list[int], now_ns: int) -> list[Effect]:
@@ -568,10 +568,11 @@ class Core:
 
     def _stalled(self, now_ns: int, said: Callable[[], str]) -> list[Effect]:
         for held in self.held.values():
-            deadline_ns = int(held.lease.case.deadline_s * SECOND_NS)
+            deadline_s = held.lease.case.variation.deadline_s
+            deadline_ns = int(deadline_s * SECOND_NS)
             if now_ns - held.moved_ns >= deadline_ns:
                 detail = (
-                    f"case {held.lease.case.id}: no progress for {held.lease.case.deadline_s:g} s "
+                    f"case {held.lease.case.id}: no progress for {deadline_s:g} s "
                     f"at tick {max(held.progress, 0)}{said()}"
                 )
                 return self.on_rig_died("deadline", detail, now_ns)

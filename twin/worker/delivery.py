@@ -65,7 +65,7 @@ class Delivery:
         """Find out about the folders of new leases; what there is to say about it."""
         said = []
         for lease in leases:
-            if lease.case.simulator == "noop":
+            if lease.case.rig.simulator == "noop":
                 continue
             if lease.out not in self._shared:
                 self._shared[lease.out] = self._is_shared(lease)
@@ -85,7 +85,8 @@ class Delivery:
         if lease.token not in self._files:
             return lease
         # A record of the drive would not be delivered: it is not made.
-        case = msgspec.structs.replace(lease.case, drive="none")
+        variation = msgspec.structs.replace(lease.case.variation, drive="none")
+        case = msgspec.structs.replace(lease.case, variation=variation)
         return msgspec.structs.replace(lease, case=case, out=str(self._root(lease)))
 
     def holds(self, token: int) -> bool:
@@ -146,7 +147,7 @@ class Delivery:
             return False
         seen = SeenFolder(
             v=SCHEMA_VERSION,
-            campaign=lease.case.campaign,
+            campaign=lease.case.variation.campaign,
             sha256=hashlib.sha256(content).hexdigest(),
             worker=self._worker,
             session=self._session,
@@ -160,7 +161,7 @@ class Delivery:
             _sweep()
             self._scratch = Path(tempfile.mkdtemp(prefix=PREFIX))
             self._lock = _locked(self._scratch)
-        return self._scratch / lease.case.campaign
+        return self._scratch / lease.case.variation.campaign
 
     def _send(self, lease: Lease, folder: Path) -> bool:
         kpi_file = folder / "kpi.parquet"
@@ -176,7 +177,7 @@ class Delivery:
             )
         files = AttemptFiles(
             v=SCHEMA_VERSION,
-            campaign=lease.case.campaign,
+            campaign=lease.case.variation.campaign,
             case=lease.case.id,
             attempt=lease.attempt,
             kpi=kpi,

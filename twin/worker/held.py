@@ -25,7 +25,7 @@ class Held:
     def ended(self, reason: Release, detail: str) -> Ended:
         """End of the attempt, without a result."""
         case = self.lease.case
-        return Ended(case.campaign, case.id, self.lease.token, reason, detail[:500])
+        return Ended(case.variation.campaign, case.id, self.lease.token, reason, detail[:500])
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.messages import Share
 from schemas.wire.view import ViewMode
 from twin.base.gpu.slot_count import MemoryCount

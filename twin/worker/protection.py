@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.sections.autonomy import SANDBOX, UNPROTECTED, open_by_nature
 from schemas.sections.foreign import ContainerImage
 from twin.base.gpu.first_use import PIPES_VARIABLE, PLACE_VARIABLE, TURNS_VARIABLE
@@ -40,10 +40,10 @@ def protection(
         folder: of its rig, with the sockets by which it meets its simulator.
         hidden: folders that it does not see even if they lie in what it reads.
     """
-    mode = case.sandbox if case is not None else "default"
-    if case is not None and (reason := open_by_nature(case)):
+    mode = case.rig.sandbox if case is not None else "default"
+    if case is not None and (reason := open_by_nature(case.rig)):
         return Protection(f"{UNPROTECTED}: {reason}", None)
-    foreign = case.foreign if case is not None else None
+    foreign = case.rig.foreign if case is not None else None
     image = foreign.image if foreign is not None else None
     if image is not None and is_podmans(image):
         return Protection(f"{UNPROTECTED}: podman's containers do not start in one", None)
@@ -52,7 +52,11 @@ def protection(
     reads = python_reads()
     if case is not None:
         reads += stack_reads(
-            case.stack, case.foreign, case.source.files, case.parameters, case.models
+            case.rig.stack,
+            case.rig.foreign,
+            case.rig.source.files,
+            case.rig.parameters,
+            case.variation.models,
         )
     if image is not None:
         reads += [Path(image.path), *map(Path, image.binds)]

@@ -37,7 +37,7 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
         InfrastructureError: the rig died, or hangs.
     """
     head, entries, end = read_journal(attempt)
-    if head.case.clock == "realtime":
+    if head.case.rig.clock == "realtime":
         raise UsageError(f"{attempt}: went by the wall clock (clock: realtime), it cannot repeat")
     if out is not None:
         _check_free(out / "cases" / head.case.id / f"attempt-{head.attempt}")
@@ -47,11 +47,15 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
     ):
         if was != now:
             print(f"twin: {name} is {now}, the attempt had {was}", file=sys.stderr)
-    case = structs.replace(head.case, placement="worker", drive="none")
+    case = structs.replace(
+        head.case,
+        rig=structs.replace(head.case.rig, placement="worker"),
+        variation=structs.replace(head.case.variation, drive="none"),
+    )
     folder = Path(out or tempfile.mkdtemp(prefix="twin-reenact-")).absolute()
     try:
         lease = Lease(token=1, attempt=head.attempt, out=str(folder), case=case)
-        slots = case.rig_slots(slots or head.slots)
+        slots = case.rig.slots_of(slots or head.slots)
         options = WorkerOptions(connect="", slots=slots, device=device, view=ViewMode.none)
         inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         rig = RigProcess(options, lease, slots, inbox)
@@ -72,7 +76,7 @@ def _check_free(folder: Path) -> None:
 
 
 def _run(rig: RigProcess, inbox: queue.SimpleQueue[Any], lease: Lease, entries: Any) -> Result:
-    deadline_s = lease.case.deadline_s
+    deadline_s = lease.case.variation.deadline_s
     ticks, until_s = -1, time.monotonic() + deadline_s
     while True:
         try:

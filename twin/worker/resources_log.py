@@ -75,7 +75,7 @@ def work_of(leases: Iterable[Lease]) -> tuple[CampaignWork, ...]:
     """Leases that the worker holds, by campaign folder."""
     batches: dict[str, list[int]] = {}
     for lease in leases:
-        batches.setdefault(lease.out, []).append(lease.case.batch)
+        batches.setdefault(lease.out, []).append(lease.case.variation.batch)
     return tuple(CampaignWork(out, len(found), _only(found)) for out, found in batches.items())
 
 

@@ -22,7 +22,7 @@ from typing import IO, TYPE_CHECKING, Any
 import msgspec
 import psutil
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.kinds.bridge import bridges
 from schemas.messages import Lease, Release
 from schemas.sections.view_mode import ViewMode
@@ -164,7 +164,7 @@ class RigProcess:
         if self._environment and loaded:
             loaded.discard()
             loaded = None
-        remote = lease.case.placement == "node"
+        remote = lease.case.rig.placement == "node"
         self._folder = None if remote else _folder_of(lease.case, loaded)
         if remote and loaded:
             loaded.folder.close()
@@ -180,7 +180,7 @@ class RigProcess:
         self._recorder_log = tempfile.TemporaryFile()  # noqa: SIM115
         listen = self._listens_at()
         self._keys = RigKeys(self._id) if is_tls(listen) else None
-        inline = lease.case.placement == "inline"
+        inline = lease.case.rig.placement == "inline"
         simulator = loaded and _usable(loaded.simulator, not inline)
         simulator = simulator or start_simulator(
             options.device,
@@ -204,10 +204,10 @@ class RigProcess:
     def _building(self, listen: str) -> BuildRig:
         """First message to the simulator."""
         options, case = self._options, self._lease.case
-        view = options.view or ViewMode(case.view)
-        if case.keep == "none":
+        view = options.view or ViewMode(case.rig.view)
+        if case.rig.keep == "none":
             view = view.unrecorded
-        elsewhere = case.placement in ("node", "inline")  # or nowhere: its words are among ours
+        elsewhere = case.rig.placement in ("node", "inline")  # or nowhere: its words are among ours
         return BuildRig(
             lease=self._lease,
             rig=self._id,
@@ -275,7 +275,7 @@ class RigProcess:
 
     def is_fetching(self, now_ns: int) -> bool:
         """Whether the files of the stack are being fetched and built; looked at once per second."""
-        foreign = self._lease.case.foreign
+        foreign = self._lease.case.rig.foreign
         if foreign is None or foreign.repository is None or self._stack is None:
             return False
         if now_ns >= self._fetch_seen_ns + FETCH_PERIOD_NS:
@@ -292,7 +292,7 @@ class RigProcess:
         for child in children:
             # What keeps watch over a foreign stack has to end all that the stack started, unless a
             # sandbox does.
-            watches = child is self._stack and self._lease.case.foreign is not None
+            watches = child is self._stack and self._lease.case.rig.foreign is not None
             if not watches or type(child) is Inside:
                 child.kill()  # nothing of value is in there: results are on disk
         for child in children:  # a GPU takes its time to let go, of both at once
@@ -311,7 +311,7 @@ class RigProcess:
 
     def stack_words(self) -> str:
         """The last lines of a foreign stack's log; a class says its reason by itself."""
-        return "" if self._lease.case.foreign is None else last_lines(self._stack_log)
+        return "" if self._lease.case.rig.foreign is None else last_lines(self._stack_log)
 
     def _write(self, data: bytes) -> None:
         assert self._simulator.stdin is not None
@@ -351,20 +351,20 @@ class RigProcess:
         expected = expected_of(cases or [self._lease.case], self._options.device)
         arguments = [
             *("--connect", endpoint, "--rig", self._id, "--namespace", self._namespace),
-            *("--slots", str(self._slots), "--stack", self._lease.case.stack),
-            *("--parameters", json.dumps(self._lease.case.parameters)),
+            *("--slots", str(self._slots), "--stack", self._lease.case.rig.stack),
+            *("--parameters", json.dumps(self._lease.case.rig.parameters)),
             *("--expected", msgspec.json.encode(expected).decode()),
         ]
-        if self._lease.case.foreign is not None:
-            foreign = msgspec.json.encode(self._lease.case.foreign).decode()
+        if self._lease.case.rig.foreign is not None:
+            foreign = msgspec.json.encode(self._lease.case.rig.foreign).decode()
             arguments += ["--foreign", foreign]
-        if self._lease.case.source.is_known:
-            source = msgspec.json.encode(self._lease.case.source).decode()
+        if self._lease.case.rig.source.is_known:
+            source = msgspec.json.encode(self._lease.case.rig.source).decode()
             arguments += ["--source", source]
-        if self._lease.case.placement == "inline":
+        if self._lease.case.rig.placement == "inline":
             self.protection = self._protection().said
             return  # the simulator has it in its own process
-        if self._lease.case.placement == "node":
+        if self._lease.case.rig.placement == "node":
             self._announced = Announcement(Path(self._options.join_dir), self._id)
             self._announced.write(arguments, self._keys)
             self.protection = self._protection().said
@@ -474,7 +474,7 @@ class RigProcess:
             tail = f"it runs more than {PROCESSES_MAX} processes"
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
         detail = f"{name} {how_it_ended(code)}"
-        foreign = self._lease.case.foreign
+        foreign = self._lease.case.rig.foreign
         # A bridge says so if another rig of this host is at its port: nobody's fault.
         waits = name == "stack" and foreign and foreign.bridge != "none"
         reason: Release = "released" if waits and code == EXIT_UNFINISHED else "crash"
@@ -489,12 +489,12 @@ class RigProcess:
 
 def port_of(case: Case) -> int:
     """The port at which the script of ``case`` listens on this host; 0: at none."""
-    if case.foreign is None or case.placement != "worker":
+    if case.rig.foreign is None or case.rig.placement != "worker":
         return 0
-    bridge = bridges().get(case.foreign.bridge)
+    bridge = bridges().get(case.rig.foreign.bridge)
     if bridge is None or not bridge.port:
         return 0
-    port = case.parameters.get("port", bridge.port)
+    port = case.rig.parameters.get("port", bridge.port)
     return port if isinstance(port, int) else 0
 
 
@@ -532,7 +532,7 @@ def _wait_beside(child: subprocess.Popen[bytes], look: Callable[[], None]) -> No
 def _folder_of(case: Case, loaded: Loading | None) -> RigFolder:
     """Where the simulator and the stack of ``case`` meet: the folder that those know that loaded
     ahead, unless a container would not show it."""
-    in_container = case.foreign is not None and case.foreign.image is not None
+    in_container = case.rig.foreign is not None and case.rig.foreign.image is not None
     if loaded is not None and not in_container:
         return loaded.folder
     if loaded is not None:

@@ -16,7 +16,7 @@ from typing import IO
 
 from msgspec import json
 
-from schemas.campaign import Case
+from schemas.case import Case
 from twin.base.process import spawn
 from twin.base.worker_start import LATER
 from twin.sandbox.start import Entering, spawn_inside
@@ -76,12 +76,12 @@ def load_stack(device: str, folder: Path, log: IO[bytes]) -> RigChild:
 
 def may_run(case: Case) -> bool:
     """Whether a process of :func:`load_stack` may run the stack of ``case``."""
-    beside = (case.models, case.source.files, case.source.parameters)
+    beside = (case.variation.models, case.rig.source.files, case.rig.source.parameters)
     return (
-        case.placement == "worker"
-        and case.foreign is None
-        and case.stack.startswith(SHIPPED)
-        and case.sandbox == "default"
+        case.rig.placement == "worker"
+        and case.rig.foreign is None
+        and case.rig.stack.startswith(SHIPPED)
+        and case.rig.sandbox == "default"
         and not any(beside)
     )
 

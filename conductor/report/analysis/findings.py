@@ -108,7 +108,7 @@ def _passed(dossier: Dossier) -> list[Finding]:
     found = []
     names = system_names(dossier)
     for model in names:
-        rows = [row for row in dossier.rows if row.case.model == model]
+        rows = [row for row in dossier.rows if row.case.variation.model == model]
         passed = sum(row.passed is True for row in rows)
         low, high = wilson(passed, len(rows))
         text = (
@@ -130,7 +130,7 @@ def _systems(dossier: Dossier) -> list[Finding]:
     for row in dossier.rows:
         if row.passed is not None:
             point = tuple(axis_value(row.case, axis) for axis in axes)
-            decided[row.case.model][point] = row
+            decided[row.case.variation.model][point] = row
     tests = []
     for one, two in itertools.combinations(models, 2):
         pairs = [(row, decided[two][at]) for at, row in decided[one].items() if at in decided[two]]
@@ -181,7 +181,7 @@ def _axes(dossier: Dossier) -> list[Finding]:
     values = {axis: axis_values(dossier, axis) for axis in axes}
     names = system_names(dossier)
     for model in names:
-        rows = [r for r in dossier.rows if r.case.model == model and r.passed is not None]
+        rows = [r for r in dossier.rows if r.case.variation.model == model and r.passed is not None]
         if len({row.passed for row in rows}) < 2:
             continue
         for axis in axes:
@@ -264,7 +264,9 @@ def _braked_early(dossier: Dossier) -> list[Finding]:
 
 def _by_model(dossier: Dossier, rows: list[CaseRow]) -> str:
     names = system_names(dossier)
-    counts = [(name, sum(row.case.model == m for row in rows)) for m, name in names.items()]
+    counts = [
+        (name, sum(row.case.variation.model == m for row in rows)) for m, name in names.items()
+    ]
     parts = [f"{name} {count}" for name, count in counts if count]
     return f" ({', '.join(parts)})" if parts and len(counts) > 1 else ""
 

@@ -65,7 +65,7 @@ def judged_rest_m(row: CaseRow, rests_m: list[float]) -> float | None:
     [m]; None: it is not known, or the verdict is another one."""
     if row.status != "false_braking":
         return None
-    limit_m = row.case.scenario.false_braking_m
+    limit_m = row.case.variation.scenario.false_braking_m
     return next((dtc_m for dtc_m in rests_m if dtc_m > limit_m), None)
 
 

@@ -131,7 +131,7 @@ def counts_by(dossier: Dossier, axis: str, status: str) -> list[tuple[Any, dict[
     total: Counter[tuple[Any, Any]] = Counter()
     hit: Counter[tuple[Any, Any]] = Counter()
     for row in dossier.rows:
-        at = (axis_value(row.case, axis), row.case.model)
+        at = (axis_value(row.case, axis), row.case.variation.model)
         total[at] += 1
         hit[at] += row.status == status
     return [

@@ -34,7 +34,7 @@ def perception_costs(dossier: Dossier) -> list[CostRow]:
     for row in dossier.rows:
         cost = row.end.perception
         if cost is not None:
-            groups.setdefault((row.case.model, cost.runtime), []).append((row, cost))
+            groups.setdefault((row.case.variation.model, cost.runtime), []).append((row, cost))
     rigs_s = sum(row.end.rig_wall_s for row in dossier.rows)
     return [_row(model, runtime, found, rigs_s) for (model, runtime), found in groups.items()]
 

@@ -34,7 +34,7 @@ from conductor.report.pages.summary import inert
 from conductor.report.reading.axes import varied_axes
 from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.trust.sign_run import require_fit
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.files.autodrive_log import (
     AEB,
     BRAKE,
@@ -131,9 +131,9 @@ def _instance(row: CaseRow, log_sha256: str) -> Instance:
             log_sha256=log_sha256,
         )
     return Instance(
-        time_of_day=row.case.time_of_day_min,
-        weather_id=WEATHERS.index(row.case.weather) + 1,
-        model=row.case.model,
+        time_of_day=row.case.variation.time_of_day_min,
+        weather_id=WEATHERS.index(row.case.variation.weather) + 1,
+        model=row.case.variation.model,
         exported=exported,
     )
 
@@ -145,7 +145,7 @@ def _check(dossier: Dossier, out: Path) -> None:
             f"{dossier.folder}: in its cases {dossier.scenario.doc}, and the logs of the AutoDRIVE "
             f"study are about braking for an obstacle; export a campaign of type {known}"
         )
-    strange = sorted({row.case.weather for row in dossier.rows} - set(WEATHERS))
+    strange = sorted({row.case.variation.weather for row in dossier.rows} - set(WEATHERS))
     if strange:
         raise UsageError(
             f"{dossier.folder}: weather '{strange[0]}' has no id in the layout, which knows "
@@ -158,7 +158,10 @@ def _check(dossier: Dossier, out: Path) -> None:
 def _notes(dossier: Dossier, size: int) -> list[str]:
     notes = []
     cases = [row.case for row in dossier.rows]
-    same = Counter((case.model, case.weather, case.time_of_day_min) for case in cases)
+    same = Counter(
+        (case.variation.model, case.variation.weather, case.variation.time_of_day_min)
+        for case in cases
+    )
     if max(same.values()) > 1:
         axes = [a for a in varied_axes(dossier) if a not in ("model", "weather", "time_of_day")]
         notes.append(
@@ -166,7 +169,7 @@ def _notes(dossier: Dossier, size: int) -> list[str]:
             "stand in it as repeats"
         )
     places = [number // size + 1 for number in range(len(cases))]
-    labels = [case.batch for case in cases]
+    labels = [case.variation.batch for case in cases]
     if any(labels) and labels != places:
         notes.append("batches are numbered anew, from 1, in the order of the cases")
     return notes
@@ -190,9 +193,9 @@ def _cells(case: Case, row: dict[str, Any]) -> dict[str, str]:
     label, percent, area_px2 = _box(case, row["detections"] or [])
     return {
         TIMESTAMP: moment.isoformat(" ", "microseconds"),
-        TIME_OF_DAY: str(case.time_of_day_min),
-        WEATHER: str(WEATHERS.index(case.weather) + 1),
-        MODEL: case.model,
+        TIME_OF_DAY: str(case.variation.time_of_day_min),
+        WEATHER: str(WEATHERS.index(case.variation.weather) + 1),
+        MODEL: case.variation.model,
         LABEL: inert(label) or "",
         CONFIDENCE: _number(percent),
         SIZE: "" if area_px2 is None else str(area_px2),
@@ -217,8 +220,8 @@ def _box(case: Case, detections: list[dict[str, Any]]) -> tuple[str, float, int 
         return "", 0.0, None
     box = confident[-1]
     width, height = PICTURE_PX
-    sides = (box["width_px"] * width / case.camera.width, box["height_px"] * height)
-    area_px2 = math.floor(sides[0]) * math.floor(sides[1] / case.camera.height)
+    sides = (box["width_px"] * width / case.rig.camera.width, box["height_px"] * height)
+    area_px2 = math.floor(sides[0]) * math.floor(sides[1] / case.rig.camera.height)
     label = " ".join("".join(c if c.isprintable() else " " for c in box["label"]).split())
     return label, 100.0 * box["confidence"], area_px2
 

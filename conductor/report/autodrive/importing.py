@@ -18,10 +18,12 @@ from conductor.report.autodrive.layout import IMPORT_FILE, ExportedEnd, ImportNo
 from conductor.report.autodrive.logs import Log
 from conductor.report.autodrive.source import LogFolder, StudyCase, read_source, short_logs, title
 from conductor.serve.folders import CAMPAIGN_FILE
-from schemas.campaign import Campaign, Case, expand, parse_campaign
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.autodrive_log import CONFIG_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
+from schemas.plan import expand, parse_campaign
 from schemas.words import plain
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
@@ -189,7 +191,9 @@ def _import_case(out: Path, case: Case, place: StudyCase, source: LogFolder) -> 
     except OSError as error:
         raise storage_error(error, str(out / attempt)) from None
     write_kpi(table, out / attempt / "kpi.parquet")
-    judged = judge(log.rows, table, case.scenario.false_braking_m, source.config.log_s_min)
+    judged = judge(
+        log.rows, table, case.variation.scenario.false_braking_m, source.config.log_s_min
+    )
     end = CaseOutcome(
         outcome=judged.outcome,
         verdict=judged.verdict,

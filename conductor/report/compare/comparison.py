@@ -22,8 +22,8 @@ from conductor.report.analysis.statistics import (
 )
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.reading.dossier import CaseRow, Dossier
-from schemas.campaign import Case
-from schemas.identity import by_content
+from schemas.case import Case
+from schemas.identity import scenario_by_content
 from schemas.kinds.kpi import KpiKind, scalars_by_name
 from schemas.sections.stack_identity import difference
 from twin.base.errors import UsageError
@@ -31,16 +31,23 @@ from twin.base.errors import UsageError
 Change = Literal["worse", "better", "other"]
 
 _SETTINGS: tuple[tuple[str, Callable[[Case], Any]], ...] = (
-    ("seed", lambda case: case.seed),
-    ("scenario", lambda case: by_content(case).scenario),
-    ("control_hz", lambda case: case.control_hz),
-    ("camera", lambda case: (case.camera, case.cameras, case.render)),
-    ("lidars", lambda case: case.lidars),
-    ("sensors", lambda case: case.sensors),
-    ("environment", lambda case: (case.environment, case.weather, case.time_of_day_min)),
-    ("autonomy.latency_ms", lambda case: case.latency_ms),
-    ("clock", lambda case: case.clock),
-    ("autonomy.tell", lambda case: case.tell),
+    ("seed", lambda case: case.variation.seed),
+    ("scenario", lambda case: scenario_by_content(case)),
+    ("control_hz", lambda case: case.rig.control_hz),
+    ("camera", lambda case: (case.rig.camera, case.rig.cameras, case.rig.render)),
+    ("lidars", lambda case: case.rig.lidars),
+    ("sensors", lambda case: case.variation.sensors),
+    (
+        "environment",
+        lambda case: (
+            case.variation.environment,
+            case.variation.weather,
+            case.variation.time_of_day_min,
+        ),
+    ),
+    ("autonomy.latency_ms", lambda case: case.variation.latency_ms),
+    ("clock", lambda case: case.rig.clock),
+    ("autonomy.tell", lambda case: case.variation.tell),
 )
 """What the test is, as opposed to what is tested: it should be the same in both runs."""
 

@@ -82,7 +82,7 @@ def _is_number(value: float | int | None) -> TypeGuard[float | int]:
 def _hover(row: CaseRow) -> str:
     """Lines without the name; markup of Plotly's kind, so everything given is escaped."""
     lines = [html.escape(row.status.replace("_", " "), quote=False)]
-    lead = kind_of(row.case.scenario).report.lead
+    lead = kind_of(row.case.variation.scenario).report.lead
     value, speed = row.scalar(lead.scalar), row.scalar("impact_speed_mps")
     if value is not None:
         lines.append(lead.hover.format(value))

@@ -163,7 +163,7 @@ def _page_data(content: Content) -> dict[str, Any]:
 def _spreads(content: Content, models: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Distributions of the systems under test that have many cases."""
     for model in models:
-        rows = [row for row in content.shown if row.case.model == model]
+        rows = [row for row in content.shown if row.case.variation.model == model]
         found = spread_of([content.curves[r.case.id] for r in rows if r.case.id in content.curves])
         if found is not None:
             values = {name: [_packed(row) for row in part] for name, part in found.values.items()}
@@ -222,7 +222,7 @@ def _drawn_cases(
         curve = content.curves.get(row.case.id)
         yield {
             "id": row.case.id,
-            "model": row.case.model,
+            "model": row.case.variation.model,
             "status": row.status,
             "groups": {
                 axis: row.status if axis == "status" else str(axis_value(row.case, axis))

@@ -203,7 +203,7 @@ def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, d
 def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSection]:
     chosen: dict[str, list[CaseRow]] = {}
     for model in models:
-        own = [row for row in dossier.rows if row.case.model == model]
+        own = [row for row in dossier.rows if row.case.variation.model == model]
         chosen[model] = examples(dossier, own)
     flat = [row for rows in chosen.values() for row in rows]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
@@ -211,7 +211,7 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSe
     reasons = {row.case.id: reason for row, reason in zip(flat, missing, strict=True)}
     sections = []
     for model in models:
-        own = [row for row in dossier.rows if row.case.model == model]
+        own = [row for row in dossier.rows if row.case.variation.model == model]
         lines = lost_lines(dossier, own)
         found = {status for line in lines for status in line.cells}
         sections.append(

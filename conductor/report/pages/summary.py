@@ -73,7 +73,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
         values = [axis_value(row.case, axis) for row in rows]
         add(axis, values, _PLAIN_TYPES.get(axis, pa.string()))
         if axis == "model":
-            kinds = [str(row.case.perception.__struct_config__.tag) for row in rows]
+            kinds = [str(row.case.variation.perception.__struct_config__.tag) for row in rows]
             add("perception", kinds, pa.string())
     for axis in further_axes(dossier.campaign):
         add(axis, [axis_value(row.case, axis) for row in rows], None)

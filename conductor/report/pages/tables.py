@@ -75,7 +75,7 @@ def verdict_table(dossier: Dossier) -> list[SystemRow]:
     """Like the paper's Table 1: one line per system under test, the sum of all last."""
     groups: dict[str, list[CaseRow]] = {}
     for row in dossier.rows:
-        groups.setdefault(row.case.model, []).append(row)
+        groups.setdefault(row.case.variation.model, []).append(row)
     lines = [_system(dossier, model, rows) for model, rows in groups.items()]
     return [*lines, _system(dossier, "All", dossier.rows)]
 
@@ -86,7 +86,7 @@ def _system(dossier: Dossier, model: str, rows: list[CaseRow]) -> SystemRow:
         model=model,
         name=model if everyone else system_name(rows[0].case),
         perception="" if everyone else system_text(rows[0].case),
-        batches=sorted({row.case.batch for row in rows if row.case.batch}),
+        batches=sorted({row.case.variation.batch for row in rows if row.case.variation.batch}),
         passed=sum(row.passed is True for row in rows),
         no_collision=sum(row.no_collision is True for row in rows),
         total=len(rows),

@@ -62,6 +62,6 @@ def case_number(row: CaseRow) -> str:
     if row.status == "collision":
         speed = row.scalar("impact_speed_mps")
         return "" if speed is None else f"{speed:.1f}"
-    lead = kind_of(row.case.scenario).report.lead
+    lead = kind_of(row.case.variation.scenario).report.lead
     value = row.scalar(lead.scalar) if lead.of == "decided" or row.no_collision else None
     return "" if value is None else f"{value:.{lead.digits - 1}f}"

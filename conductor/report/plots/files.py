@@ -155,7 +155,7 @@ def _heat(content: Content, sheet: Figure) -> bool:
     sheet.set_size_inches((1.6 + wide_in) * columns, (1.5 + high_in) * rows + LEGEND_ROW_IN)
     panels = sheet.subplots(rows, columns, squeeze=False).flat
     for panel, (model, name) in zip(panels, names.items(), strict=False):
-        own = [row for row in dossier.rows if row.case.model == model]
+        own = [row for row in dossier.rows if row.case.variation.model == model]
         cells = cells_of(dossier, own, x_axis, y_axis)
         _fill(panel, cells, known)
         label_x(panel, [words(x) for x in cells.xs], wide_in)

@@ -36,7 +36,7 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
     names = list(overview(dossier, drawn(dossier)))
     systems = dict(list(system_names(dossier).items())[:GRID_ROWS_MAX])
     with_curve = [row for row in content.shown if row.case.id in content.curves]
-    by_model = {m: [row for row in with_curve if row.case.model == m] for m in systems}
+    by_model = {m: [row for row in with_curve if row.case.variation.model == m] for m in systems}
     if not any(by_model.values()):
         return False
     spreads = {m: _spread(content, rows) for m, rows in by_model.items()}
@@ -56,7 +56,7 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
                 _draw_spread(panel, name, spread)
             else:
                 _draw_lines(panel, name, curves, colors)
-        total = sum(row.case.model == model for row in dossier.rows)
+        total = sum(row.case.variation.model == model for row in dossier.rows)
         cut = f"\n{len(own)} of {total} cases" if len(own) < len(by_model[model]) else ""
         panels[line][0].set_ylabel(f"{wrapped(system, high_in)}{cut}")
     for name, top, bottom in zip(names, panels[0], panels[-1], strict=True):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from conductor.report.reading.dossier import Dossier
-from schemas.campaign import WEATHERS, Campaign, Case
+from schemas.campaign import WEATHERS, Campaign
+from schemas.case import Case
 
 PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
 """Axes that every case has."""
@@ -37,11 +38,13 @@ def further_axes(campaign: Campaign) -> list[str]:
 
 def axis_value(case: Case, axis: str) -> Any:
     """Value of ``axis`` for a case; time of day as ``HH:MM``."""
+    rig, variation = case.rig, case.variation
     if axis == "time_of_day":
-        return f"{case.time_of_day_min // 60:02}:{case.time_of_day_min % 60:02}"
-    value: Any = case
+        return f"{variation.time_of_day_min // 60:02}:{variation.time_of_day_min % 60:02}"
     # A case holds what it needs of the section autonomy itself.
-    for part in axis.removeprefix("autonomy.").split("."):
+    first, *rest = axis.removeprefix("autonomy.").split(".")
+    value: Any = getattr(variation if hasattr(variation, first) else rig, first)
+    for part in rest:
         value = getattr(value, part)
     return value
 

@@ -11,10 +11,12 @@ from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.report.autodrive.layout import ImportNote, read_imported
 from conductor.serve.folders import CAMPAIGN_FILE
-from schemas.campaign import Campaign, Case, expand, parse_campaign
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.identity import campaign_digest
 from schemas.kinds.scenario import ScenarioKind, kind_of
+from schemas.plan import expand, parse_campaign
 from schemas.verdict import no_collision
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -139,7 +141,7 @@ def open_dossier(folder: Path) -> Dossier:
     collision_free: set[str] = set()
     if imported is not None:  # only some batches of a configuration may be there
         labels = imported.batches
-        labelled = [msgspec.structs.replace(c, batch=labels.get(c.id, 0)) for c in cases]
+        labelled = [_with_batch(case, labels.get(case.id, 0)) for case in cases]
         without_aeb = set(imported.without_aeb)
         collision_free = set(imported.no_collision)
     return Dossier(
@@ -155,6 +157,12 @@ def open_dossier(folder: Path) -> Dossier:
         written_s=written_s,
         imported=imported,
     )
+
+
+def _with_batch(case: Case, batch: int) -> Case:
+    """The case with the label of another batch."""
+    variation = msgspec.structs.replace(case.variation, batch=batch)
+    return msgspec.structs.replace(case, variation=variation)
 
 
 def _read_campaign(path: Path) -> Campaign:

@@ -29,7 +29,7 @@ def _shown(name: str) -> str:
 
 
 def _shipped_models(dossier: Dossier) -> list[tuple[str, str]]:
-    specs = [row.case.perception for row in dossier.rows]
+    specs = [row.case.variation.perception for row in dossier.rows]
     used = {
         spec.model
         for spec in specs

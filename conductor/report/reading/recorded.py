@@ -104,7 +104,7 @@ def _run_viewer(arguments: list[str], asked: str) -> tuple[list[str], str]:
 def failures(dossier: Dossier) -> list[Failure]:
     """Examples of lost cases of each model, kinds in turn, with their strips."""
     by_model = [
-        examples(dossier, [row for row in dossier.rows if row.case.model == model])
+        examples(dossier, [row for row in dossier.rows if row.case.variation.model == model])
         for model in axis_values(dossier, "model")
     ]
     # In turn: of many models each has some before one has all.

@@ -134,10 +134,14 @@ def resources_of(dossier: Dossier, table: pa.Table) -> Resources:
     by_host = {host: table.filter(pc.field("host") == host) for host in hosts_of(table)}
     series = {host: series_of(rows) for host, rows in by_host.items()}
     batches = []
-    for batch in sorted({row.case.batch for row in dossier.rows} - {0}):
+    for batch in sorted({row.case.variation.batch for row in dossier.rows} - {0}):
         rows = table.filter(pc.field("batch") == batch)
         if rows.num_rows:
-            models = {r.case.model: None for r in dossier.rows if r.case.batch == batch}
+            models = {
+                r.case.variation.model: None
+                for r in dossier.rows
+                if r.case.variation.batch == batch
+            }
             batches.append(_use(str(batch), rows, series_of(rows), tuple(models)))
     return Resources(
         samples=table.num_rows,

@@ -8,7 +8,7 @@ import msgspec
 
 from conductor.report.reading.axes import axis_values
 from conductor.report.reading.dossier import Dossier
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.foreign import Foreign
 from schemas.sections.perception import file_fields
@@ -22,7 +22,7 @@ _INTERPRETERS = ("python", "bash", "sh", "env", "node", "java", "ruby", "julia")
 
 def system_names(dossier: Dossier) -> dict[str, str]:
     """Model -> what the system under test is called, in the order of the axis."""
-    cases = {row.case.model: row.case for row in dossier.rows}
+    cases = {row.case.variation.model: row.case for row in dossier.rows}
     return {model: system_name(cases[model]) for model in axis_values(dossier, "model")}
 
 
@@ -30,14 +30,14 @@ def system_name(case: Case) -> str:
     """The perception variant of the shipped stack; a stack of one's own by its entry point or
     command, with the variant if the campaign names one."""
     if not is_own(case):
-        return case.model
-    name = stack_name(case.stack, case.foreign)
-    return name if case.model == _UNNAMED else f"{name}, {case.model}"
+        return case.variation.model
+    name = stack_name(case.rig.stack, case.rig.foreign)
+    return name if case.variation.model == _UNNAMED else f"{name}, {case.variation.model}"
 
 
 def is_own(case: Case) -> bool:
     """Whether another stack than the shipped one drives."""
-    return case.foreign is not None or case.stack != SHIPPED_STACK
+    return case.rig.foreign is not None or case.rig.stack != SHIPPED_STACK
 
 
 def stack_name(entry_point: str, foreign: Foreign | None) -> str:
@@ -55,15 +55,19 @@ def system_text(case: Case) -> str:
     if not is_own(case):
         return perception_text(case)
     what = "own stack"
-    if case.foreign is not None:
-        bridge = "" if case.foreign.bridge == "none" else f", bridge {case.foreign.bridge}"
-        what = f"command {' '.join(case.foreign.command)}{bridge}"
-    return what if case.model == _UNNAMED else f"{what}; it is offered {perception_text(case)}"
+    if case.rig.foreign is not None:
+        bridge = "" if case.rig.foreign.bridge == "none" else f", bridge {case.rig.foreign.bridge}"
+        what = f"command {' '.join(case.rig.foreign.command)}{bridge}"
+    return (
+        what
+        if case.variation.model == _UNNAMED
+        else f"{what}; it is offered {perception_text(case)}"
+    )
 
 
 def perception_text(case: Case) -> str:
     """What the perception variant of ``case`` really is. Files by their name."""
-    spec = case.perception
+    spec = case.variation.perception
     kind = str(spec.__struct_config__.tag or "")
     defaults = dict(
         zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
@@ -76,6 +80,6 @@ def perception_text(case: Case) -> str:
         if name == "contrast_min" or values[name] != defaults.get(name)
     ]
     if kind == "ground_truth":
-        kind = "" if case.model == kind else f"{kind}: "
+        kind = "" if case.variation.model == kind else f"{kind}: "
         kind += "the simulator's boxes, no network"
     return ", ".join([kind, *shown])

@@ -331,7 +331,9 @@ def test_an_id_that_was_forgotten_brings_no_rights_of_the_former_one() -> None:
 
 
 def delivery(lease: Lease, worker: str, **fields: Any) -> AttemptFiles:
-    made = AttemptFiles(V, lease.case.campaign, lease.case.id, lease.attempt, b"", b"", "")
+    made = AttemptFiles(
+        V, lease.case.variation.campaign, lease.case.id, lease.attempt, b"", b"", ""
+    )
     return msgspec.structs.replace(made, worker=worker, **{"session": secret(worker), **fields})
 
 

@@ -14,7 +14,7 @@ from conductor_bench import CONFIG, S, campaign, hello, result, shown, submit
 
 import conductor.core.admit
 import conductor.serve.engine
-import schemas.campaign
+import schemas.plan
 from conductor.core.admit import CASES_HELD_MAX, OUT_CHARS_MAX, PART_BYTES_MAX, admit
 from conductor.core.facts import Replied, WorkerLeft
 from conductor.core.fold import apply
@@ -23,8 +23,8 @@ from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.campaign import CASES_MAX, parse_cases
 from schemas.messages import Next, Reply, Request, Submit
+from schemas.plan import CASES_MAX, parse_cases
 from schemas.validation import MISTAKES_MAX
 from schemas.wire.bounds import COUNT_MAX, ENTRIES_MAX, INT64_MAX, TICKS_MAX
 from schemas.wire.codec import WireError, decode, encode
@@ -262,13 +262,13 @@ def test_a_known_campaign_goes_on_however_full_the_conductor_is() -> None:
 
 def test_mistakes_of_many_cases_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     looked = []
-    value_of = schemas.campaign.value_of
+    value_of = schemas.plan.value_of
 
     def counted(*given: Any) -> Any:
         looked.append(1)
         return value_of(*given)
 
-    monkeypatch.setattr(schemas.campaign, "value_of", counted)
+    monkeypatch.setattr(schemas.plan, "value_of", counted)
     _, _, mistakes = parse_cases(
         {**campaign(cases=1), "cases": [{"repeat": -i} for i in range(1, 9000)]}
     )

@@ -164,22 +164,3 @@ def test_a_takeover_leaves_the_chain_where_it_was(tmp_path: Path) -> None:
         journal.append([_some(2)])
     assert journal.chain == before
     journal.close()
-
-
-def test_a_journal_of_version_2_is_chained_when_it_is_opened(tmp_path: Path) -> None:
-    _written(tmp_path)
-    _change(
-        tmp_path,
-        "CREATE TABLE old (id INTEGER PRIMARY KEY, unix_s REAL NOT NULL, fact BLOB NOT NULL)",
-        "INSERT INTO old SELECT id, unix_s, fact FROM facts",
-        "DROP TABLE facts",
-        "ALTER TABLE old RENAME TO facts",
-        "DELETE FROM meta WHERE name = 'chain'",
-        "UPDATE meta SET value = '2' WHERE name = 'version'",
-    )
-    first = _read(tmp_path)
-    assert len(first) == 7
-    assert _read(tmp_path) == first
-    _change(tmp_path, "DELETE FROM facts WHERE id = 2")
-    with pytest.raises(JournalError, match="the chain of facts does not fit"):
-        _read(tmp_path)

@@ -10,7 +10,8 @@ import pytest
 from conductor.core.backlog import LOOK_MAX, Backlog
 from conductor.core.case_table import CaseTable, pack, unpack
 from conductor.core.durations import BUCKET_MAX, Durations
-from schemas.campaign import Case, parse_cases
+from schemas.case import Case
+from schemas.plan import parse_cases
 
 
 def _cases(**fields: object) -> list[Case]:
@@ -63,7 +64,7 @@ def test_a_table_gives_the_same_cases_back(fields: dict[str, object]) -> None:
 
 def test_equal_sections_are_kept_once() -> None:
     cases = unpack(pack(_cases(matrix={"repeat": list(range(100))})))
-    assert len({id(case.scenario) for case in cases}) == 1
+    assert len({id(case.variation.scenario) for case in cases}) == 1
     assert len(msgspec.msgpack.encode(pack(cases))) < 100 * 40
 
 

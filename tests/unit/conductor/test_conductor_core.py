@@ -192,16 +192,16 @@ def test_leases_of_a_reply_share_a_rig_and_the_running_rig_is_preferred() -> Non
     fields = {"matrix": {"repeat": [0, 1], "camera.width": [640, 320]}}
     bench.ask(Submit(v=V, campaign={"campaign": "alpha", **fields}))
     leases = bench.lease(k=4)
-    widths = {lease.case.camera.width for lease in leases}
+    widths = {lease.case.rig.camera.width for lease in leases}
     assert (len(leases), widths) == (2, {640})
     other = next(
-        c.rig for c in bench.state.campaigns["alpha"].ordered if c.case.camera.width == 320
+        c.rig for c in bench.state.campaigns["alpha"].ordered if c.case.rig.camera.width == 320
     )
     held = [lease.token for lease in leases]
     # The rig that runs decides, whatever the worker calls it.
     assert bench.lease(k=4, held=held, rig=other) == []
     preferred = bench.lease(k=1, held=[], rig=other)
-    assert preferred[0].case.camera.width == 320
+    assert preferred[0].case.rig.camera.width == 320
 
 
 def test_a_rig_is_known_by_its_name_when_its_tokens_are_dead() -> None:
@@ -237,7 +237,7 @@ def test_the_first_lease_pins_software_and_device() -> None:
     assert len(bench.status()["notes"]) == 2
     # Another campaign is free to choose.
     bench.ask(submit("beta"))
-    assert bench.lease("w3")[0].case.campaign == "beta"
+    assert bench.lease("w3")[0].case.variation.campaign == "beta"
 
 
 def test_device_any_pins_the_software_only() -> None:
@@ -323,7 +323,7 @@ def test_cases_are_granted_in_submission_order_and_campaigns_take_turns() -> Non
     bench = started(cases=2)
     bench.ask(submit("beta", cases=2))
     leases = bench.lease(k=3)
-    assert [(x.case.campaign, x.case.id) for x in leases] == [
+    assert [(x.case.variation.campaign, x.case.id) for x in leases] == [
         ("alpha", "repeat_0"),
         ("beta", "repeat_0"),
         ("alpha", "repeat_1"),
@@ -335,11 +335,11 @@ def test_by_batch_waits_for_the_batch_to_end() -> None:
     bench.ask(submit(cases=5, batch={"size": 2}))
     bench.ask(hello())
     leases = bench.lease(k=5)
-    assert [lease.case.batch for lease in leases] == [1, 1]
+    assert [lease.case.variation.batch for lease in leases] == [1, 1]
     held = [leases[1].token]
     assert bench.lease(k=5, results=[result(leases[0])], held=held) == []
     # The last case of a batch and the first of the next one meet in one request.
-    assert [x.case.batch for x in bench.lease(k=5, results=[result(leases[1])])] == [2, 2]
+    assert [x.case.variation.batch for x in bench.lease(k=5, results=[result(leases[1])])] == [2, 2]
 
 
 def test_retry_after_tells_busy_from_idle() -> None:
@@ -373,6 +373,6 @@ def test_a_conductor_told_what_to_show_tells_it_of_all_cases() -> None:
     bench = Bench(Config(folder="/state", view=ViewMode.record))
     bench.ask(submit(cases=1, view="none"))
     bench.ask(hello())
-    assert [lease.case.view for lease in bench.lease()] == ["record"]
+    assert [lease.case.rig.view for lease in bench.lease()] == ["record"]
     bench.ask(submit(cases=1, view="live"))
     assert len(bench.state.campaigns) == 1, "the same campaign, gone on with"

@@ -76,7 +76,7 @@ def test_the_cases_that_run_are_listed_with_where_they_are() -> None:
     assert "running" not in plain
     rows = bench.ask(StatusRequest(v=SCHEMA_VERSION, running=True)).status["running"]
     assert [(row["campaign"], row["case"]) for row in rows] == [
-        (lease.case.campaign, lease.case.id) for lease in (first, second)
+        (lease.case.variation.campaign, lease.case.id) for lease in (first, second)
     ]
     assert rows[0] | {"campaign": "", "case": ""} == {
         "campaign": "",

@@ -22,9 +22,10 @@ from conductor.report.reading.recorded import _inside
 from conductor.serve.deliveries import Deliveries
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.campaign import ID_CHARS_MAX, parse_cases
+from schemas.campaign import ID_CHARS_MAX
 from schemas.files.yaml_file import YamlError, parse_yaml
 from schemas.messages import Next, Request, Result, Submit
+from schemas.plan import parse_cases
 from schemas.wire.codec import CONTAINERS_MAX, WireError, decode, encode
 from schemas.wire.delivery import AttemptFiles, files_sha256
 from twin.base.errors import InfrastructureError

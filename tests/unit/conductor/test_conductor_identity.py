@@ -11,9 +11,9 @@ from conductor.core.facts import CaseEnded, Relocated, Snapshot
 from conductor.core.fold import fold
 from conductor.core.snapshot import take
 from conductor.core.state import State
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import campaign_digest, case_digest, rig_key
 from schemas.messages import Reply
+from schemas.plan import expand, parse_campaign
 from schemas.sections.stack_identity import StackIdentity
 
 ONE = {"digest": "1" * 64, "parts": {"mine.py": "a" * 12, "near.py": "b" * 12}}
@@ -103,10 +103,11 @@ def test_moved_files_are_the_same_campaign_and_cases_are_leased_with_the_new_pat
     assert answered(bench, cases=3, **placed("/b")).status["resumed"]
     assert len(bench.facts(Relocated)) == 1
     (second,) = bench.lease()
-    assert second.case.perception.model == "/b/net.onnx"
-    assert second.case.scenario.vehicle == "/b/car.yaml"
-    assert second.case.source.files == ["/b/map.json"]
-    assert set(second.case.files) == {"/b/net.onnx", "/b/car.yaml"}
+    assert second.case.variation.perception.model == "/b/net.onnx"
+    assert second.case.rig.vehicle == "/b/car.yaml"
+    assert second.case.rig.source.files == ["/b/map.json"]
+    assert set(second.case.variation.files) == {"/b/net.onnx"}
+    assert set(second.case.rig.files) == {"/b/car.yaml"}
     assert case_digest(second.case) == case_digest(bench.state.campaigns["alpha"].ordered[1].case)
     bench.next(k=0, ended=[ended(second, "released")])
     # A restart knows it, also from a snapshot.
@@ -127,7 +128,7 @@ def test_a_refused_rig_charges_nothing_and_its_worker_gets_no_case_of_the_campai
     assert note == f"w1: {why}; it gets no case of campaign 'alpha' until it is started again"
     bench.ask(submit("beta", cases=1))
     (other,) = bench.lease(k=2)
-    assert other.case.campaign == "beta"
+    assert other.case.variation.campaign == "beta"
     bench.restart()
     assert bench.status()["notes"] == [note]
     assert fold([take(bench.state)], bench.config).workers["w1"].refused == {"alpha": why}
@@ -149,7 +150,7 @@ def test_digests_and_rig_keys_see_contents_and_no_paths() -> None:
     stack = case(**{**placed("/a"), "stack_identity": TWO})
     assert case_digest(stack) != case_digest(here)
     assert rig_key(stack) != rig_key(here)
-    assert here.source.identity == StackIdentity(**ONE)
+    assert here.rig.source.identity == StackIdentity(**ONE)
 
 
 def test_a_file_that_a_parameter_names_counts_in_the_cases_that_name_it() -> None:
@@ -165,7 +166,7 @@ def test_a_file_that_a_parameter_names_counts_in_the_cases_that_name_it() -> Non
         return expand(campaign)
 
     before, after = cases("b" * 64), cases("c" * 64)
-    assert [case.source.parameters for case in after] == [{"map": "a" * 64}, {"map": "c" * 64}]
+    assert [case.rig.source.parameters for case in after] == [{"map": "a" * 64}, {"map": "c" * 64}]
     assert [rig_key(a) == rig_key(b) for a, b in zip(before, after, strict=True)] == [True, False]
     same = [case_digest(a) == case_digest(b) for a, b in zip(before, after, strict=True)]
     assert same == [True, False]

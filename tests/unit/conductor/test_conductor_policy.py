@@ -50,7 +50,7 @@ def _models(leases: Sequence[Lease]) -> dict[str, int]:
 
 
 def _campaigns(leases: list[Lease]) -> list[str]:
-    return [lease.case.campaign for lease in leases]
+    return [lease.case.variation.campaign for lease in leases]
 
 
 def test_a_higher_priority_comes_first() -> None:
@@ -84,9 +84,9 @@ def test_equals_share_the_workers_without_restarting_rigs_for_it() -> None:
     bench.ask(_prioritised("two", 0, cases=99, width=320))
     for _ in range(5):
         for worker, leases in held.items():
-            rig = bench.state.campaigns[leases[0].case.campaign].ordered[0].rig
+            rig = bench.state.campaigns[leases[0].case.variation.campaign].ordered[0].rig
             held[worker] = bench.lease(worker, results=[result(leases[0])], rig=rig)
-    now = [leases[0].case.campaign for leases in held.values()]
+    now = [leases[0].case.variation.campaign for leases in held.values()]
     assert sorted(now) == ["one", "one", "two", "two"]
     attempts = bench.facts(Leased)
     switches = sum(
@@ -208,7 +208,7 @@ def test_a_retried_batch_is_open_again() -> None:
     bench.control("cancel", case="repeat_0")
     bench.control("cancel", case="repeat_1")
     (later,) = bench.lease(k=1)
-    assert later.case.batch == 2
+    assert later.case.variation.batch == 2
     bench.control("retry", case="repeat_1")
     assert [x.case.id for x in bench.lease(k=4, held=[later.token])] == ["repeat_1"]
     assert "waits: batch 2 is not open" in bench.explain("repeat_3")[0]
@@ -486,7 +486,7 @@ def test_a_reply_with_cases_asks_for_no_patience_and_notes_nothing() -> None:
     bench.lease("w1")
     bench.ask(submit("beta", cases=2))
     reply = bench.next("w2")
-    assert [lease.case.campaign for lease in reply.leases] == ["beta"]
+    assert [lease.case.variation.campaign for lease in reply.leases] == ["beta"]
     assert (reply.retry_after_s, reply.status) == (0.0, {})
     (stored,) = [fact for fact in bench.facts(Replied) if fact.worker == "w2"]
     assert stored.reply.leases == [], "cases are in the journal already"

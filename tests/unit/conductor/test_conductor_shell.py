@@ -385,7 +385,7 @@ def test_a_copy_of_a_state_folder_goes_on_by_itself(
             if not ended:
                 served.request(hello("w3"))
                 leases = served.request(next_of(worker="w3", seq=1, k=1)).leases
-            assert all(lease.out == after[lease.case.campaign] for lease in leases)
+            assert all(lease.out == after[lease.case.variation.campaign] for lease in leases)
     assert _bytes_of(state) == original
     assert (Path(after["alpha"]) / "outcomes.json").exists()
     with serving(state, hub) as served:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +17,8 @@ from conductor.core.invariants import check
 from conductor.core.snapshot import take
 from conductor.core.state import IMAGE_CASES, Config, State
 from conductor.journal.store import Journal
-from conductor.records.outcomes import Outcomes, encode_campaign, encode_outcomes, outcomes_of
+from conductor.records.outcomes import Outcomes, encode_campaign, outcomes_of
+from twin.base.errors import UsageError
 
 DATA = Path(__file__).parent / "data"
 
@@ -153,58 +151,10 @@ def test_a_damaged_image_is_an_error(tmp_path: Path) -> None:
         fold([Snapshot(images=[])])
 
 
-def test_a_journal_of_version_1_is_brought_forward(tmp_path: Path) -> None:
+def test_what_the_first_stage_has_begun_is_left_to_it(tmp_path: Path) -> None:
     shutil.copy(DATA / "journal-v1.db", tmp_path / "conductor.db")
-    expected = json.loads((DATA / "journal-v1.json").read_text())
-    for _ in range(2):  # the second time it is of today's version
-        journal = Journal(tmp_path)
-        state = fold(journal.fold(), Config(folder="/state"))
-        check(state)
-        _is_as_it_was(state, expected)
-        journal.close()
-    with closing(sqlite3.connect(tmp_path / "conductor.db")) as connection:
-        rows = connection.execute("SELECT value FROM meta WHERE name = 'version'").fetchall()
-    assert rows == [("3",)]
-
-
-def test_a_journal_of_version_1_goes_on_and_is_compacted(tmp_path: Path) -> None:
-    shutil.copy(DATA / "journal-v1.db", tmp_path / "conductor.db")
-    expected = json.loads((DATA / "journal-v1.json").read_text())
-    journal = Journal(tmp_path)
-    state = fold(journal.fold(), Config(folder="/state", snapshot_close_facts=0))
-    journal.append(close(state))
-    journal.close()
-    journal = Journal(tmp_path)
-    again = fold(journal.fold(), state.config)
-    journal.close()
-    assert again == state
-    _is_as_it_was(again, expected)
-
-
-def _is_as_it_was(state: State, expected: dict[str, object]) -> None:
-    alpha = state.campaigns["alpha"]
-    assert (state.epoch, state.granted) == (expected["epoch"], expected["granted"])
-    live = {str(token): [*x.key, x.worker] for token, x in state.leases.items()}
-    assert live == expected["live"]
-    found = json.loads(encode_outcomes(outcomes_of(alpha)))
-    for row in found["cases"].values():
-        assert (row.pop("perception"), row.pop("rig_wall_s")) == (None, 0.0)  # were not known
-        assert (row.pop("steered"), row.pop("realtime")) == ([], None)
-        assert row.pop("names") == {}
-        # Charges name their worker since version 2.
-        row["charges"] = [text.removesuffix(" (worker w1)") for text in row["charges"]]
-    assert found.pop("clock") == "lockstep"
-    assert (found.pop("protection"), found.pop("tell")) == ([], [])  # nobody asked for them
-    assert found.pop("digests") == 0  # as they were taken then
-    assert found == expected["outcomes"]
-    assert list(state.workers) == expected["workers"]
-    assert sorted(state.departed) == expected["departed"]
-    replied = state.workers["w3"].replied
-    assert replied is not None
-    assert [replied.seq, [lease.token for lease in replied.reply.leases]] == expected["replied"]
-    waiting = [case.case.id for case in alpha.ordered if case.waits]
-    assert waiting == expected["waiting"]
-    assert [case.case.id for case in alpha.ordered if case.alone] == expected["alone"]
+    with pytest.raises(UsageError, match=r"begun by drivetwin 0\.1 \(version 1 of the journal"):
+        Journal(tmp_path)
 
 
 @pytest.mark.parametrize("cases", [1, 12])

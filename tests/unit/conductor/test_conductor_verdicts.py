@@ -3,7 +3,6 @@ journals and files of earlier versions say."""
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import msgspec
@@ -11,15 +10,8 @@ import pytest
 from conductor_bench import Bench, hello, result, started, submit
 from prometheus_client.core import GaugeMetricFamily
 
-from conductor.core.decisions import close
-from conductor.core.explain import explain
-from conductor.core.fold import fold
-from conductor.core.invariants import check
-from conductor.core.state import Config
 from conductor.core.status import status
-from conductor.journal.store import Journal
 from conductor.records.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
-from conductor.run.command import count_outcomes
 from conductor.serve.metrics import ConductorCollector
 from schemas.messages import Result
 from schemas.verdict import is_pass, no_collision
@@ -57,31 +49,6 @@ def test_what_is_written_beside_the_verdict_has_no_say(
     assert found.passed == (verdict == "pass")
     assert msgspec.structs.replace(found, verdict="pass").passed
     assert msgspec.json.decode(msgspec.json.encode(found))["passed"] == (verdict == "pass")
-
-
-def _loose(tmp_path: Path) -> Journal:
-    """A journal of 05e2fd0: a pass and a false braking in its snapshot, another false braking in
-    a fact after it, all three with ``passed: true``; one case waits."""
-    shutil.copy(DATA / "journal-loose-verdicts.db", tmp_path / "conductor.db")
-    return Journal(tmp_path)
-
-
-def test_false_braking_of_an_old_journal_reads_as_not_passed(tmp_path: Path) -> None:
-    journal = _loose(tmp_path)
-    for restart in range(2):  # the second time from a snapshot of today's version
-        state = fold(journal.fold(), Config(folder="/state", snapshot_close_facts=0))
-        check(state)
-        alpha = state.campaigns["alpha"]
-        assert alpha.ended == {"passed": 1, "not_passed": 2}, restart
-        row = status(state, 0)["campaigns"]["alpha"]
-        assert (row["passed"], row["not_passed"], row["left"]) == (1, 2, 1)
-        counts = count_outcomes(outcomes_of(alpha))
-        assert (counts["passed"], counts["no_collision"], counts["failed"]) == (1, 3, 2)
-        lines = [explain(state, "alpha", f"repeat_{n}", 0)[0] for n in range(3)]
-        assert ["(passed)" in line for line in lines] == [True, False, False]
-        if not restart:
-            journal.append(close(state))
-    journal.close()
 
 
 def test_metrics_count_verdicts_that_are_a_pass() -> None:

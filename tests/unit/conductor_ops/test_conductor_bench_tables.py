@@ -13,7 +13,7 @@ from conductor.bench.own import SchedulerRun, check_disk, measure, noop_campaign
 from conductor.bench.peers import PACKAGES, missing
 from conductor.bench.scale import POINTS, Scale, large_campaign
 from conductor.trust.judge_feed import JudgementFile
-from schemas.campaign import expand
+from schemas.plan import expand
 from twin.base.errors import InfrastructureError, UsageError
 
 

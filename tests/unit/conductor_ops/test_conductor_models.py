@@ -16,8 +16,9 @@ from conductor.run import good_networks, models
 from conductor.run.good_networks import BYTES_MAX, KEPT_MAX, remember, remembered, unchanged
 from conductor.run.models import check_models, models_checked
 from conductor.run.source import load
-from schemas.campaign import Campaign, parse_campaign
+from schemas.campaign import Campaign
 from schemas.files.assets import file_digest
+from schemas.plan import parse_campaign
 from schemas.sections.perception import NetworkPerception
 from twin.base.errors import InfrastructureError, UsageError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from conductor.run.command import RunOptions, local_workers, run_campaign
 from conductor.run.places import WorkersOption
-from schemas.campaign import parse_campaign
+from schemas.plan import parse_campaign
 
 
 def test_it_says_when_nobody_computes_any_more(tmp_path, capsys):

@@ -12,7 +12,7 @@ import conductor.run.command
 from conductor.run.command import RunOptions, local_workers, run_campaign
 from conductor.run.places import WorkersOption
 from conductor.serve.shell import Conductor
-from schemas.campaign import parse_campaign
+from schemas.plan import parse_campaign
 
 LINES_MAX = 500
 """More than a run of an ended campaign executes."""

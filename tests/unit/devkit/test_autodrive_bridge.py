@@ -26,9 +26,9 @@ from devkit.bridges.autodrive.fields import (
 from devkit.hosting.foreign import ForeignProcess
 from devkit.hosting.foreign_place import placed
 from devkit.stack import Observation
-from schemas.campaign import expand, parse_campaign
 from schemas.kinds.bridge import lacking_bridges
 from schemas.messages import CameraSite, Episode, Pose
+from schemas.plan import expand, parse_campaign
 from schemas.sections.foreign import Foreign
 from schemas.sections.perception import GroundTruthPerception
 from twin.base.errors import InfrastructureError, UnfinishedError

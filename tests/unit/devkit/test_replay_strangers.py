@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import msgspec
 import pytest
+from case_changes import changed
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import examine
 from schemas.files.drive_record import RecordHead, RecordSeen
+from schemas.plan import examine
 from schemas.sections.foreign import Foreign, Repository
 from twin.records.drive_record import RecordWriter
 
@@ -20,8 +20,8 @@ SECONDS = ["--deadline-s", "5"]
 
 def record(folder: Path, foreign: Foreign | None) -> Path:
     _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})
-    stack = "" if foreign else cases[0].stack
-    case = msgspec.structs.replace(cases[0], stack=stack, foreign=foreign)
+    stack = "" if foreign else cases[0].rig.stack
+    case = changed(cases[0], stack=stack, foreign=foreign)
     attempt = folder / "cases/clear/attempt-1"
     head = RecordHead(SCHEMA_VERSION, 1, "", "cpu", 1, case)
     writer = RecordWriter(attempt / "drive.record", head)

@@ -13,10 +13,12 @@ from conductor.report.pages.content import read_content
 from conductor.report.pages.page import render
 from conductor.report.reading.dossier import open_dossier
 from conductor.report.reading.recorded import failures
-from schemas.campaign import Campaign, Case, expand, parse_campaign
+from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.files.kpi import SCALARS
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
+from schemas.plan import expand, parse_campaign
 from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 
 TICK_S = 0.05
@@ -81,10 +83,14 @@ def make_campaign(
 
 def drive(folder: Path, case: Case) -> CaseOutcome:
     """One case: accelerate, see the obstacle at some distance, brake, stop or hit it."""
-    dark = 0.8 if case.time_of_day_min < 6 * 60 or case.time_of_day_min > 18 * 60 else 1.0
-    contrast_min = getattr(case.perception, "contrast_min", 0.06)
-    sight_m = 22 * dark * _SIGHT.get(case.weather, 1.0) * (0.06 / contrast_min) ** 0.3
-    columns = _rows(case, sight_m, 7.0 * _GRIP.get(case.weather, 1.0))
+    dark = (
+        0.8
+        if case.variation.time_of_day_min < 6 * 60 or case.variation.time_of_day_min > 18 * 60
+        else 1.0
+    )
+    contrast_min = getattr(case.variation.perception, "contrast_min", 0.06)
+    sight_m = 22 * dark * _SIGHT.get(case.variation.weather, 1.0) * (0.06 / contrast_min) ** 0.3
+    columns = _rows(case, sight_m, 7.0 * _GRIP.get(case.variation.weather, 1.0))
     table = kpi_table(columns)
     attempt = f"cases/{case.id}/attempt-1"
     (folder / attempt).mkdir(parents=True, exist_ok=True)
@@ -133,8 +139,8 @@ def rested(folder: Path, end: CaseOutcome, dtc_m: float) -> CaseOutcome:
 
 def _rows(case: Case, sight_m: float, decel_mps2: float) -> dict[str, list[Any]]:
     rows: list[dict[str, Any]] = []
-    distance, speed, rest, aeb = case.scenario.ego_start_m, 0.0, 0, False
-    for tick in range(round(case.scenario.duration_s / TICK_S) + 1):
+    distance, speed, rest, aeb = case.variation.scenario.ego_start_m, 0.0, 0, False
+    for tick in range(round(case.variation.scenario.duration_s / TICK_S) + 1):
         aeb = aeb or distance < sight_m
         accel = -decel_mps2 if aeb and speed > 0 else (2.0 if speed < 10 and not aeb else 0.0)
         hit = distance <= 0
@@ -145,7 +151,7 @@ def _rows(case: Case, sight_m: float, decel_mps2: float) -> dict[str, list[Any]]
             {
                 "tick": tick,
                 "sim_time_ns": round(tick * TICK_S * 1e9),
-                "x_m": case.scenario.ego_start_m - distance,
+                "x_m": case.variation.scenario.ego_start_m - distance,
                 "y_m": 0.0,
                 "yaw_rad": 0.0,
                 "speed_mps": speed,

@@ -121,7 +121,7 @@ def test_what_the_layout_does_not_hold_is_said(tmp_path: Path) -> None:
     )
 
     def change(case, end):
-        lost = case.scenario.ego_start_m == 60
+        lost = case.variation.scenario.ego_start_m == 60
         return replace(end, outcome="unresolved", kpi_sha256="", verdict="") if lost else end
 
     make_campaign(tmp_path / "run", data, change)

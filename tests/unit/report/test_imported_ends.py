@@ -183,7 +183,7 @@ def test_truncated_published_logs_never_pass_beside_complete_ones(tmp_path: Path
     cut(unpack(tmp_path / "logs", (7, 8)), 8, 150)
     imported = import_autodrive(tmp_path / "logs", tmp_path / "run")
     dossier = open_dossier(tmp_path / "run")
-    truncated = [row for row in dossier.rows if row.case.batch == 8]
+    truncated = [row for row in dossier.rows if row.case.variation.batch == 8]
     assert {row.status for row in truncated} == {"unresolved"}
     assert (len(truncated), dossier.passed) == (32, 25)
     (warning,) = imported.warnings

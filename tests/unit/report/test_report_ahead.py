@@ -22,7 +22,7 @@ from twin.records.kpi_file import read_kpi, write_kpi
 
 def half(case, end):
     """As long as the campaign runs."""
-    return CaseOutcome(outcome="") if case.weather == "clear" else end
+    return CaseOutcome(outcome="") if case.variation.weather == "clear" else end
 
 
 @pytest.fixture

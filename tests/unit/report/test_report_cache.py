@@ -59,7 +59,7 @@ def test_nothing_new_means_nothing_read_and_the_same_page(tmp_path: Path) -> Non
 
 def test_only_cases_that_have_ended_since_are_read(tmp_path: Path) -> None:
     def half(case, end):
-        return CaseOutcome(outcome="") if case.weather == "clear" else end
+        return CaseOutcome(outcome="") if case.variation.weather == "clear" else end
 
     def most(case, end):
         return CaseOutcome(outcome="") if case.id == CASE else end

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from case_changes import changed
 from typer.testing import CliRunner
 from unit.report.synthetic_campaign import campaign_data, drive, make_campaign
 
@@ -17,8 +18,9 @@ from conductor.cli import app
 from conductor.commands.report_commands import compare_folders
 from conductor.records.outcomes import encode_outcomes, read_outcomes
 from conductor.report.compare.page import as_html, as_json, as_markdown, told
-from schemas.campaign import GroundTruthPerception, expand, parse_campaign
+from schemas.campaign import GroundTruthPerception
 from schemas.names import WEATHERS
+from schemas.plan import expand, parse_campaign
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UnfinishedError
 from twin.base.errors import UsageError as Usage
 
@@ -54,10 +56,10 @@ def plant(run: Path, copy: Path, cases: list[str], *, reason: str = "") -> None:
     for case in expand(campaign):
         if case.id in cases:
             blind = GroundTruthPerception(contrast_min=1.0)
-            end = drive(copy, replace(case, weather="heavy_fog", perception=blind))
+            end = drive(copy, changed(case, weather="heavy_fog", perception=blind))
             ends[case.id] = replace(end, reasons=[reason]) if reason else end
-    changed = replace(outcomes, cases=ends, software="6" * 64)
-    (copy / "outcomes.json").write_bytes(encode_outcomes(changed))
+    told = replace(outcomes, cases=ends, software="6" * 64)
+    (copy / "outcomes.json").write_bytes(encode_outcomes(told))
 
 
 def test_four_planted_flips_of_256_are_found(paper_run: Path, tmp_path: Path) -> None:
@@ -135,7 +137,9 @@ def test_a_rerun_is_identical_and_a_single_bit_is_not(tmp_path: Path) -> None:
     campaign, _ = parse_campaign(campaign_data())
     assert campaign is not None
     case = expand(campaign)[0]
-    nudged = replace(case, scenario=replace(case.scenario, ego_start_m=math.nextafter(60.0, 61)))
+    nudged = changed(
+        case, scenario=replace(case.variation.scenario, ego_start_m=math.nextafter(60.0, 61))
+    )
     end = drive(tmp_path / "b", nudged)
     ends = {**outcomes.cases, case.id: end}
     (tmp_path / "b" / "outcomes.json").write_bytes(encode_outcomes(replace(outcomes, cases=ends)))
@@ -222,7 +226,7 @@ def test_unfinished_and_damaged_runs(tmp_path: Path) -> None:
     make_campaign(tmp_path / "a")
 
     def left(case, end):
-        return replace(end, outcome="") if case.weather == "clear" else end
+        return replace(end, outcome="") if case.variation.weather == "clear" else end
 
     make_campaign(tmp_path / "b", change=left)
     with pytest.raises(UnfinishedError, match="4 of 8 cases have not ended"):

@@ -47,7 +47,7 @@ def of_kind(found: list[Finding], kind: str) -> list[Finding]:
 
 def test_a_difference_between_systems_and_the_axis_behind_it(tmp_path: Path) -> None:
     def change(case, end):
-        foggy = case.model == "worse" and "fog" in case.weather
+        foggy = case.variation.model == "worse" and "fog" in case.variation.weather
         return verdict(end, passed=not foggy, aeb_dtc_m=20.0, dtc_end_m=5.0)
 
     all_ = found(tmp_path, ["better", "worse"], change)
@@ -77,8 +77,12 @@ def test_what_the_absence_of_a_collision_hides(tmp_path: Path) -> None:
     triggers = {"clear": 61.0, "heavy_fog": 60.0, "cloudy": 90.0, "heavy_snow": 100.0}
 
     def change(case, end):
-        scalars = {**end.scalars, "aeb_dtc_m": triggers.get(case.weather), "aeb_time_s": None}
-        return replace(end, verdict=verdicts.get(case.weather, "pass"), scalars=scalars)
+        scalars = {
+            **end.scalars,
+            "aeb_dtc_m": triggers.get(case.variation.weather),
+            "aeb_time_s": None,
+        }
+        return replace(end, verdict=verdicts.get(case.variation.weather, "pass"), scalars=scalars)
 
     all_ = found(tmp_path, ["one", "two"], change)
     (hidden,) = of_kind(all_, "hidden")
@@ -101,7 +105,7 @@ def test_what_the_absence_of_a_collision_hides(tmp_path: Path) -> None:
 def test_findings_make_sense_where_nothing_stands_in_the_lane(tmp_path: Path) -> None:
     def change(case, end):
         scalars = {**end.scalars, "dtc_min_m": None, "dtc_end_m": None, "aeb_dtc_m": None}
-        stopped = case.weather == "clear"
+        stopped = case.variation.weather == "clear"
         return replace(end, verdict="false_braking" if stopped else "pass", scalars=scalars)
 
     all_ = found(tmp_path, ["one"], change)
@@ -114,11 +118,13 @@ def test_findings_make_sense_where_nothing_stands_in_the_lane(tmp_path: Path) ->
 
 def test_missing_is_said_and_never_counted_as_passed(tmp_path: Path) -> None:
     def change(case, end):
-        if case.weather == "clear":
+        if case.variation.weather == "clear":
             return replace(end, outcome="unresolved", verdict="", passed=True, scalars={})
-        if case.weather == "cloudy":
+        if case.variation.weather == "cloudy":
             return replace(end, outcome="", verdict="", scalars={})
-        return verdict(end, passed=True, dtc_min_m=None if case.weather == "heavy_fog" else 3.0)
+        return verdict(
+            end, passed=True, dtc_min_m=None if case.variation.weather == "heavy_fog" else 3.0
+        )
 
     all_ = found(tmp_path, ["one"], change)
     undecided, blind = of_kind(all_, "missing")
@@ -153,7 +159,10 @@ def test_counts_by_value_and_model(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     make_campaign(
         tmp_path,
         change=lambda c, e: msgspec.structs.replace(
-            e, verdict="pass" if c.weather == "clear" or c.model == "yolov3" else "collision"
+            e,
+            verdict="pass"
+            if c.variation.weather == "clear" or c.variation.model == "yolov3"
+            else "collision",
         ),
     )
     dossier = open_dossier(tmp_path)
@@ -170,7 +179,7 @@ def test_every_repeat_of_a_case_is_a_pair_of_its_own(tmp_path: Path) -> None:
     several["matrix"] = {"model": ["better", "worse"], "repeat": list(range(9))}
 
     def change(case: Any, end: Any) -> Any:
-        lost = case.model == "worse" and case.repeat < 8
+        lost = case.variation.model == "worse" and case.variation.repeat < 8
         return verdict(end, passed=not lost, aeb_dtc_m=20.0, dtc_end_m=5.0)
 
     (pair,) = of_kind(found(tmp_path, ["better", "worse"], change, several), "systems")

@@ -100,7 +100,7 @@ def test_a_text_of_ten_megabytes_leaves_the_page_intact(tmp_path: Path) -> None:
     huge = "<b>" + "x" * 10_000_000
 
     def change(case, end):
-        if case.weather == "clear":
+        if case.variation.weather == "clear":
             return end
         log = tmp_path / end.attempt_dir / "log.txt"
         if case.id == "yolov3-0500-heavy_fog":
@@ -129,7 +129,7 @@ def test_the_effects_of_the_axes(tmp_path: Path) -> None:
     def change(case, end):
         if case.id == "yolov3-0500-clear":
             return replace(end, outcome="unresolved", verdict="", kpi_sha256="", scalars={})
-        hit = case.weather == "heavy_fog" and case.model == "yolov2-tiny"
+        hit = case.variation.weather == "heavy_fog" and case.variation.model == "yolov2-tiny"
         return replace(end, verdict="collision" if hit else "pass")
 
     make_campaign(tmp_path, change=change)
@@ -144,9 +144,9 @@ def test_the_effects_of_the_axes(tmp_path: Path) -> None:
 
 def test_false_braking_and_single_cases_have_tables(tmp_path: Path) -> None:
     def change(case, end):
-        if case.time_of_day_min == 5 * 60:
+        if case.variation.time_of_day_min == 5 * 60:
             return end
-        return replace(rested(tmp_path, end, 40.0 + len(case.weather)), wall_s=9.25)
+        return replace(rested(tmp_path, end, 40.0 + len(case.variation.weather)), wall_s=9.25)
 
     make_campaign(tmp_path, change=change)
     text = without_scripts(page_of(tmp_path))
@@ -201,7 +201,7 @@ def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
 
 def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
     def change(case, end):
-        left = case.weather == "heavy_fog"
+        left = case.variation.weather == "heavy_fog"
         own = {"distance_m": 40.0 if left else 100.0, "lateral_error_max_m": 0.125}
         own["lateral_error_rms_m"] = 0.302 if left else 0.062
         verdict = "lane_departure" if left else "pass"
@@ -235,7 +235,7 @@ def test_a_jump_scare_shows_nothing_of_lanes(tmp_path: Path) -> None:
 
 def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
     def change(case, end):
-        if case.weather == "clear":
+        if case.variation.weather == "clear":
             return end
         return msgspec.convert({"outcome": ""}, type(end))
 
@@ -367,7 +367,7 @@ def test_a_cell_of_several_cases_shows_the_worst(tmp_path: Path) -> None:
     )
 
     def change(case, end):
-        if case.repeat or case.weather == "cloudy":
+        if case.variation.repeat or case.variation.weather == "cloudy":
             return end
         return replace(end, verdict="collision")
 

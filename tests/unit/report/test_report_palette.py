@@ -47,7 +47,7 @@ def test_a_cell_shows_the_worst_of_its_cases(tmp_path: Path) -> None:
     order = ["collision", "failed", "unresolved", "time_up", "false_braking", "pass"]
 
     def change(case: Any, end: Any) -> Any:
-        status = order[(*WEATHERS,).index(case.weather)]
+        status = order[(*WEATHERS,).index(case.variation.weather)]
         outcome = status if status in ("failed", "unresolved") else "verdict"
         verdict = status if outcome == "verdict" else ""
         return msgspec.structs.replace(
@@ -71,7 +71,7 @@ def test_the_legend_of_the_picture_of_maps_holds_every_status(tmp_path: Path) ->
     every = ["pass", "false_braking", "collision", "lane_departure", "time_up", *outcomes, ""]
 
     def change(case: Any, end: Any) -> Any:
-        status = every[int(case.repeat)]
+        status = every[int(case.variation.repeat)]
         outcome = status if status in ("", *outcomes) else "verdict"
         verdict = status if outcome == "verdict" else ""
         return msgspec.structs.replace(end, outcome=outcome, verdict=verdict)

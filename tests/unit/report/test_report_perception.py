@@ -12,16 +12,16 @@ from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.report import report_json
 from conductor.report.reading.systems import perception_text
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import PerceptionCost
+from schemas.plan import expand, parse_campaign
 
 
 def change(case, end):
     """yolov3: 2 ms of 10 per frame; yolov2-tiny: two runtimes."""
-    if case.model == "yolov3":
+    if case.variation.model == "yolov3":
         cost = PerceptionCost("opencv cpu", 100, 0.2)
         return msgspec.structs.replace(end, perception=cost, rig_wall_s=1.0)
-    if case.weather == "clear":
+    if case.variation.weather == "clear":
         cost = PerceptionCost("onnxruntime cuda", 50, 0.005)
         return msgspec.structs.replace(end, perception=cost, rig_wall_s=0.5)
     return msgspec.structs.replace(end, perception=PerceptionCost("opencv cpu", 0, 0.0))

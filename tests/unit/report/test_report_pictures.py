@@ -257,7 +257,9 @@ def test_of_many_models_each_has_a_strip_before_one_has_all(
     data = many_models(weather=["clear", "heavy_fog"], time_of_day=["05:00", "09:00", "13:00"])
     make_campaign(tmp_path, data, lambda c, e: replace(e, verdict="collision"))
     monkeypatch.setattr(recorded, "STRIPS_MAX", 12)
-    models = [failure.row.case.model for failure in recorded.failures(open_dossier(tmp_path))]
+    models = [
+        failure.row.case.variation.model for failure in recorded.failures(open_dossier(tmp_path))
+    ]
     assert models == [name for name in MANY for _ in range(2)]
 
 

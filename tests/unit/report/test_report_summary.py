@@ -13,8 +13,8 @@ import pytest
 from unit.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.report import write_summary
-from schemas.campaign import expand
 from schemas.files.kpi import SCALARS
+from schemas.plan import expand
 from twin.base.errors import InfrastructureError, UsageError
 
 replace = msgspec.structs.replace
@@ -38,10 +38,10 @@ def test_one_row_per_case_in_campaign_order(tmp_path: Path) -> None:
 
 def test_missing_is_null_and_never_a_pass(tmp_path: Path) -> None:
     def change(case, end):
-        if case.weather != "clear":
+        if case.variation.weather != "clear":
             return end
         # `passed` is set on purpose: only a verdict may pass.
-        outcome = "unresolved" if case.model == "yolov3" else ""
+        outcome = "unresolved" if case.variation.model == "yolov3" else ""
         return replace(end, outcome=outcome, verdict="", scalars={}, attempt=0, kpi_sha256="")
 
     make_campaign(tmp_path, change=change)
@@ -111,7 +111,7 @@ def test_no_cell_of_the_csv_is_a_formula(tmp_path: Path) -> None:
     evil = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", '@SUM(A1)"x', "\t=1", "fine"]
 
     def change(case, end):
-        text = evil[case.time_of_day_min % len(evil)]
+        text = evil[case.variation.time_of_day_min % len(evil)]
         return replace(end, reasons=[text], worker=text, device_class=text)
 
     times = [f"05:0{n}" for n in range(6)]

@@ -89,7 +89,7 @@ def test_the_page_tells_the_result(tmp_path: Path) -> None:
 def test_the_heat_map_shows_every_cell(tmp_path: Path) -> None:
     make_campaign(
         tmp_path / "run",
-        change=lambda c, e: collided(c, e) if c.weather == "heavy_fog" else passed(c, e),
+        change=lambda c, e: collided(c, e) if c.variation.weather == "heavy_fog" else passed(c, e),
     )
     write_result_page(tmp_path / "run", tmp_path / "a.md")
     picture = cv2.imread(str(tmp_path / "a" / "heat.png"))
@@ -113,7 +113,7 @@ def test_all_passed(tmp_path: Path) -> None:
 
 def test_all_lost_shows_kinds_in_turn_and_names_every_cell(tmp_path: Path) -> None:
     def change(case: Any, end: Any) -> Any:
-        if case.time_of_day_min == 300:
+        if case.variation.time_of_day_min == 300:
             return replace(end, verdict="false_braking")
         return collided(case, end)
 
@@ -122,7 +122,7 @@ def test_all_lost_shows_kinds_in_turn_and_names_every_cell(tmp_path: Path) -> No
     data["matrix"]["time_of_day"] = hours
     make_campaign(tmp_path / "run", data, change)
     dossier = open_dossier(tmp_path / "run")
-    own = [row for row in dossier.rows if row.case.model == "yolov3"]
+    own = [row for row in dossier.rows if row.case.variation.model == "yolov3"]
     assert [line.cells for line in lost_lines(dossier, own)] == [
         {"false_braking": ["05:00"], "collision": hours[1:]}
     ] * 2
@@ -130,7 +130,7 @@ def test_all_lost_shows_kinds_in_turn_and_names_every_cell(tmp_path: Path) -> No
     assert len(shown) == EXAMPLES_MAX
     kinds = [kind_of(row) for row in shown]
     assert kinds[:4] == ["collision without AEB", "false braking"] * 2
-    assert [row.case.weather for row in shown[::2]][:2] == ["clear", "heavy_fog"]
+    assert [row.case.variation.weather for row in shown[::2]][:2] == ["clear", "heavy_fog"]
     text = write_result_page(tmp_path / "run", tmp_path / "a.md").read_text()
     assert text.count("(No picture: the case was not recorded.)") == 2 * EXAMPLES_MAX
     assert table(text, "Time of day \\[HH:MM\\]")[2] == ["05:00", "2 of 2", "2 of 2"]
@@ -213,7 +213,7 @@ def test_nothing_is_overwritten_that_is_not_ours(tmp_path: Path) -> None:
 
 def test_lane_keeping_tells_of_lanes(tmp_path: Path) -> None:
     def change(case: Any, end: Any) -> Any:
-        left = case.weather == "heavy_fog"
+        left = case.variation.weather == "heavy_fog"
         own = {"distance_m": 40.0 if left else 100.0, "lateral_error_max_m": 0.8 if left else 0.125}
         own["lateral_error_rms_m"] = 0.302 if left else 0.062
         verdict = "lane_departure" if left else "pass"

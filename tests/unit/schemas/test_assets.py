@@ -8,9 +8,9 @@ import pytest
 
 import twin
 from conductor.run.source import load
-from schemas.campaign import expand
 from schemas.files.assets import asset_digest, asset_files, mesh_files
 from schemas.identity import case_digest, rig_key
+from schemas.plan import expand
 from twin.base.errors import RefusedError, UsageError
 from twin.rig.engine import Engine
 from twin.vehicle.vehicle_file import load_vehicle
@@ -36,7 +36,7 @@ def files(tmp_path):
 def test_another_content_is_another_case(files):
     campaign, car = files
     before = expand(load(str(campaign)))[0]
-    assert before.files == {str(car): asset_digest(car)}
+    assert before.rig.files == {str(car): asset_digest(car)}
     car.write_text(car.read_text().replace("width_m: 2.", "width_m: 1.9"))
     after = expand(load(str(campaign)))[0]
     assert case_digest(before) != case_digest(after)
@@ -53,7 +53,7 @@ def test_a_simulator_refuses_other_content(files):
 
 
 def test_shipped_files_need_no_digest():
-    assert expand(load("aeb-demo"))[0].files == {}
+    assert expand(load("aeb-demo"))[0].rig.files == {}
 
 
 def test_files_that_files_name_count(tmp_path):

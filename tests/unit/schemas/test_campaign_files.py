@@ -5,12 +5,14 @@ from typing import get_args
 
 import msgspec
 import pytest
+from case_changes import changed
 
 from conductor.run.source import check, load, shipped
 from devkit.darknet.variant import ARCHITECTURES
-from schemas.campaign import WEATHERS, expand, only, parse_campaign
+from schemas.campaign import WEATHERS
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
+from schemas.plan import expand, only, parse_campaign
 from schemas.sections.view_mode import View, ViewMode
 from twin.base.errors import UsageError
 
@@ -155,22 +157,24 @@ def test_shipped_campaigns_are_the_papers():
     campaign = load("aeb-256")
     cases = expand(campaign)
     assert len(cases) == len({c.id for c in cases}) == 256
-    assert {c.model for c in cases} == {f"{name}-w25" for name in ARCHITECTURES}
-    assert {c.weather for c in cases} == set(WEATHERS)
-    assert sorted({c.time_of_day_min for c in cases}) == [60 * h for h in range(5, 20, 2)]
-    assert sorted({c.batch for c in cases}) == list(range(1, 9))
-    assert {c.model for c in cases if c.batch in (1, 2)} == {"yolov2-w25"}
+    assert {c.variation.model for c in cases} == {f"{name}-w25" for name in ARCHITECTURES}
+    assert {c.variation.weather for c in cases} == set(WEATHERS)
+    assert sorted({c.variation.time_of_day_min for c in cases}) == [60 * h for h in range(5, 20, 2)]
+    assert sorted({c.variation.batch for c in cases}) == list(range(1, 9))
+    assert {c.variation.model for c in cases if c.variation.batch in (1, 2)} == {"yolov2-w25"}
     assert campaign.scenario.ego_start_m == 148
     assert campaign.control_hz == campaign.camera.hz == 20
     demo = expand(load("aeb-demo"))
     assert len(demo) == 8
     assert {c.id for c in demo} <= {c.id for c in cases}
-    assert demo[0].scenario.ego_start_m >= 60
-    assert demo[0].camera.noise
+    assert demo[0].variation.scenario.ego_start_m >= 60
+    assert demo[0].rig.camera.noise
     assert len(expand(load("chaos-16"))) == 16
     lane = expand(load("lane-loop"))
-    assert [c.weather for c in lane] == ["clear", "light_rain"]
-    assert {(c.scenario.type, c.scenario.distance_m) for c in lane} == {("lane_keeping", 1000)}
+    assert [c.variation.weather for c in lane] == ["clear", "light_rain"]
+    assert {(c.variation.scenario.type, c.variation.scenario.distance_m) for c in lane} == {
+        ("lane_keeping", 1000)
+    }
 
 
 def test_ids_do_not_depend_on_the_file():
@@ -187,7 +191,7 @@ def test_ids_do_not_depend_on_the_file():
 def test_batches_are_labels_only():
     plain, _ = parse_campaign(GOOD)
     labelled, _ = parse_campaign({**GOOD, "batch": {"size": 3}})
-    assert [c.batch for c in expand(labelled)] == [1, 1, 1, 2]
+    assert [c.variation.batch for c in expand(labelled)] == [1, 1, 1, 2]
     for a, b in zip(expand(plain), expand(labelled), strict=True):
         assert case_digest(a) == case_digest(b)
 
@@ -204,7 +208,7 @@ def test_streams_and_rigs():
     campaign, _ = parse_campaign(GOOD)
     a, b, *_ = expand(campaign)
     assert rig_key(a) == rig_key(b)
-    wide = msgspec.structs.replace(a, camera=msgspec.structs.replace(a.camera, width=320))
+    wide = changed(a, camera=msgspec.structs.replace(a.rig.camera, width=320))
     assert rig_key(a) != rig_key(wide)
     keys = {stream_key(seed, case, s) for seed in (1, 2) for case in "ab" for s in "xy"}
     assert len(keys) == 8
@@ -236,7 +240,7 @@ def test_what_is_shown_is_no_part_of_a_case_but_of_its_rig():
         assert not mistakes
         seen.append((campaign, expand(campaign)))
     (plain, cases), (recorded, recorded_cases) = seen
-    assert (cases[0].view, recorded_cases[0].view) == ("live", "record+live")
+    assert (cases[0].rig.view, recorded_cases[0].rig.view) == ("live", "record+live")
     assert campaign_digest(plain, cases) == campaign_digest(recorded, recorded_cases)
     assert rig_key(cases[0]) != rig_key(recorded_cases[0])
     _, mistakes = parse_campaign({**data, "view": "film"})
@@ -252,7 +256,7 @@ def test_what_is_kept_of_recordings_is_no_part_of_a_case_but_of_its_rig():
         campaign, mistakes = parse_campaign({**data, "recording": {"keep": keep}})
         assert not mistakes
         [case] = expand(campaign)
-        assert case.keep == keep
+        assert case.rig.keep == keep
         seen.append((campaign_digest(campaign, [case]), rig_key(case)))
     assert seen[0][0] == seen[1][0]
     assert seen[0][1] != seen[1][1]
@@ -294,8 +298,8 @@ def test_parameters_of_the_stack_are_axes_with_rigs_of_their_own():
         matrix={"autonomy.parameters.cruise_speed_mps": [5.0, 9.5]},
     )
     assert slow.id == "parameters.cruise_speed_mps_5.0"
-    assert slow.parameters == {"cruise_speed_mps": 5.0, "ttc_s": 2.0}
-    assert fast.parameters == {"cruise_speed_mps": 9.5, "ttc_s": 2.0}
+    assert slow.rig.parameters == {"cruise_speed_mps": 5.0, "ttc_s": 2.0}
+    assert fast.rig.parameters == {"cruise_speed_mps": 9.5, "ttc_s": 2.0}
     assert rig_key(slow) != rig_key(fast), "a stack is built with its parameters"
 
 
@@ -313,7 +317,7 @@ def test_objects_of_the_scene_are_axes_that_share_a_rig():
         "oncoming_truck.start_s_3.5-stroller.offset_m_minus_1.5",
         "oncoming_truck.start_s_3.5-stroller.offset_m_1.5",
     ]
-    assert msgspec.to_builtins(cases[0].objects) == {
+    assert msgspec.to_builtins(cases[0].variation.objects) == {
         "oncoming truck": {"speed_mps": 7.0, "start_s": -2.0, "offset_m": 0.0},
         "stroller": {"speed_mps": None, "start_s": None, "offset_m": -1.5},
     }

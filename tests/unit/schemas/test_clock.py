@@ -2,8 +2,8 @@
 
 import pytest
 
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import case_digest, rig_key
+from schemas.plan import expand, parse_campaign
 
 
 def check(**sections):
@@ -16,8 +16,8 @@ def test_a_rig_has_one_slot_and_shares_nothing_with_the_lockstep():
     campaign, mistakes = check(clock="realtime")
     assert not mistakes
     (paced,), (plain,) = expand(campaign), expand(check()[0])
-    assert [paced.rig_slots(n) for n in (1, 16)] == [1, 1]
-    assert plain.rig_slots(16) == 16
+    assert [paced.rig.slots_of(n) for n in (1, 16)] == [1, 1]
+    assert plain.rig.slots_of(16) == 16
     assert rig_key(paced) != rig_key(plain)
     assert case_digest(paced) != case_digest(plain)
 

@@ -3,8 +3,9 @@
 import msgspec
 import pytest
 
-from schemas.campaign import Case, parse_cases
+from schemas.case import Variation
 from schemas.names import minutes
+from schemas.plan import parse_cases
 from schemas.sections.environment import Environment
 
 DRIZZLE = {"drizzle": {"rain": 0.2, "fog": 0.1, "wind": 0.4}}
@@ -18,9 +19,10 @@ def parse(environment, weather=("clear",), **axes):
 def test_campaigns_without_the_section_have_its_defaults():
     _, cases, mistakes = parse_cases({"campaign": "c", "matrix": {"weather": ["clear"]}})
     assert mistakes == []
-    assert cases[0].environment == Environment()
-    old = {k: v for k, v in msgspec.to_builtins(cases[0]).items() if k != "environment"}
-    assert msgspec.convert(old, Case) == cases[0]
+    assert cases[0].variation.environment == Environment()
+    plain = msgspec.to_builtins(cases[0].variation)
+    del plain["environment"]
+    assert msgspec.convert(plain, Variation) == cases[0].variation
 
 
 def test_custom_weathers_and_fields_are_axes():
@@ -31,7 +33,7 @@ def test_custom_weathers_and_fields_are_axes():
     )
     assert mistakes == []
     assert [c.id for c in cases][2] == "drizzle-exposure_ev100_12-family_physical"
-    assert {(c.weather, c.environment.family) for c in cases} == {
+    assert {(c.variation.weather, c.variation.environment.family) for c in cases} == {
         (w, f) for w in ("clear", "drizzle") for f in ("physical", "autodrive")
     }
 
@@ -91,6 +93,6 @@ def test_a_change_may_begin_when_the_one_before_ends():
     ]
     _, cases, mistakes = parse({"timeline": timeline})
     assert mistakes == []
-    assert [change.at_s for change in cases[0].environment.timeline] == [1.0, 3.0]
+    assert [change.at_s for change in cases[0].variation.environment.timeline] == [1.0, 3.0]
     timeline[1]["at_s"] = 2.999
     assert len(parse({"timeline": timeline})[2]) == 1

@@ -2,8 +2,8 @@
 
 import pytest
 
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import rig_key
+from schemas.plan import expand, parse_campaign
 
 
 def check(autonomy, **sections):
@@ -21,14 +21,14 @@ BRIDGED = {
 def test_a_command_drives_one_car_unless_it_says_otherwise():
     campaign, _ = check({"command": ["run", "--fast"]})
     (case,) = expand(campaign)
-    assert case.stack == ""
-    assert case.foreign.command == ["run", "--fast"]
-    assert [case.rig_slots(n) for n in (1, 16)] == [1, 1]
+    assert case.rig.stack == ""
+    assert case.rig.foreign.command == ["run", "--fast"]
+    assert [case.rig.slots_of(n) for n in (1, 16)] == [1, 1]
     campaign, _ = check({"command": ["run"], "slots": 4})
-    assert [expand(campaign)[0].rig_slots(n) for n in (1, 16)] == [1, 4]
+    assert [expand(campaign)[0].rig.slots_of(n) for n in (1, 16)] == [1, 4]
     campaign, _ = check({"stack": "a:B"})
     (plain,) = expand(campaign)
-    assert plain.rig_slots(16) == 16
+    assert plain.rig.slots_of(16) == 16
     assert len({rig_key(c) for c in (case, expand(campaign)[0])}) == 2
 
 
@@ -36,8 +36,8 @@ def test_a_bridge_is_a_stack_of_ours_with_a_command():
     campaign, mistakes = check({"command": ["run"], "bridge": "autodrive"}, **BRIDGED)
     assert not mistakes
     (case,) = expand(campaign)
-    assert case.stack == "devkit.bridges.autodrive:AutodriveBridge"
-    assert case.rig_slots(8) == 1
+    assert case.rig.stack == "devkit.bridges.autodrive:AutodriveBridge"
+    assert case.rig.slots_of(8) == 1
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def _with_distribution(folder: Path, points: str, module: str, code: str) -> lis
 
 
 CHECK = """
-from schemas.campaign import parse_campaign
+from schemas.plan import parse_campaign
 def check(scenario):
     campaign, mistakes = parse_campaign(
         {"campaign": "c", "scenario": scenario, "matrix": {"weather": ["clear"]}}
@@ -193,7 +193,7 @@ def test_a_distribution_brings_a_bridge(tmp_path):
         "[drivetwin.bridges]\ntugboat = other_kinds:KIND\nwreck = other_kinds:WRECK\n",
         BRIDGE,
         """
-from schemas.campaign import expand, parse_campaign
+from schemas.plan import expand, parse_campaign
 from schemas.kinds.bridge import lacking_bridges
 from twin.worker.rig_process import port_of
 
@@ -207,7 +207,8 @@ def check(**changed):
     return campaign
 
 case = expand(check())[0]
-print(case.stack, case.foreign.bridge, case.slots, port_of(case))
+rig = case.rig
+print(rig.stack, rig.foreign.bridge, rig.slots, port_of(case))
 print(lacking_bridges()["tugboat"])
 check(slots=4)
 check(bridge="wreck")

@@ -6,12 +6,13 @@ import shutil
 
 import msgspec
 import pytest
+from case_changes import changed
 
 from conductor.core.case_table import pack, unpack
 from conductor.run.source import check, load
-from schemas.campaign import expand, parse_cases
 from schemas.identity import campaign_digest, case_digest, rig_key
 from schemas.messages import Lease
+from schemas.plan import expand, parse_cases
 from schemas.sections.perception import NetworkPerception, file_fields
 from schemas.wire.codec import decode, encode
 from schemas.wire.expected import EXPECTED_MAX, expected_of
@@ -45,12 +46,13 @@ def test_paths_are_those_beside_the_campaign_file(campaign, tmp_path, monkeypatc
     loaded = load("here/own.yaml")
     mine, dark, truth = expand(loaded)
     nets = campaign.parent / "nets"
-    assert mine.perception.model == str(nets / "mine.onnx")
-    assert set(mine.files) == {str(nets / "mine.onnx"), str(nets / "mine.json")}
-    assert set(dark.files) == {str(nets / name) for name in ("a.cfg", "a.weights", "a.names")}
-    assert truth.files == {}
-    assert mine.model_files() == mine.files
-    assert mine.simulator_files() == {}
+    assert mine.variation.perception.model == str(nets / "mine.onnx")
+    assert set(mine.variation.files) == {str(nets / "mine.onnx"), str(nets / "mine.json")}
+    assert set(dark.variation.files) == {
+        str(nets / name) for name in ("a.cfg", "a.weights", "a.names")
+    }
+    assert truth.variation.files == {}
+    assert mine.rig.files == {}
 
 
 def test_variants_share_a_rig_whatever_their_files(campaign):
@@ -147,9 +149,9 @@ def test_a_stack_is_told_of_each_variant_once():
     assert [each.perception.contrast_min for each in expected] == [0.1, 0.05]
     assert {each.width for each in expected} == {campaign.camera.width}
     many = [
-        msgspec.structs.replace(
+        changed(
             cases[0],
-            perception=msgspec.structs.replace(cases[0].perception, pixels_min=count),
+            perception=msgspec.structs.replace(cases[0].variation.perception, pixels_min=count),
         )
         for count in range(1, 2 * EXPECTED_MAX)
     ]

@@ -6,8 +6,9 @@ from typing import Annotated
 import pytest
 from msgspec import Meta, Struct
 
-from schemas.campaign import Campaign, parse_cases
+from schemas.campaign import Campaign
 from schemas.files.yaml_file import load_yaml
+from schemas.plan import parse_cases
 from schemas.reference import FieldKey, keys_of, markdown
 
 DOCUMENT = Path(__file__).parents[3] / "docs/campaign.md"

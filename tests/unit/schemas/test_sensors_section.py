@@ -8,8 +8,10 @@ import pytest
 
 from conductor.run.source import check
 from schemas import messages
-from schemas.campaign import axes_allowed, expand, parse_campaign, parse_cases
+from schemas.axes import axes_allowed
+from schemas.case import Variation
 from schemas.identity import case_digest, rig_key
+from schemas.plan import expand, parse_campaign, parse_cases
 from schemas.sections.sensors import Gnss, Imu, Sensors
 from schemas.wire import topics
 
@@ -23,10 +25,10 @@ def cases(sensors, **more):
 
 
 def test_a_sensor_that_is_not_named_is_not_there():
-    assert cases({})[0].sensors.rates(20) == {}
-    one = cases({"imu": {}, "gnss": {}})[0].sensors
+    assert cases({})[0].variation.sensors.rates(20) == {}
+    one = cases({"imu": {}, "gnss": {}})[0].variation.sensors
     assert one.rates(20) == {"gnss": 10, "imu": 20}
-    assert cases({"imu": {"on": False}})[0].sensors.rates(20) == {}
+    assert cases({"imu": {"on": False}})[0].variation.sensors.rates(20) == {}
     assert (one.gnss, one.imu) == (Gnss(), Imu())
 
 
@@ -65,7 +67,7 @@ def test_errors_are_axes_and_share_a_rig_but_not_an_identity():
     noises = {"sensors.gnss.noise_horizontal_m": [0.1, 5.0], "sensors.imu.noise": [True, False]}
     found = cases({"gnss": {}, "imu": {}}, matrix=noises)
     assert found[0].id == "gnss.noise_horizontal_m_0.1-imu.noise_true"
-    assert [c.sensors.gnss.noise_horizontal_m for c in found] == [0.1, 0.1, 5.0, 5.0]
+    assert [c.variation.sensors.gnss.noise_horizontal_m for c in found] == [0.1, 0.1, 5.0, 5.0]
     assert len({rig_key(c) for c in found}) == 1
     assert len({case_digest(c) for c in found}) == 4
 
@@ -84,11 +86,11 @@ def test_axes_are_listed_and_lists_are_none():
 
 
 def test_cases_without_the_section_still_decode():
-    """Journals written before there were sensors."""
+    """Of what only some cases need, the defaults are left out."""
     campaign, _ = parse_campaign(GOOD)
-    plain = msgspec.to_builtins(expand(campaign)[0])
+    plain = msgspec.to_builtins(expand(campaign)[0].variation)
     del plain["sensors"]
-    assert msgspec.convert(plain, type(expand(campaign)[0])).sensors == Sensors()
+    assert msgspec.convert(plain, Variation).sensors == Sensors()
 
 
 def test_every_column_of_every_sensor_is_documented():

@@ -3,9 +3,10 @@
 import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine, frame_channels
 
 
@@ -57,9 +58,7 @@ def test_cameras_see_from_their_own_place_with_noise_of_their_own():
     size = {"width": 48, "height": 27}
     one = case(camera={**size, "noise": False}, cameras=[{**size, "name": "front_left"}])
     quiet = case(camera={**size, "noise": False}, cameras=[])
-    quiet = msgspec.structs.replace(
-        quiet, camera=msgspec.structs.replace(quiet.camera, name="front_left")
-    )
+    quiet = changed(quiet, camera=msgspec.structs.replace(quiet.rig.camera, name="front_left"))
     left = ticks(Engine(one, 1), one, 1)[0]["camera.front_left"].astype(int)
     true = ticks(Engine(quiet, 1), quiet, 1)[0]["camera"].astype(int)
     right = ticks(Engine(one, 1), one, 1)[0]["camera"].astype(int)

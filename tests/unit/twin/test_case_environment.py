@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from schemas.campaign import parse_cases
+from schemas.plan import parse_cases
 from twin.world.scene import Origin
 from twin.world.sky.environment import CaseEnvironment
 from twin.world.sky.weather import WEATHER, WEATHER_AUTODRIVE, blended

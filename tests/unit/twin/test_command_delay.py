@@ -5,8 +5,8 @@ from collections import deque
 import numpy as np
 import pytest
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
 from twin.rig.command_delay import Delays
 
 STEP_MS = 2
@@ -84,7 +84,12 @@ def test_nobody_obeys_an_old_command_after_a_newer_one():
 
 def test_delays_are_axes_and_the_stack_is_none():
     cases = case(matrix={"autonomy.latency_ms": [0, 800], "autonomy.drop": [0.0, 0.5]})
-    assert [(c.latency_ms, c.drop) for c in cases] == [(0, 0.0), (0, 0.5), (800, 0.0), (800, 0.5)]
+    assert [(c.variation.latency_ms, c.variation.drop) for c in cases] == [
+        (0, 0.0),
+        (0, 0.5),
+        (800, 0.0),
+        (800, 0.5),
+    ]
     assert cases[3].id == "drop_0.5-latency_ms_800"
     for axis, words in (
         ({"autonomy.stack": ["a:B"]}, "unknown axis"),

@@ -5,9 +5,11 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 from unit.twin.test_engine import ask, brake_late, case, run, table_bytes
 
 from schemas.messages import IMU_COLUMNS, Pose
+from schemas.sections.sensors import Sensors
 from twin.rig.engine import CARRIED, Engine
 from twin.vehicle.carry import SPEED_MAX_MPS
 
@@ -15,7 +17,7 @@ PERIOD_S = 0.05
 
 
 def cosim(name="a", **scenario):
-    return msgspec.structs.replace(case(name, standstill_s=0.3, **scenario), cosim=True)
+    return changed(case(name, standstill_s=0.3, **scenario), cosim=True)
 
 
 def pose(x_m, y_m=0.0, yaw_rad=0.0, z_m=0.0):
@@ -79,11 +81,9 @@ def test_positions_are_those_sent_and_motion_follows_from_them(engine):
 
 
 def test_the_cars_own_sensors_feel_it():
-    sensing = msgspec.structs.replace(
+    sensing = changed(
         cosim(),
-        sensors=msgspec.convert(
-            {"imu": {"noise": False}, "encoders": {}, "pose": {}}, type(cosim().sensors)
-        ),
+        sensors=msgspec.convert({"imu": {"noise": False}, "encoders": {}, "pose": {}}, Sensors),
     )
     engine = Engine(sensing, 1)
     way = curve(*start_of(engine, sensing))
@@ -149,7 +149,7 @@ def test_a_pose_that_is_none_ends_the_case(engine, sent, words):
 
 
 def test_poses_are_refused_where_the_campaign_does_not_say_so(engine):
-    plain = msgspec.structs.replace(cosim("a"), cosim=False)
+    plain = changed(cosim("a"), cosim=False)
     ended = run(engine, {0: plain}, driver(lambda tick: pose(0.0)))["a"][0]
     assert ended.outcome == "failed"
     assert ended.reasons == ["command pose is given, but autonomy.cosim is off, at tick 0"]

@@ -6,10 +6,12 @@ from collections import deque
 import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 
-from schemas.campaign import Case, expand, parse_campaign
+from schemas.case import Case
 from schemas.files.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
+from schemas.plan import expand, parse_campaign
 from schemas.sections.objects import ObjectVariation
 from twin.rig.command_delay import Delays
 from twin.rig.engine import Engine
@@ -40,7 +42,7 @@ def case(
     }
     campaign, mistakes = parse_campaign(data)
     assert campaign is not None, mistakes
-    return msgspec.structs.replace(expand(campaign)[0], id=name)
+    return changed(expand(campaign)[0], id=name)
 
 
 def ask(engine, slot, throttle=0.0, brake=0.0, steering=0.0, **more):
@@ -115,11 +117,11 @@ def test_noise_depends_on_seed_and_case_only():
     base = case("a")
     assert (first(base) == first(base, 3, 2)).all()
     assert (first(base) != first(case("b"))).any()
-    assert (first(base) != first(msgspec.structs.replace(base, seed=5))).any()
+    assert (first(base) != first(changed(base, seed=5))).any()
     # Without clouds, whose place is the case's own too.
     bare = {"custom": {"bare": {}}}
     quiet = case("a", "bare", camera={"noise": False}, environment=bare)
-    assert (first(quiet) == first(msgspec.structs.replace(quiet, seed=5))).all()
+    assert (first(quiet) == first(changed(quiet, seed=5))).all()
 
 
 @pytest.mark.parametrize("latency_ms", [0, 2, 30, 50, 98, 130, 3])
@@ -404,7 +406,7 @@ def test_gusts_push_the_car_and_belong_to_the_case():
     assert aside(case(weather="calm", environment=gale, **speed)) == 0.0
     assert abs(aside(blown)) > 0.01
     assert aside(blown) == aside(blown, 3, 2)
-    assert aside(blown) != aside(msgspec.structs.replace(blown, seed=77))
+    assert aside(blown) != aside(changed(blown, seed=77))
 
 
 def test_rain_falls_on_while_the_weather_changes():
@@ -427,8 +429,8 @@ def test_rain_falls_on_while_the_weather_changes():
 
 def test_all_cameras_see_the_same_clouds():
     one = case(camera={"width": 32, "height": 18, "hz": 20})
-    more = msgspec.structs.replace(one.camera, name="front_left", hz=5)
-    one = msgspec.structs.replace(one, cameras=[more])
+    more = msgspec.structs.replace(one.rig.camera, name="front_left", hz=5)
+    one = changed(one, cameras=[more])
     engine = Engine(one, 1)
     engine.reset(0, one)
     for _ in range(5):
@@ -443,7 +445,7 @@ def test_all_cameras_see_the_same_clouds():
 def test_objects_differ_per_slot_and_nothing_depends_on_the_slot():
     """A person crosses at another moment in each case: too late, into the ego, long before it."""
     cases = [
-        msgspec.structs.replace(
+        changed(
             case(f"start {start_s}", scene="crossing", ego_speed_mps=10.0),
             objects={"steps into the road": ObjectVariation(start_s=start_s)},
         )

@@ -1,11 +1,11 @@
 """``render: off``: the engine without any camera."""
 
-import msgspec
 import numpy as np
+from case_changes import changed
 
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import case_digest, rig_key
 from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine, frame_channels
 
 
@@ -50,7 +50,7 @@ def test_it_is_another_case_and_another_rig():
     seeing, blind = case(True), case(False)
     assert case_digest(seeing) != case_digest(blind)
     assert rig_key(seeing) != rig_key(blind)
-    assert msgspec.structs.replace(blind, render=True) == seeing
+    assert changed(blind, render=True) == seeing
 
 
 def test_a_stack_that_drives_by_a_camera_is_refused():

@@ -49,7 +49,7 @@ def run(command, env, *, codes=(0,)):
 
 DRIVE = """
 import sys
-from schemas.campaign import expand, parse_campaign
+from schemas.plan import expand, parse_campaign
 from schemas.files.yaml_file import parse_yaml
 from schemas.messages import Command
 from twin.rig.engine import Engine

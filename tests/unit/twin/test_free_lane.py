@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lease
+from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine
 from twin.view.samples import stage_of
 from twin.world.scene import load_scene

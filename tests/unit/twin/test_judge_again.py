@@ -28,7 +28,7 @@ def attempts(tmp_path_factory: pytest.TempPathFactory) -> list[Claim]:
     given = {case.id: case for case, _ in cases("downtown")}
     for name, finished in drive("downtown").items():
         result = write_attempt(Lease(1, 1, str(out), given[name]), finished, 1.0)
-        claims.append(_claim(out, result, given[name].scenario))
+        claims.append(_claim(out, result, given[name].variation.scenario))
     return claims
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 
 from devkit.aeb import AebStack
 from devkit.stack import Observation
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Episode
+from schemas.plan import expand, parse_campaign
 from schemas.wire.interventions import PlaceEgo
 from twin.rig.engine import Engine
 from twin.road.lane import Piece, straight, trace
@@ -37,7 +37,7 @@ def case(name="a", camera=None, stack=None, **scenario):
     }
     campaign, mistakes = parse_campaign(data)
     assert campaign is not None, mistakes
-    return msgspec.structs.replace(expand(campaign)[0], id=name)
+    return changed(expand(campaign)[0], id=name)
 
 
 def run(one, policy, engine=None):
@@ -186,7 +186,7 @@ def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     x_m, y_m, yaw_rad = (float(value) for value in (pose.x_m, pose.y_m, pose.yaw_rad))
     engine.place_ego(0, PlaceEgo(x_m, y_m, yaw_rad, 8.0))
     stack = AebStack(1, steering="visual", ttc_max_s=1.5)
-    camera = one.camera
+    camera = one.rig.camera
     stack.reset(
         0,
         Episode(
@@ -197,7 +197,7 @@ def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
             case="a",
             seed=0,
             model="default",
-            perception=one.perception,
+            perception=one.variation.perception,
             camera=camera.name,
             width=camera.width,
             height=camera.height,

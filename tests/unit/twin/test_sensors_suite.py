@@ -5,6 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 from sensor_rows import case as bare_case
 
 from schemas.messages import (
@@ -24,9 +25,9 @@ FIX = GNSS_COLUMNS.index("fix")
 def case(name="a", speed_mps=8.0, **sensors):
     one = bare_case(name, **sensors)
     scenario = msgspec.structs.replace(
-        one.scenario, ego_start_m=60.0, ego_speed_mps=speed_mps, duration_s=2.0
+        one.variation.scenario, ego_start_m=60.0, ego_speed_mps=speed_mps, duration_s=2.0
     )
-    return msgspec.structs.replace(one, scenario=scenario)
+    return changed(one, scenario=scenario)
 
 
 def command(engine, slot, steering_rad=0.0, throttle=0.3, **more):
@@ -53,7 +54,7 @@ def test_nothing_is_there_unless_asked_for():
     engine = Engine(case(), 1)
     engine.reset(0, case())
     assert set(engine.sense()) == {"camera", "boxes", "vehicle", "environment"}
-    assert engine.refill_every == case().control_hz // case().camera.hz
+    assert engine.refill_every == case().rig.control_hz // case().rig.camera.hz
     assert engine._truth is None
 
 
@@ -130,7 +131,7 @@ def test_seed_and_case_decide_the_errors():
     base = case("a", imu={})
     assert (first(base) == first(base)).all()
     assert (first(base) != first(case("b", imu={}))).all()
-    assert (first(base) != first(msgspec.structs.replace(base, seed=5))).all()
+    assert (first(base) != first(changed(base, seed=5))).all()
 
 
 def test_sensors_follow_the_vehicle():

@@ -2,13 +2,13 @@
 
 import hashlib
 
-import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 from unit.twin.test_engine import case, table_bytes
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
 from schemas.sections.environment import Conditions
 from schemas.wire.interventions import (
     FreeObject,
@@ -59,7 +59,7 @@ def rich_case(name, weather="heavy_rain"):
     }
     campaign, mistakes = parse_campaign(data)
     assert campaign is not None, mistakes
-    return msgspec.structs.replace(expand(campaign)[0], id=name)
+    return changed(expand(campaign)[0], id=name)
 
 
 def drive(engine, slot):

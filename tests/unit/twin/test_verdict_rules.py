@@ -113,7 +113,7 @@ def rows_of(speed, x, dtc=None):
 def judged(rows, course, *, moved=True):
     state = np.zeros(len(TELEMETRY))
     state[COLUMN["moved"]] = moved
-    run = families.replay(case().scenario, course, rows)
+    run = families.replay(case().variation.scenario, course, rows)
     return judging.judge(rows, state, run, None)
 
 

@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+from case_changes import changed
 from waiting import PATIENCE_S, wait_for
 
-from schemas.campaign import expand, parse_campaign
 from schemas.messages import Command, Lease
+from schemas.plan import expand, parse_campaign
 from schemas.wire import topics
 from schemas.wire.codec import decode
 from schemas.wire.view import (
@@ -513,7 +514,7 @@ def test_a_case_without_cameras_is_on_the_wall_and_in_full(hub, clock):
     sim = Sim()
     sim.sensed = dict
     blind = lease()
-    blind = msgspec.structs.replace(blind, case=msgspec.structs.replace(blind.case, render=False))
+    blind = msgspec.structs.replace(blind, case=changed(blind.case, render=False))
     sim.begin(view, blind)
     for _ in range(4):
         sim.step(view)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from msgspec import structs
+from case_changes import changed
 from waiting import PATIENCE_S, wait_for
 
 from conductor.run.source import load
-from schemas.campaign import expand
 from schemas.messages import Lease
+from schemas.plan import expand
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
 from twin.rig.pipe import BuildRig, Built, Listening, pack
@@ -176,7 +176,7 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
     assert may_run(case)
     foreign = Foreign(command=["true"])
     others = [
-        structs.replace(case, **{key: value})
+        changed(case, **{key: value})
         for key, value in (
             ("placement", "node"),
             ("placement", "inline"),

@@ -8,10 +8,10 @@ import pytest
 from msgspec import structs
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import expand, parse_campaign
 from schemas.files.drive_record import DRIVE_FILE, FILE_BYTES_MAX
 from schemas.identity import case_digest, rig_key
 from schemas.messages import Command, Episode, Lease, Result, Tick
+from schemas.plan import expand, parse_campaign
 from schemas.sections.perception import GroundTruthPerception
 from twin.base.errors import UsageError
 from twin.records.drive_record import RecordReader, RecordWriter, coded, decoded
@@ -71,7 +71,7 @@ def end(recorder, slot):
 
 def finish(recorder, slot, verdict):
     case = slot.lease.case
-    result = Result(case.campaign, case.id, slot.lease.token, "verdict", verdict)
+    result = Result(case.variation.campaign, case.id, slot.lease.token, "verdict", verdict)
     end(recorder, slot).finish(result)
 
 

@@ -9,8 +9,8 @@ import sys
 import msgspec
 
 from conductor.run.source import find
-from schemas.campaign import parse_cases
 from schemas.files.yaml_file import load_yaml
+from schemas.plan import parse_cases
 from twin.worker.options import fitting
 
 CASE = parse_cases(load_yaml(find("aeb-demo")))[1][0]
@@ -28,7 +28,7 @@ def test_the_count_of_a_case_is_a_part_of_that_of_its_campaign():
     of_case, of_campaign = (json.loads(done.stdout) for done in (case, whole))
     assert of_case["rows"].items() <= of_campaign["rows"].items()
     names = [name for name in of_case["rows"] if name.startswith("network ")]
-    assert names == [f"network {CASE.perception.model}"]
+    assert names == [f"network {CASE.variation.perception.model}"]
     assert of_case["slots_max"] is None  # the CPU's memory is not counted
 
 
@@ -37,4 +37,5 @@ def test_without_an_answer_all_are_taken():
     assert fitting("cuda:99", 7, CASE) == 7
     refused = count(b'{"id": 3}')
     assert refused.returncode == 2
-    assert refused.stderr.decode().splitlines()[-1].startswith("twin: case: Expected `str`")
+    *_, line = refused.stderr.decode().splitlines()
+    assert line.startswith("twin: case: Object contains unknown field `id`")

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from msgspec import json, structs
+from case_changes import changed
+from msgspec import json
 
 from devkit.reference.lights import LightsSwitch, Surroundings, sense
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import case_digest, rig_key, stack_name, stack_seed
 from schemas.messages import Episode
+from schemas.plan import expand, parse_campaign
 from schemas.sections.perception import GroundTruthPerception, NetworkPerception
 from twin.rig.need_to_know import (
     EXTINCTION_STEPS_PER_M,
@@ -38,7 +39,7 @@ def cases(**autonomy):
         }
     )
     assert not mistakes, mistakes
-    found = {type(case.perception): case for case in expand(campaign)}
+    found = {type(case.variation.perception): case for case in expand(campaign)}
     return found[GroundTruthPerception], found[NetworkPerception]
 
 
@@ -92,7 +93,13 @@ def test_an_episode_names_no_case_and_no_seed():
     for case in cases():
         episode = Episode.of(case, seq=0, slot=0, token=1, cameras=[], lidars=[])
         said = json.encode(episode).decode()
-        for secret in (case.id, case.weather, case.campaign, "123456789123", "13:37"):
+        for secret in (
+            case.id,
+            case.variation.weather,
+            case.variation.campaign,
+            "123456789123",
+            "13:37",
+        ):
             assert secret not in said
         assert (episode.case, episode.seed) == (stack_name(case), stack_seed(case))
 
@@ -101,8 +108,8 @@ def test_name_and_seed_are_the_same_again_and_those_of_nobody_else():
     one, other = cases()
     again, _ = cases()
     assert (stack_name(one), stack_seed(one)) == (stack_name(again), stack_seed(again))
-    elsewhere = structs.replace(one, seed=one.seed + 1)
-    foreign = structs.replace(one, campaign="other")
+    elsewhere = changed(one, seed=one.variation.seed + 1)
+    foreign = changed(one, campaign="other")
     assert len({stack_name(case) for case in (one, other, elsewhere, foreign)}) == 4
     assert len({stack_seed(case) for case in (one, other, elsewhere)}) == 3
 
@@ -112,7 +119,7 @@ def test_a_campaign_may_tell_them(tell):
     plain, _ = cases()
     case, _ = cases(tell=tell)
     assert (stack_name(case) == case.id) == ("case" in tell)
-    assert (stack_seed(case) == case.seed) == ("seed" in tell)
+    assert (stack_seed(case) == case.variation.seed) == ("seed" in tell)
     assert case_digest(case) != case_digest(plain)
     assert rig_key(case) == rig_key(plain)
 

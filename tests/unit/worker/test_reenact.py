@@ -4,7 +4,7 @@ import queue
 import types
 
 import pytest
-from msgspec import structs
+from case_changes import changed
 from unit.twin.test_engine import case
 
 from schemas.messages import Lease
@@ -28,7 +28,9 @@ def test_a_rig_that_hangs_is_not_waited_for(ticks):
     inbox = queue.SimpleQueue()
     for tick in ticks:
         inbox.put((None, Progress([1], [tick])))
-    lease = types.SimpleNamespace(case=types.SimpleNamespace(deadline_s=0.01))
+    lease = types.SimpleNamespace(
+        case=types.SimpleNamespace(variation=types.SimpleNamespace(deadline_s=0.01))
+    )
     with pytest.raises(
         InfrastructureError, match=f"no progress for 0.01 s at tick {max([0, *ticks])}"
     ):
@@ -36,7 +38,7 @@ def test_a_rig_that_hangs_is_not_waited_for(ticks):
 
 
 def test_what_went_by_the_wall_clock_cannot_be_run_again(tmp_path):
-    paced = structs.replace(case("a"), clock="realtime")
+    paced = changed(case("a"), clock="realtime")
     InterventionJournal(Lease(1, 2, str(tmp_path), paced), 1, "cpu").close()
     with pytest.raises(UsageError, match="went by the wall clock"):
         reenact(tmp_path / "cases" / "a" / "attempt-2", "cpu", None, None)

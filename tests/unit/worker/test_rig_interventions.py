@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from msgspec import structs
+from case_changes import changed
 from unit.twin.test_engine import ask, case
 
 from schemas import SCHEMA_VERSION
@@ -277,7 +277,7 @@ def _conductor(payload, lines):
 
 def test_a_case_that_goes_by_the_wall_clock_cannot_be_held(tmp_path):
     rig = Rig(tmp_path)
-    paced = structs.replace(case("a"), clock="realtime")
+    paced = changed(case("a"), clock="realtime")
     rig.begin(0, 7, paced)
     for action in (Pause(), Step(3), SetPace(0.5)):
         assert rig.do(action).error.startswith("clock realtime: the case goes with the wall clock")

@@ -4,11 +4,12 @@ from functools import partial
 
 import msgspec
 import pytest
+from case_changes import changed
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import expand, parse_campaign
 from schemas.identity import rig_key
 from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
+from schemas.plan import expand, parse_campaign
 from schemas.wire.codec import decode
 from twin.fabric.session import is_sealed, signer_of
 from twin.worker.core import GOODBYE_TRIES, IDLE_NS, RETRY_NS, SECOND_NS, Core
@@ -170,8 +171,8 @@ def test_another_rig_key_restarts_the_rig():
     core.on_done(result(1), 5)
     (ask,) = core.on_time(5)
     assert ask.request.rig == rig_key(CASES[0])
-    camera = msgspec.structs.replace(CASES[0].camera, width=320)
-    other = lease(2, msgspec.structs.replace(CASES[0], camera=camera))
+    camera = msgspec.structs.replace(CASES[0].rig.camera, width=320)
+    other = lease(2, changed(CASES[0], camera=camera))
     assert core.on_reply(ask.request, reply(seq=2, leases=[other]), 6) == [
         StopRig(),
         StartRig(other, 1),
@@ -445,7 +446,7 @@ def test_a_forgotten_worker_says_hello_again():
 
 def test_noop_cases_end_at_once():
     core, request = joined()
-    noop = lease(5, msgspec.structs.replace(CASES[0], simulator="noop"))
+    noop = lease(5, changed(CASES[0], simulator="noop"))
     assert core.on_reply(request, reply(seq=1, leases=[noop]), 3) == []
     (ask,) = core.on_time(3)
     assert isinstance(ask, Ask)

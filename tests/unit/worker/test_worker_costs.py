@@ -3,8 +3,8 @@
 import pytest
 
 from conductor.run.source import load
-from schemas.campaign import expand
 from schemas.messages import Lease, PerceptionCost
+from schemas.plan import expand
 from twin.rig.slot import Slot
 
 LEASE = Lease(1, 1, "", expand(load("chaos-16"))[0])

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from case_changes import changed
 
 from conductor.serve.deliveries import Deliveries
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Campaign, expand
+from schemas.campaign import Campaign
 from schemas.messages import Ended, Lease, Result
+from schemas.plan import expand
 from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.delivery import Delivered
@@ -83,7 +85,7 @@ def test_another_folder_is_delivered_to_the_conductor(bus, there, scratch, tmp_p
     delivery = Delivery(bus, "w1", bytes(32))
     assert "is not the conductor's folder here" in delivery.look([lease(here)])[0]
     assert delivery.look([lease(here, 2)]) == [], "said once"
-    recorded = msgspec.structs.replace(lease(here), case=msgspec.structs.replace(CASE, drive="all"))
+    recorded = msgspec.structs.replace(lease(here), case=changed(CASE, drive="all"))
     found = delivery.localized(recorded)
     assert found == msgspec.structs.replace(lease(here), out=found.out), (
         "nobody would see the record"
@@ -189,7 +191,7 @@ def test_what_is_not_ours_any_more_ends_nobody(bus, tmp_path):
 
 
 def test_noop_cases_have_no_files(bus, tmp_path):
-    noop = msgspec.structs.replace(CASE, simulator="noop")
+    noop = changed(CASE, simulator="noop")
     delivery = Delivery(bus, "w1", bytes(32))
     assert delivery.look([msgspec.structs.replace(lease(tmp_path), case=noop)]) == []
     assert not delivery.holds(1)

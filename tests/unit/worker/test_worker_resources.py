@@ -111,7 +111,7 @@ def test_all_workers_sample_at_the_same_moments():
 
 
 def lease(out, batch):
-    return SimpleNamespace(out=out, case=SimpleNamespace(batch=batch))
+    return SimpleNamespace(out=out, case=SimpleNamespace(variation=SimpleNamespace(batch=batch)))
 
 
 def test_work_is_told_by_campaign():

@@ -12,8 +12,8 @@ from msgspec import structs
 from waiting import PATIENCE_S
 
 from conductor.run.source import load
-from schemas.campaign import expand
 from schemas.messages import Lease, PerceptionCost
+from schemas.plan import expand
 from schemas.wire.codec import decode, encode
 from twin.base.errors import TwinError
 from twin.kpi.recorder import KpiRecorder

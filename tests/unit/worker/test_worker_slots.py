@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import msgspec
+from case_changes import changed
 from test_worker_core import CASES, joined, lease, reply, result
 
 from twin.worker.core import SECOND_NS
@@ -12,7 +12,7 @@ from twin.worker.effects import AssignLease, StartRig
 def test_a_stack_that_drives_one_car_gets_one_case_at_a_time():
     """Asked for two before the stack was known: the second is given back, uncharged."""
     core, request = joined(slots=2)
-    single = [msgspec.structs.replace(case, slots=1) for case in CASES]
+    single = [changed(case, slots=1) for case in CASES]
     leases = [lease(token, single[token - 1]) for token in (1, 2)]
     assert core.on_reply(request, reply(seq=1, leases=leases), 0) == [StartRig(leases[0], 1)]
     assert core.on_rig_ready() == [AssignLease(leases[0])]

@@ -123,7 +123,7 @@ class RigInterventions(SlotListener):
             slot.lease,
             replay=list(replay),
             replayed=bool(replay),
-            clocked=slot.lease.case.clock == "realtime",
+            clocked=slot.lease.case.rig.clock == "realtime",
         )
         self._open[slot.index] = _Open(slot, attempt)
         if replay:

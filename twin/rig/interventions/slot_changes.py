@@ -83,7 +83,7 @@ class SlotChanges:
             return float(row[COLUMN[name]])
 
         return InterventionState(
-            campaign=lease.case.campaign,
+            campaign=lease.case.variation.campaign,
             case=lease.case.id,
             attempt=lease.attempt,
             token=lease.token,

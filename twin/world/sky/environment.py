@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from schemas.campaign import Case
+from schemas.case import Case
 from schemas.names import minutes
 from schemas.sections.environment import Change, Environment
 from schemas.wire.interventions import SetEnvironment
@@ -33,19 +33,23 @@ class CaseEnvironment:
         Raises:
             ValueError: the case's weather is neither a preset nor one of its own; one line.
         """
-        self._environment = case.environment
+        self._environment = case.variation.environment
         self._place = origin
         self._weathers = {
             name: self._weather(name)
-            for name in {case.weather, *(c.weather for c in case.environment.timeline)} - {None}
+            for name in {
+                case.variation.weather,
+                *(c.weather for c in case.variation.environment.timeline),
+            }
+            - {None}
         }
-        self._first = self._weathers[case.weather]
-        self._minute = float(case.time_of_day_min)
+        self._first = self._weathers[case.variation.weather]
+        self._minute = float(case.variation.time_of_day_min)
         self._last: tuple[float, WeatherParameters] | None = None
         self._light: Daylight | None = None
         self._chosen_weather: WeatherParameters | None = None
         self._chosen_minute: float | None = None
-        self.shown = case.weather
+        self.shown = case.variation.weather
         """Name of the weather now; empty: intensities that an intervention set."""
 
     def override(self, change: SetEnvironment) -> None:
