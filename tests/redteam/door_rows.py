@@ -7,26 +7,32 @@ import json
 import socket
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from statistics import median
 from urllib.parse import urlsplit
 
 import psutil
 from attacks import Found, attack, refused_if
 from case_changes import changed
-from processes import keys_of
+from processes import keys_of, wait_for
 from theatre import Theatre, ask
 
 from schemas.wire import topics
 from twin.fabric.discovery import find_conductor
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.key_file import MemberKey, load_key
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 GARBAGE_PER_S = 15
 JOINS_S = 2.0
 """A member has joined and was answered within this time."""
+TURN_S = 15.0
+"""So long it is quiet, then there is garbage for as long, and so on [s]."""
+CASES = 100_000
+"""As many as a campaign may have; another one follows when half of them have ended."""
 RECORDING_BYTES = 300_000_000
 DOWNLOADS = 12
 
@@ -49,38 +55,93 @@ def throw_garbage(address: tuple[str, int], over: threading.Event) -> None:
         line.close()
 
 
+class Pace:
+    """A campaign at work, and how fast it is in quiet and in noise."""
+
+    def __init__(self, theatre: Theatre) -> None:
+        self._theatre = theatre
+        self._campaigns = 0
+        theatre.submit("at-work", CASES)
+        log = (theatre.folder / "worker.log").open("w")
+        words = ("twin", "worker", "--state", str(theatre.state), "--slots", "1")
+        theatre.marked.start(*words, log=log)
+        self._bus = theatre.own(Role.worker)
+        self._cases: dict[bool, list[float]] = {False: [], True: []}
+        wait_for(lambda: self._left() < CASES, "the first case")
+
+    @contextmanager
+    def measured(self, *, noise: bool) -> Iterator[None]:
+        """Cases per minute of the block."""
+        if self._left() < CASES / 2:
+            self._campaigns += 1
+            self._theatre.submit(f"at-work-{self._campaigns}", CASES)
+        before, began_s = self._left(), time.monotonic()
+        yield
+        after, took_s = self._left(), time.monotonic() - began_s
+        assert after, f"{TURN_S:g} s are too long"
+        self._cases[noise].append(60 * (before - after) / took_s)
+
+    def told(self) -> str:
+        """Both, and their ratio."""
+        quiet, noisy = (median(self._cases[noise]) for noise in (False, True))
+        ratio = noisy / quiet if quiet else 0.0
+        return (
+            f"{noisy:,.0f} cases that simulate nothing a minute, {quiet:,.0f} without garbage "
+            f"({ratio:.2f}x)"
+        )
+
+    def _left(self) -> int:
+        answer = ask(self._bus, topics.RPC_STATUS.key, 30.0, verb="status")
+        assert answer is not None, "no answer to a member"
+        return int(answer["left"])
+
+
+def join(endpoint: str, key: MemberKey) -> float | None:
+    """How long a member took to join and be answered; None: it could not [s]."""
+    began_s = time.monotonic()
+    try:
+        bus = open_bus("client", connect=[endpoint], key=key)
+        answer = ask(bus, topics.RPC_STATUS.key, 10.0, verb="status")
+        bus.close()
+    except Exception:  # whatever kept it out
+        return None
+    return None if answer is None else time.monotonic() - began_s
+
+
 @attack(6, f"{GARBAGE_PER_S} garbage connections a second", "somebody on the network", "none")
 def garbage_connections(theatre: Theatre) -> Found:
-    """Members join one after the other meanwhile, for as long as was asked for."""
+    """Members join one after the other and a campaign is at work, for as long as was asked for; by
+    turns without and with garbage."""
     theatre.serve()
     endpoint = find_conductor(theatre.state).endpoint
     key = load_key(keys_of(theatre.state), Role.worker)
-    over = threading.Event()
-    thrower = threading.Thread(target=throw_garbage, args=(host_and_port(endpoint), over))
-    thrower.start()
-    joined_s, failed = [], 0
-    until_s = time.monotonic() + 60 * theatre.minutes
-    try:
-        while time.monotonic() < until_s:
-            began_s = time.monotonic()
+    pace = Pace(theatre)
+    joins: list[float | None] = []
+    turns = max(1, round(60 * theatre.minutes / (2 * TURN_S)))
+    for _ in range(turns):
+        for noise in (False, True):
+            over = threading.Event()
+            thrower = threading.Thread(target=throw_garbage, args=(host_and_port(endpoint), over))
+            if noise:
+                thrower.start()
             try:
-                bus = open_bus("client", connect=[endpoint], key=key)
-                answer = ask(bus, topics.RPC_STATUS.key, 10.0, verb="status")
-                bus.close()
-                failed += answer is None
-                joined_s.append(time.monotonic() - began_s)
-            except Exception:  # whatever kept it out
-                failed += 1
-            time.sleep(0.5)
-    finally:
-        over.set()
-        thrower.join()
-    late = sum(each > JOINS_S for each in joined_s)
-    told = f"{len(joined_s)} members joined, the slowest in {max(joined_s, default=0):.1f} s"
+                with pace.measured(noise=noise):
+                    until_s = time.monotonic() + 30 * theatre.minutes / turns
+                    while time.monotonic() < until_s:
+                        joined_s = join(endpoint, key)
+                        joins += [joined_s] if noise else []
+                        time.sleep(0.5)
+            finally:
+                over.set()
+                if noise:
+                    thrower.join()
+    joined = [took_s for took_s in joins if took_s is not None]
+    failed, late = len(joins) - len(joined), sum(each > JOINS_S for each in joined)
+    told = f"{len(joined)} members joined, the slowest in {max(joined, default=0):.1f} s"
     return refused_if(
-        bool(joined_s) and not failed and not late,
-        f"a front owns the port; in {theatre.minutes:g} min {told}",
-        f"{told}, {failed} failed, {late} took longer than {JOINS_S:g} s",
+        bool(joined) and not failed and not late,
+        f"a front owns the port; in {theatre.minutes / 2:g} min {told}; {pace.told()}",
+        f"{told}, {failed} failed, {late} took longer than {JOINS_S:g} s; {pace.told()}",
     )
 
 

@@ -43,7 +43,10 @@ def options() -> argparse.Namespace:
         help="only the attacks of this row, 1 to 16; may be repeated",
     )
     parser.add_argument(
-        "--minutes", type=float, default=10.0, help="how long garbage is thrown [min]"
+        "--minutes",
+        type=float,
+        default=10.0,
+        help="how long the attack with garbage takes, half of it in quiet [min]",
     )
     parser.add_argument(
         "--cases", type=int, default=100, help="how many the stack drives that cheats in each"
