@@ -56,7 +56,7 @@ class _Car:
     state: planning.State = field(default_factory=planning.Cruise)
     throttle_integral: float = 0.0
     wheel: Wheel = field(default_factory=Wheel)
-    surroundings: lights.Surroundings = field(default_factory=lights.Surroundings)
+    surroundings: lights.LightSurroundings = field(default_factory=lights.LightSurroundings)
 
 
 class AebStack(Stack):

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.kinds.sensor import sensor_kinds
 from schemas.names import Name, TimeOfDay
 from schemas.sections.autonomy import DELAYS, Autonomy
 from schemas.sections.camera import Camera
@@ -27,10 +28,11 @@ _SECTIONS: dict[str, type[Struct]] = {
     "camera": Camera,
     "environment": Environment,
     "autonomy": Autonomy,
-    **{f"sensors.{field.name}": field.type for field in msgspec.structs.fields(Sensors)},
+    **{f"sensors.{kind.name}": kind.config for kind in sensor_kinds().declared},
 }
 _NO_AXES = (
-    *("scenario.type", "camera.name", "sensors.gnss.antenna_m"),
+    *("scenario.type", "camera.name"),
+    *(f"sensors.{kind.name}.{key}" for kind in sensor_kinds().declared for key in kind.no_axes),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
     # Which stack it is decides which cases may share a rig.
     *(f"autonomy.{name}" for name in Autonomy.__struct_fields__ if name not in DELAYS),
@@ -127,11 +129,12 @@ def sensors_of(
     """The sensors with the fields that a point of the matrix sets."""
     changed: dict[str, Any] = {}
     mistakes = []
-    for name in sensors.__struct_fields__:
-        prefix = f"sensors.{name}"
-        section, found = section_of(getattr(sensors, name), prefix, point, where, memo)
+    for kind in sensor_kinds().declared:
+        name, prefix = kind.name, f"sensors.{kind.name}"
+        before = sensors.sections().get(name, kind.config(on=False))
+        section, found = section_of(before, prefix, point, where, memo)
         mistakes += found
-        if section is getattr(sensors, name):
+        if section is before:
             continue
         changed[name] = section
         if section is not None and not section.on and f"{prefix}.on" not in point:

@@ -13,6 +13,7 @@ from msgspec import Meta, Struct
 from schemas import SCHEMA_VERSION
 from schemas.case import Case
 from schemas.identity import stack_name, stack_seed
+from schemas.kinds.sensors import encoders, gnss, imu, pose
 from schemas.sections.lens import Lens
 from schemas.sections.perception import Perception
 from schemas.verdict import Judged
@@ -79,28 +80,11 @@ VEHICLE_COLUMNS = (
 ENVIRONMENT_COLUMNS = ("illuminance_lx", "extinction_per_m")
 """Columns of the ambient light and visibility sensor, float64 [S, 2]."""
 
-ENCODER_COLUMNS = ("front_left_ticks", "front_right_ticks", "rear_left_ticks", "rear_right_ticks")
-"""Columns of the wheel encoders, int64 [S, 4]: ticks since reset, falling in reverse."""
 
-GNSS_COLUMNS = ("latitude_deg", "longitude_deg", "altitude_m", "fix")
-"""Columns of the satellite receiver, float64 [S, 4]: WGS-84, altitude above the ellipsoid; fix is
-1, or 0 in a dropout, when the others are NaN."""
-
-IMU_COLUMNS = (
-    "accel_x_mps2",
-    "accel_y_mps2",
-    "accel_z_mps2",
-    "rate_x_radps",
-    "rate_y_radps",
-    "rate_z_radps",
-)
-"""Columns of the IMU, float64 [S, 6]: specific force (at rest +g up) and angular rate; x forward,
-y left, z up."""
-
-
-POSE_COLUMNS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-"""Columns of the true pose, float64 [S, 7]: the middle of the rear axle in the world, and the
-rotation that takes vehicle axes to world axes."""
+ENCODER_COLUMNS = encoders.COLUMNS
+GNSS_COLUMNS = gnss.COLUMNS
+IMU_COLUMNS = imu.COLUMNS
+POSE_COLUMNS = pose.COLUMNS
 
 
 class Frame(Struct, frozen=True):
@@ -367,9 +351,9 @@ def command_mistake(command: Command) -> str:
     if command.pose is not None and (mistake := pose_mistake(command.pose)):
         return mistake
     if command.sensors is not None:
-        for name in ("gnss_noise", "gnss_bias", "imu_noise", "imu_bias"):
+        for name in command.sensors.__struct_fields__:
             value = getattr(command.sensors, name)
-            if not 0 <= value <= 1000:
+            if not isinstance(value, bool) and not 0 <= value <= 1000:
                 return f"command sensors.{name} is {value}, allowed: 0 to 1000"
     return ""
 

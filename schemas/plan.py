@@ -139,6 +139,18 @@ def _expand(campaign: Campaign) -> tuple[list[Case], list[Mistake]]:
     return list(cases.values()), mistakes
 
 
+def _model(campaign: Campaign, point: dict[str, Any], where: str) -> tuple[str, list[Mistake]]:
+    """The perception variant of a point of the matrix; where there is but one it need not say."""
+    variants = campaign.autonomy.perception
+    given = point.get("model", next(iter(variants)) if len(variants) == 1 else None)
+    path, model = f"{where}.model", str(given)
+    if given is None:
+        return model, [Mistake(path, f"missing; choose of {', '.join(variants)}")]
+    if model not in variants:
+        return model, [Mistake(path, f"given {given!r}; {suggest(model, list(variants))}")]
+    return model, []
+
+
 def _case(
     campaign: Campaign,
     point: dict[str, Any],
@@ -147,16 +159,7 @@ def _case(
     memo: Memo,
     shared: _Shared,
 ) -> tuple[Case | None, list[Mistake]]:
-    variants = campaign.autonomy.perception
-    default_model = next(iter(variants)) if len(variants) == 1 else None
-    model = point.get("model", default_model)
-    mistakes = []
-    if model is None:
-        mistakes.append(Mistake(f"{where}.model", f"missing; choose of {', '.join(variants)}"))
-    elif model not in variants:
-        mistakes.append(
-            Mistake(f"{where}.model", f"given {model!r}; {suggest(str(model), list(variants))}")
-        )
+    model, mistakes = _model(campaign, point, where)
     time_of_day, found = value_of(point, "time_of_day", where, memo)
     mistakes += found
     weather, found = value_of(point, "weather", where, memo)
@@ -182,7 +185,7 @@ def _case(
     if mistakes:
         return None, mistakes
     mistakes = _rates(campaign, camera, sensors, autonomy)
-    name = case_id(str(model), time_of_day, weather, point)
+    name = case_id(model, time_of_day, weather, point)
     if len(name) > ID_CHARS_MAX:
         given = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
         mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
@@ -190,7 +193,7 @@ def _case(
         return None, mistakes
     parameters = campaign.autonomy.parameters | parameters_of(point)
     rig = shared.rig(scenario, camera, sensors.rates(campaign.control_hz), parameters)
-    variant = variants[str(model)]
+    variant = campaign.autonomy.perception[model]
     variation = Variation(
         id=name,
         campaign=campaign.campaign,
@@ -203,7 +206,7 @@ def _case(
         latency_jitter_ms=autonomy.latency_jitter_ms,
         rate_hz=autonomy.rate_hz,
         drop=autonomy.drop,
-        model=str(model),
+        model=model,
         perception=variant,
         files=_named(campaign, file_fields(variant).values()),
         models=shared.models,

@@ -126,16 +126,19 @@ def _first_line(cls: type[Struct]) -> str:
 
 
 def _meanings(cls: type[Struct]) -> dict[str, str]:
-    """The strings below the fields in the source of ``cls``, or of the classes that it was made
-    of."""
+    """The strings below the fields in the source of ``cls`` and its bases, or of the classes that
+    it was made of."""
     made_of: tuple[type[Struct], ...] = getattr(cls, "__sources__", ())
     if made_of:
         found = {k: v for source in made_of for k, v in _meanings(source).items()}
         return found | getattr(cls, "__meanings__", {})
+    found = {}
+    for base in cls.__bases__:
+        if issubclass(base, Struct) and base is not Struct:
+            found |= _meanings(base)
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
     body = tree.body[0]
     assert isinstance(body, ast.ClassDef)
-    found = {}
     for line, after in zip(body.body, body.body[1:], strict=False):
         if (
             isinstance(line, ast.AnnAssign)

@@ -123,10 +123,14 @@ def _lights(text: str) -> Lights | None:
     )
 
 
+_AS_IS = SensorErrors()
+"""Whose values say which settings are switches."""
+
+
 def _errors(given: Mapping[str, Value]) -> SensorErrors:
     values: dict[str, object] = {}
     for key, value in given.items():
-        if key == "gnss_dropout":
+        if isinstance(getattr(_AS_IS, key), bool):
             if str(value).lower() not in ("true", "false", "1", "0"):
                 raise ValueError(f"{key}: given {value}, allowed: true, false")
             values[key] = str(value).lower() in ("true", "1")

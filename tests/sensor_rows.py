@@ -7,13 +7,17 @@ import warp as wp
 from case_changes import changed
 
 from schemas.case import Case
+from schemas.kinds.sensor import sensor_kinds
 from schemas.plan import parse_cases
+from twin.sensors.mount import SensorMount
 from twin.sensors.truth import TRUTH
 from twin.world.kernel_cache import prepare_kernels
+from twin.world.scene import Origin
 
 prepare_kernels()
 CPU = wp.get_device("cpu")
 GRAVITY_MPS2 = 9.80665
+HOME = Origin(latitude_deg=34.8, longitude_deg=-82.32, altitude_m=250.0)
 
 
 def case(name: str = "a", seed: int = 4, hz: int = 20, **sensors: dict) -> Case:
@@ -29,6 +33,15 @@ def case(name: str = "a", seed: int = 4, hz: int = 20, **sensors: dict) -> Case:
     campaign, cases, mistakes = parse_cases(data)
     assert campaign is not None, mistakes
     return changed(cases[0], id=name)
+
+
+def built(sensor, one, slots: int = 1, origin: Origin = HOME):
+    """A sensor of a class, in ``slots`` slots of a rig of the case ``one``."""
+    rates = one.rig.sensor_hz
+    reference = f"{sensor.__module__}:{sensor.__name__}"
+    kinds = sensor_kinds().declared
+    hz = rates[next(kind.name for kind in kinds if kind.implementation == reference)]
+    return sensor(SensorMount(slots, CPU, origin, hz, one.rig.control_hz // hz))
 
 
 def resting(slots: int, **columns: float) -> np.ndarray:

@@ -7,7 +7,7 @@ import twin.base.start  # noqa: F401 - before anything that takes long to load
 # isort: split
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -55,6 +55,9 @@ from twin.worker.command_options import (
     WalltimeSOption,
     stay_on,
 )
+
+if TYPE_CHECKING:
+    from twin.fabric.discovery import Target
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
 app.add_typer(validate_app, name="validate")
@@ -104,8 +107,6 @@ def worker(
         import cryptography.x509  # noqa: F401 - it will read a key
     # Beside those processes: this takes long, too.
     from twin.base.process import keep_to_itself
-    from twin.fabric.discovery import await_conductor, choose_target
-    from twin.fabric.keys.roles import Role
     from twin.worker.options import GPU_SLOTS, WorkerOptions
     from twin.worker.shell import Worker
 
@@ -116,9 +117,7 @@ def worker(
         key = Path(told.key) if told.key else None
     if state is not None and not connect:
         spool = spool or state / "spool"
-        target = await_conductor(state, wait, Role.worker, key)
-    else:
-        target = choose_target(connect, None, namespace, key, Role.worker)
+    target = _conductor(connect, state, wait, namespace, key)
     fit = slots is None and device.startswith("cuda")
     options = WorkerOptions(
         connect=target.endpoint,
@@ -139,6 +138,18 @@ def worker(
         spool=spool,
     )
     raise typer.Exit(Worker(options, loading).serve())
+
+
+def _conductor(
+    connect: str, state: Path | None, wait_s: float, namespace: str, key: Path | None
+) -> Target:
+    """The conductor to work for; the one of a state folder may still be on its way."""
+    from twin.fabric.discovery import await_conductor, choose_target
+    from twin.fabric.keys.roles import Role
+
+    if state is not None and not connect:
+        return await_conductor(state, wait_s, Role.worker, key)
+    return choose_target(connect, None, namespace, key, Role.worker)
 
 
 @app.command()

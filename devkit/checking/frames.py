@@ -13,14 +13,11 @@ import numpy as np
 from msgspec import structs
 
 from schemas.case import Case
+from schemas.kinds.sensor import MadeUpDrive, sensor_kinds
 from schemas.messages import (
     BOX_COLUMNS,
     BOXES_MAX,
-    ENCODER_COLUMNS,
     ENVIRONMENT_COLUMNS,
-    GNSS_COLUMNS,
-    IMU_COLUMNS,
-    POSE_COLUMNS,
     VEHICLE_COLUMNS,
     CameraSite,
     Episode,
@@ -102,12 +99,10 @@ def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, t
     rows = [_Row(case, drive, tick) if drive else None for drive in drives]
     found["vehicle"] = _stack(rows, "vehicle", len(VEHICLE_COLUMNS)), None
     found["environment"] = _stack(rows, "environment", len(ENVIRONMENT_COLUMNS)), None
-    widths = {"encoders": ENCODER_COLUMNS, "gnss": GNSS_COLUMNS, "imu": IMU_COLUMNS}
-    widths["pose"] = POSE_COLUMNS
     for name, hz in case.rig.sensor_hz.items():
         if tick % (case.rig.control_hz // hz) == 0:
-            values = _stack(rows, name, len(widths[name]))
-            found[name] = (values.astype(np.int64) if name == "encoders" else values), None
+            kind = sensor_kinds().find(name)
+            found[name] = _stack(rows, name, len(kind.columns)).astype(kind.dtype), None
     for index, camera in enumerate(case.rig.seeing):
         if tick % (case.rig.control_hz // camera.hz):
             continue
@@ -138,14 +133,11 @@ class _Row:
         time_s = tick / case.rig.control_hz
         speed = drive.speed_mps
         self.gap_m = drive.distance_m(tick, 1.0 / case.rig.control_hz)
-        turned = int(44 * speed * time_s / (2 * np.pi * 0.36))
+        moment = MadeUpDrive(drive.seed, tick, time_s, speed)
         self.values = {
             "vehicle": [speed, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0],
             "environment": [50_000.0, 0.0005],
-            "encoders": [turned] * 4,
-            "gnss": [34.0 + 1e-6 * tick, -82.0, 210.0, 1.0],
-            "imu": [0.01 * drive.seed % 0.1, 0.0, 9.80665, 0.0, 0.0, 0.0],
-            "pose": [speed * time_s, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+            **{kind.name: kind.made_up(moment) for kind in sensor_kinds().declared},
         }
 
     def box(self, width: int, height: int) -> list[float]:

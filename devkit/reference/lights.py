@@ -61,7 +61,7 @@ class LightsSwitch(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class LightSurroundings:
     """What the lights believe: the state that hysteresis needs."""
 
     dark: bool = False
@@ -69,8 +69,8 @@ class Surroundings:
 
 
 def sense(
-    before: Surroundings, illuminance_lx: float, extinction_per_m: float, switch: LightsSwitch
-) -> Surroundings:
+    before: LightSurroundings, illuminance_lx: float, extinction_per_m: float, switch: LightsSwitch
+) -> LightSurroundings:
     """Update the belief with one reading; on a threshold exactly, nothing changes."""
     dark, fog = before.dark, before.fog
     if illuminance_lx < switch.dark_below_lx:
@@ -81,10 +81,10 @@ def sense(
         fog = True
     elif extinction_per_m < switch.clear_below_per_m:
         fog = False
-    return Surroundings(dark, fog)
+    return LightSurroundings(dark, fog)
 
 
-def choose(surroundings: Surroundings, aeb: bool) -> Lights:
+def choose(surroundings: LightSurroundings, aeb: bool) -> Lights:
     """The lamps for ``surroundings``, by the table above; hazard indicators with ``aeb``."""
     return Lights(
         low=surroundings.dark and surroundings.fog,

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from schemas.kinds.sensor import sensor_kinds
+
+_WORDS = {"<f8": "float64", "<i8": "int64"}
 Payload = Literal["array", "msgpack", "jpeg"]
 
 
@@ -33,10 +36,16 @@ VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] fl
 ENVIRONMENT = Topic(
     "drive/{rig}/sensor/environment", "array", "ENVIRONMENT_COLUMNS [S,2] float64", True
 )
-ENCODERS = Topic("drive/{rig}/sensor/encoders", "array", "ENCODER_COLUMNS [S,4] int64", True)
-GNSS = Topic("drive/{rig}/sensor/gnss", "array", "GNSS_COLUMNS [S,4] float64", True)
-IMU = Topic("drive/{rig}/sensor/imu", "array", "IMU_COLUMNS [S,6] float64", True)
-POSE = Topic("drive/{rig}/sensor/pose", "array", "POSE_COLUMNS [S,7] float64", True)
+OWN_SENSORS = tuple(
+    Topic(
+        f"drive/{{rig}}/sensor/{kind.name}",
+        "array",
+        f"{kind.columns_name} [S,{len(kind.columns)}] {_WORDS[kind.dtype]}",
+        True,
+    )
+    for kind in sensor_kinds().declared
+)
+"""The vehicle's own sensors, as the table of kinds has them."""
 EPISODE = Topic("drive/{rig}/episode", "msgpack", "Episode", True)
 TICK = Topic("drive/{rig}/tick", "msgpack", "Tick", True)
 COMMAND = Topic("drive/{rig}/command", "msgpack", "Commands", True)
@@ -84,10 +93,7 @@ TOPICS: tuple[Topic, ...] = (
     BOXES,
     VEHICLE,
     ENVIRONMENT,
-    ENCODERS,
-    GNSS,
-    IMU,
-    POSE,
+    *OWN_SENSORS,
     EPISODE,
     TICK,
     COMMAND,

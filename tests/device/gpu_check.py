@@ -101,7 +101,10 @@ def vehicles(device: str) -> dict[str, object]:
 
 def sensor_bytes_equal(device: str) -> bool:
     """Whether encoders, GNSS and IMU read the same in any slot, alone and beside others."""
-    from schemas.sections.sensors import Encoders, Gnss, Imu, Sensors
+    from schemas.kinds.sensors.encoders import Encoders
+    from schemas.kinds.sensors.gnss import Gnss
+    from schemas.kinds.sensors.imu import Imu
+    from schemas.sections.sensors import Sensors
     from twin.rig.engine import Engine
 
     sensors = Sensors(encoders=Encoders(), gnss=Gnss(dropouts_per_min=60.0), imu=Imu())

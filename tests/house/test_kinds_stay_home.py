@@ -11,24 +11,32 @@ import pytest
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
 from schemas.kinds.scenario import scenario_kinds
+from schemas.kinds.sensor import sensor_kinds
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
 TABLES = "schemas/kinds/"
 """Where every kind may be named."""
 
-KINDS = (*batch_systems().declared, *bridges().declared, *scenario_kinds().declared)
-"""Declarations that are looked for; a table joins with its own."""
+KINDS = (
+    *(*batch_systems().declared, *bridges().declared, *scenario_kinds().declared),
+    *(kind for kind in sensor_kinds().declared if kind.name != "pose"),
+)
+"""Declarations that are looked for; a table joins with its own. A pose is much besides a sensor."""
 
 HOMONYMS = {
+    "encoders": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
+    "imu": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
+    "gnss": ("schemas/messages.py",),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
         *("twin/world/sky/weather.py", "devkit/reference/planning.py"),
         *("devkit/replaying/parity.py", "conductor/report/autodrive/importing.py"),
     ),
 }
-"""Files in which the same word means something else: weather families, rules of the planner, and
-the simulator of imported logs are called after AutoDRIVE, too."""
+"""Files in which a bridge says where each reading goes, in which columns have their public names,
+or in which the same word means something else: weather families, rules of the planner, and the
+simulator of imported logs are called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from sensor_rows import CPU, case, readings
+from sensor_rows import built, case, readings
 
-from twin.sensors.imu import InertialUnit
+from twin.sensors.imu.unit import InertialUnit
 
 HZ = 10
 CARS = 16
@@ -17,7 +17,7 @@ TOLERANCE = 0.15
 @pytest.fixture(scope="module")
 def hour():
     """One hour of 16 standing cars with the default errors, [n, S, 6]."""
-    sensor = InertialUnit(case(hz=HZ, imu={}), CARS, CPU)
+    sensor = built(InertialUnit, case(hz=HZ, imu={}), CARS)
     for slot in range(CARS):
         sensor.reset(slot, case(f"car-{slot}", hz=HZ, imu={}))
     return readings(sensor, CARS, HOUR_TICKS)

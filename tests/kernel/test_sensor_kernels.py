@@ -6,17 +6,16 @@ import numpy as np
 import pymap3d
 import pytest
 import warp as wp
-from sensor_rows import CPU, GRAVITY_MPS2, case, on_device, readings, resting
+from sensor_rows import CPU, GRAVITY_MPS2, HOME, built, case, on_device, readings, resting
 
 from schemas.messages import GNSS_COLUMNS, IMU_COLUMNS, SensorErrors
-from twin.sensors.encoders import WheelEncoders
-from twin.sensors.gnss import SatelliteReceiver
-from twin.sensors.imu import InertialUnit
+from twin.sensors.encoders.wheels import WheelEncoders
+from twin.sensors.gnss.receiver import SatelliteReceiver
+from twin.sensors.imu.unit import InertialUnit
 from twin.sensors.noise import gaussian
 from twin.sensors.truth import TRUTH
 from twin.world.scene import Origin
 
-HOME = Origin(latitude_deg=34.8, longitude_deg=-82.32, altitude_m=250.0)
 FIX = GNSS_COLUMNS.index("fix")
 ACCEL = [IMU_COLUMNS.index(f"accel_{axis}_mps2") for axis in "xyz"]
 
@@ -28,7 +27,7 @@ def draw_kernel(key: wp.uint64, out: wp.array(dtype=wp.float64)):
 
 
 def receiver(one, slots=1, origin=HOME, used=None):
-    sensor = SatelliteReceiver(one, origin, slots, CPU)
+    sensor = built(SatelliteReceiver, one, slots, origin)
     for slot in range(slots) if used is None else used:
         sensor.reset(slot, one)
     return sensor
@@ -76,7 +75,7 @@ def test_gnss_errors_have_the_configured_size():
     cars = 200
     settings = {"hz": 1, "bias_time_s": 20.0, "antenna_m": [0, 0, 0]}
     one = case(hz=10, gnss=settings)
-    sensor = SatelliteReceiver(one, HOME, cars, CPU)
+    sensor = built(SatelliteReceiver, one, cars, HOME)
     for slot in range(cars):
         sensor.reset(slot, case(f"car-{slot}", hz=10, gnss=settings))
     found = readings(sensor, cars, 4000)
@@ -100,7 +99,7 @@ def test_gnss_errors_have_the_configured_size():
 def test_dropouts_come_and_last_as_configured():
     cars, fixes = 100, 1200
     settings = {"dropouts_per_min": 6.0, "dropout_s": 3.0}
-    sensor = SatelliteReceiver(case(gnss=settings), HOME, cars, CPU)
+    sensor = built(SatelliteReceiver, case(gnss=settings), cars, HOME)
     for slot in range(cars):
         sensor.reset(slot, case(f"car-{slot}", gnss=settings))
     found = readings(sensor, cars, 2 * fixes)
@@ -116,10 +115,10 @@ def test_dropouts_come_and_last_as_configured():
 
 
 def test_imu_at_rest_reads_plus_g_up():
-    quiet = InertialUnit(case(imu={"noise": False}), 1, CPU)
+    quiet = built(InertialUnit, case(imu={"noise": False}), 1)
     quiet.reset(0, case(imu={"noise": False}))
     assert readings(quiet, 1, 1)[0, 0].tolist() == [0, 0, GRAVITY_MPS2, 0, 0, 0]
-    real = InertialUnit(case(imu={}), 1, CPU)
+    real = built(InertialUnit, case(imu={}), 1)
     real.reset(0, case(imu={}))
     mean = readings(real, 1, 400)[:, 0, ACCEL].mean(axis=0)
     assert mean == pytest.approx([0, 0, GRAVITY_MPS2], abs=0.005 * 3 * GRAVITY_MPS2)
@@ -128,7 +127,7 @@ def test_imu_at_rest_reads_plus_g_up():
 
 def test_imu_passes_the_truth_of_every_axis():
     one = case(imu={"noise": False})
-    sensor = InertialUnit(one, 2, CPU)
+    sensor = built(InertialUnit, one, 2)
     sensor.reset(0, one)
     sensor.reset(1, one)
     rows = np.arange(2.0 * len(TRUTH)).reshape(2, -1)
@@ -141,7 +140,7 @@ def test_scale_error_is_one_draw_per_case_and_axis():
     only |= {"accel_bias_mps2": 0.0, "gyro_bias_degps": 0.0}
     only |= {"accel_scale": 0.02, "gyro_scale": 0.01}
     cars = 300
-    sensor = InertialUnit(case(imu=only), cars, CPU)
+    sensor = built(InertialUnit, case(imu=only), cars)
     for slot in range(cars):
         sensor.reset(slot, case(f"car-{slot}", imu=only))
     forces = {f"force_{axis}_mps2": 10.0 for axis in "xyz"}
@@ -155,7 +154,7 @@ def test_scale_error_is_one_draw_per_case_and_axis():
 
 def test_factors_act_from_the_next_sample_on():
     one = case(imu={"accel_scale": 0.0, "gyro_scale": 0.0})
-    sensor = InertialUnit(one, 2, CPU)
+    sensor = built(InertialUnit, one, 2)
     for slot in range(2):
         sensor.reset(slot, one)
     truth, tick = on_device(resting(2)), np.zeros(2, np.int32)
@@ -175,7 +174,7 @@ def test_factors_act_from_the_next_sample_on():
 
 def test_encoders_count_every_edge_exactly():
     one = case(encoders={"ppr": 16, "cgr": 120})
-    sensor = WheelEncoders(one, 4, CPU)
+    sensor = built(WheelEncoders, one, 4)
     for slot in range(4):
         sensor.reset(slot, one)
     first = TRUTH.index("wheel_fl_rad")
@@ -194,7 +193,7 @@ def test_encoders_count_every_edge_exactly():
 def test_ticks_over_a_drive_add_up():
     """No tick is lost or counted twice, however the turning is cut into readings."""
     one = case(encoders={"ppr": 48, "cgr": 2.5})
-    sensor = WheelEncoders(one, 1, CPU)
+    sensor = built(WheelEncoders, one, 1)
     sensor.reset(0, one)
     angles = np.cumsum(np.random.default_rng(3).normal(0.5, 2.0, 2000))
     first = TRUTH.index("wheel_rr_rad")
@@ -210,12 +209,6 @@ def test_ticks_over_a_drive_add_up():
 # --- independence of slots ----------------------------------------------------------------------
 
 
-def build(kind, one, slots):
-    if kind is SatelliteReceiver:
-        return SatelliteReceiver(one, HOME, slots, CPU)
-    return kind(one, slots, CPU)
-
-
 @pytest.mark.parametrize("kind", [SatelliteReceiver, InertialUnit, WheelEncoders])
 def test_bytes_do_not_depend_on_slot_batch_or_neighbours(kind):
     gnss = {"dropouts_per_min": 60.0, "dropout_s": 0.5}
@@ -224,7 +217,7 @@ def test_bytes_do_not_depend_on_slot_batch_or_neighbours(kind):
     own = np.random.default_rng(5).normal(0.0, 3.0, len(TRUTH))
 
     def run(slots, slot, neighbours):
-        sensor = build(kind, mine, slots)
+        sensor = built(kind, mine, slots)
         rows = np.random.default_rng(slots).normal(0.0, 3.0, (slots, len(TRUTH)))
         rows[slot] = own
         for k in range(slots):
@@ -243,7 +236,7 @@ def test_bytes_do_not_depend_on_slot_batch_or_neighbours(kind):
 @pytest.mark.parametrize("kind", [SatelliteReceiver, InertialUnit])
 def test_a_slot_forgets_its_last_case(kind):
     one, other = case("one", gnss={}, imu={"hz": 10}), case("other", gnss={}, imu={"hz": 10})
-    sensor = build(kind, one, 1)
+    sensor = built(kind, one, 1)
     sensor.reset(0, one)
     first = readings(sensor, 1, 30)
     sensor.modulate(0, SensorErrors(gnss_dropout=True, imu_noise=5.0))

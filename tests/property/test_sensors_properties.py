@@ -10,14 +10,15 @@ import pymap3d
 from case_changes import changed
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sensor_rows import CPU, case, on_device, readings, resting
+from sensor_rows import built, case, on_device, readings, resting
 
+from schemas.kinds.sensors.gnss import Gnss
+from schemas.kinds.sensors.imu import Imu
 from schemas.messages import GNSS_COLUMNS
-from schemas.sections.sensors import Gnss, Imu
 from schemas.validation import convert_all
-from twin.sensors.encoders import WheelEncoders
-from twin.sensors.gnss import SatelliteReceiver
-from twin.sensors.imu import InertialUnit
+from twin.sensors.encoders.wheels import WheelEncoders
+from twin.sensors.gnss.receiver import SatelliteReceiver
+from twin.sensors.imu.unit import InertialUnit
 from twin.sensors.truth import TRUTH
 from twin.world.scene import Origin
 
@@ -70,7 +71,7 @@ def with_section(name, **sections):
 @FAST
 def test_gnss_round_trip_anywhere_on_earth(origin, place):
     one = case(gnss={"noise": False, "antenna_m": [0, 0, 0]})
-    sensor = SatelliteReceiver(one, origin, 1, CPU)
+    sensor = built(SatelliteReceiver, one, 1, origin)
     sensor.reset(0, one)
     lat, lon, alt, fix = readings(
         sensor, 1, 1, resting(1, **dict(zip(TRUTH, place, strict=False)))
@@ -91,7 +92,7 @@ def test_gnss_round_trip_anywhere_on_earth(origin, place):
 def test_every_allowed_receiver_gives_numbers_or_no_fix(gnss):
     assert convert_all(msgspec.to_builtins(gnss), Gnss)[1] == []
     one = with_section("g", gnss=gnss)
-    sensor = SatelliteReceiver(one, Origin(), 3, CPU)
+    sensor = built(SatelliteReceiver, one, 3, Origin())
     for slot in (0, 2):
         sensor.reset(slot, one)
     found = readings(sensor, 3, 100)
@@ -111,7 +112,7 @@ def test_every_allowed_imu_is_finite_and_the_same_in_every_slot(imu, seed, slots
     one = changed(with_section("i", imu=imu), seed=seed)
 
     def run(count, slot):
-        sensor = InertialUnit(one, count, CPU)
+        sensor = built(InertialUnit, one, count)
         sensor.reset(slot, one)
         return readings(sensor, count, 25)[:, slot]
 
@@ -132,7 +133,7 @@ def test_amplitude_zero_switches_an_error_off(imu, force_mps2, rate_radps):
 
     def run(section):
         one = with_section("i", imu=section)
-        sensor = InertialUnit(one, 1, CPU)
+        sensor = built(InertialUnit, one, 1)
         sensor.reset(0, one)
         return readings(sensor, 1, 5, rows)[:, 0]
 
@@ -149,7 +150,7 @@ def test_amplitude_zero_switches_an_error_off(imu, force_mps2, rate_radps):
 @FAST
 def test_encoders_are_the_floor_of_their_formula(ppr, cgr, angles):
     one = case(encoders={"ppr": ppr, "cgr": cgr})
-    sensor = WheelEncoders(one, 1, CPU)
+    sensor = built(WheelEncoders, one, 1)
     sensor.reset(0, one)
     rows = resting(1)
     first = TRUTH.index("wheel_fl_rad")
@@ -167,7 +168,7 @@ def test_encoders_are_the_floor_of_their_formula(ppr, cgr, angles):
 @FAST
 def test_encoder_ticks_stay_within_one_of_the_way(steps, ppr):
     one = case(encoders={"ppr": ppr})
-    sensor = WheelEncoders(one, 1, CPU)
+    sensor = built(WheelEncoders, one, 1)
     sensor.reset(0, one)
     first = TRUTH.index("wheel_fl_rad")
     for tick, angle in enumerate(np.cumsum(steps)):

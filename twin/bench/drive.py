@@ -24,10 +24,8 @@ import numpy as np
 
 from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import AUTODRIVE
+from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import (
-    ENCODER_COLUMNS,
-    IMU_COLUMNS,
-    POSE_COLUMNS,
     VEHICLE_COLUMNS,
     CameraSite,
     Episode,
@@ -66,9 +64,10 @@ CHANNEL_LIST = (
 )
 SMALL = {
     "vehicle": (len(VEHICLE_COLUMNS), "<f8"),
-    "encoders": (len(ENCODER_COLUMNS), "<i8"),
-    "imu": (len(IMU_COLUMNS), "<f8"),
-    "pose": (len(POSE_COLUMNS), "<f8"),
+    **{
+        kind.name: (len(kind.columns), kind.dtype)
+        for kind in map(sensor_kinds().find, AUTODRIVE.sensors)
+    },
 }
 
 

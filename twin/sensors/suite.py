@@ -3,40 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 import warp as wp
 
 from schemas.case import Case
+from schemas.kinds.registry import implementation
+from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import SensorErrors
-from twin.sensors.encoders import WheelEncoders
-from twin.sensors.gnss import SatelliteReceiver
-from twin.sensors.imu import InertialUnit
-from twin.sensors.pose import TruePose
+from twin.sensors.mount import Sensor, SensorMount
 from twin.world.scene import Origin
-
-
-class Sensor(Protocol):
-    """One kind of sensor, in all slots."""
-
-    every: int
-    """Control periods between two readings."""
-
-    def reset(self, slot: int, case: Case) -> None:
-        """Begin a case."""
-
-    def clear(self, slot: int) -> None:
-        """Make a slot inactive."""
-
-    def hold(self, slot: int, *, held: bool) -> None:
-        """Leave a slot out of the readings, or take it in again as it was."""
-
-    def modulate(self, slot: int, errors: SensorErrors) -> None:
-        """Change the errors of a slot from the next reading on."""
-
-    def read(self, truth: wp.array, tick: np.ndarray) -> np.ndarray:
-        """Readings [S, ...] at the case ticks ``tick`` [S]; zeros where inactive."""
 
 
 class SensorSuite:
@@ -44,16 +20,11 @@ class SensorSuite:
 
     def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
         self._sensors: dict[str, Sensor] = {}
-        wanted = case.rig.sensor_hz
-        if "encoders" in wanted:
-            self._sensors["encoders"] = WheelEncoders(case, slots, device)
-        if "gnss" in wanted:
-            self._sensors["gnss"] = SatelliteReceiver(case, origin, slots, device)
-        if "imu" in wanted:
-            self._sensors["imu"] = InertialUnit(case, slots, device)
-        if "pose" in wanted:
-            self._sensors["pose"] = TruePose(case, slots)
-        self.needs_truth = bool(wanted)
+        for name, hz in case.rig.sensor_hz.items():
+            build: type[Sensor] = implementation(sensor_kinds().find(name).implementation)
+            mount = SensorMount(slots, device, origin, hz, case.rig.control_hz // hz)
+            self._sensors[name] = build(mount)
+        self.needs_truth = bool(self._sensors)
         """:meth:`read` needs the vehicles' truth."""
         self.period = math.lcm(*(sensor.every for sensor in self._sensors.values()))
         """Control periods after which all sensors are due together again."""

@@ -13,7 +13,7 @@ from viewer.live.hub import leave
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint
 from viewer.recording.convert import CaseConverter
-from viewer.recording.rows import Rows, rows_at, send
+from viewer.recording.rows import EntityRows, rows_at, send
 from viewer.recording.scenery import Logged, outline, points, unpacked
 
 SCENES_MAX = 4
@@ -160,7 +160,7 @@ class FocusedCase:
             return
         self._put(self._converter.summary(end, 0))
 
-    def _send(self, token: int, convert: Callable[[CaseConverter], list[Rows]]) -> None:
+    def _send(self, token: int, convert: Callable[[CaseConverter], list[EntityRows]]) -> None:
         """Send what ``convert`` makes of a message, unless it is of an attempt not shown."""
         if self._stream is None or self._start is None or self._converter is None:
             return

@@ -19,7 +19,7 @@ from schemas.wire.codec import decode, encode
 from schemas.wire.view import CameraSample, CaseEnd, CaseStart, Controls, ImageBox, StateSample
 from viewer.recording import naming
 from viewer.recording.classes import class_id, contexts
-from viewer.recording.rows import Rows, rows_at
+from viewer.recording.rows import EntityRows, rows_at
 from viewer.recording.scenery import (
     BLUE,
     CYAN,
@@ -69,7 +69,7 @@ class CaseConverter:
             (naming.SUMMARY, _document(running_text(self._start))),
         ]
 
-    def states(self, samples: Sequence[StateSample]) -> list[Rows]:
+    def states(self, samples: Sequence[StateSample]) -> list[EntityRows]:
         """KPI rows: poses, plots and what camera and stack saw."""
         if not samples:
             return []
@@ -100,7 +100,7 @@ class CaseConverter:
 
     def pictures(
         self, pictures: Sequence[tuple[CameraSample, bytes]], name: str = "camera"
-    ) -> list[Rows]:
+    ) -> list[EntityRows]:
         """JPEGs of the camera whose messages are called ``name``, passed through untouched."""
         if not pictures:
             return []
@@ -109,7 +109,7 @@ class CaseConverter:
         )
         return [rows_at(naming.sensor(name), [sample for sample, _ in pictures], columns)]
 
-    def end(self, end: CaseEnd) -> list[Rows]:
+    def end(self, end: CaseEnd) -> list[EntityRows]:
         """The verdict as an event."""
         if not end.outcome:
             text, level, color = "attempt given up: the case was taken back", "WARN", GREY
@@ -135,11 +135,11 @@ class CaseConverter:
         before, self._moving = self._moving, bool(sample.movers)
         return before or self._moving
 
-    def _changes(self, sample: StateSample) -> list[Rows]:
+    def _changes(self, sample: StateSample) -> list[EntityRows]:
         """Events, and a coloured bar of the planner's state where it changes."""
         controls = sample.controls
         braking = controls is not None and controls.aeb
-        rows: list[Rows] = []
+        rows: list[EntityRows] = []
         at = sample.sim_time_ns, sample.tick
         if controls is not None:
             if controls.detections and not self._seen:
@@ -162,7 +162,7 @@ class CaseConverter:
             rows.append(rows_at(naming.PLANNER, [sample], rr.StateChange.columns(state=[state])))
         return rows
 
-    def _detections(self, asked: list[tuple[StateSample, Controls]]) -> list[Rows]:
+    def _detections(self, asked: list[tuple[StateSample, Controls]]) -> list[EntityRows]:
         """Near and far ones apart: labels of far ones would hide each other."""
         if not asked:
             return []
@@ -178,7 +178,7 @@ class CaseConverter:
             rows.append(rows_at(path, samples, columns))
         return rows
 
-    def _triggers(self, asked: list[tuple[StateSample, Controls]]) -> Rows:
+    def _triggers(self, asked: list[tuple[StateSample, Controls]]) -> EntityRows:
         """The box that emergency braking begins for; the next frame takes it away."""
         samples, rows = [], []
         for sample, controls in asked:
@@ -293,11 +293,11 @@ def _trail(samples: Sequence[StateSample]) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=[[s.x_m, s.y_m, 0.08] for s in samples])
 
 
-def _plotted(path: str, samples: Sequence[StateSample], values: list[float]) -> Rows:
+def _plotted(path: str, samples: Sequence[StateSample], values: list[float]) -> EntityRows:
     return rows_at(path, samples, rr.Scalars.columns(scalars=np.array(values, np.float64)))
 
 
-def _commanded(asked: list[tuple[StateSample, Controls]]) -> list[Rows]:
+def _commanded(asked: list[tuple[StateSample, Controls]]) -> list[EntityRows]:
     samples = [sample for sample, _ in asked]
     return [
         _plotted(naming.THROTTLE, samples, [c.throttle for _, c in asked]),
@@ -322,19 +322,19 @@ def _marks(
     return list(columns.partition([len(row) for row in found]))
 
 
-def _truth(samples: Sequence[StateSample]) -> Rows:
+def _truth(samples: Sequence[StateSample]) -> EntityRows:
     found = [sample.boxes or [] for sample in samples]
     labels = [f"{box.label} {box.distance_m:.0f} m" for row in found for box in row]
     return rows_at(naming.TRUTH, samples, _marks(found, labels))
 
 
-def _moving(samples: Sequence[StateSample]) -> Rows:
+def _moving(samples: Sequence[StateSample]) -> EntityRows:
     return rows_at(naming.MOVERS, samples, movers([s.movers for s in samples]) if samples else [])
 
 
-def _event(sim_time_ns: int, tick: int, text: str, level: str, color: Color) -> Rows:
+def _event(sim_time_ns: int, tick: int, text: str, level: str, color: Color) -> EntityRows:
     columns = rr.TextLog.columns(text=[text], level=[level], color=[color])
-    return Rows(naming.EVENTS, [sim_time_ns], [tick], list(columns))
+    return EntityRows(naming.EVENTS, [sim_time_ns], [tick], list(columns))
 
 
 def _box_style(

@@ -18,7 +18,7 @@ from schemas.wire.view import CameraSample, CaseEnd, CaseStart, Stage, StateSamp
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint
 from viewer.recording.convert import CaseConverter
-from viewer.recording.rows import Rows, send
+from viewer.recording.rows import EntityRows, send
 from viewer.recording.scenery import Logged
 from viewer.recording.sequence import Sequence
 
@@ -154,7 +154,7 @@ class RecordingFile:
         self._states, self._pictures = [], []
         self._bytes, self._since_s = 0, None
 
-    def _send(self, found: list[Rows]) -> None:
+    def _send(self, found: list[EntityRows]) -> None:
         for rows in found:
             send(self._stream, rows)
 

@@ -13,7 +13,7 @@ from viewer.recording import naming
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class EntityRows:
     """Values of an entity at several times."""
 
     path: str
@@ -27,13 +27,13 @@ def rows_at(
     path: str,
     samples: Sequence[StateSample | CameraSample | PointsSample],
     columns: Iterable[rr.ComponentColumn],
-) -> Rows:
+) -> EntityRows:
     """Rows at the times of ``samples``."""
     times, ticks = [s.sim_time_ns for s in samples], [s.tick for s in samples]
-    return Rows(path, times, ticks, list(columns))
+    return EntityRows(path, times, ticks, list(columns))
 
 
-def send(stream: rr.RecordingStream, rows: Rows) -> None:
+def send(stream: rr.RecordingStream, rows: EntityRows) -> None:
     """Log rows."""
     times = np.array(rows.sim_time_ns, "timedelta64[ns]")
     indexes = [

@@ -203,7 +203,7 @@ class AutodriveBridge(ScriptBridge):
 
     def _look(self, observation: Observation, slot: int) -> None:
         """Keep the last reading of every sensor: the script gets all of them every time."""
-        for name in ("vehicle", "encoders", "imu", "pose"):
+        for name in ("vehicle", *AUTODRIVE.sensors):
             if name in observation.sensors:
                 self._rows[name] = observation.sensors[name][slot]
         assert self._episode is not None

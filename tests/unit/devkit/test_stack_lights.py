@@ -8,7 +8,7 @@ import pytest
 
 from devkit.reference.lights import (
     LightsSwitch,
-    Surroundings,
+    LightSurroundings,
     choose,
     code_of,
     name_of,
@@ -26,18 +26,18 @@ SWITCH = LightsSwitch()
 )
 @pytest.mark.parametrize("aeb", [False, True])
 def test_table_of_the_original(dark, fog, code, aeb):
-    lamps = choose(Surroundings(dark, fog), aeb)
+    lamps = choose(LightSurroundings(dark, fog), aeb)
     assert code_of(lamps) == code
     assert lamps.indicators == (3 if aeb else 0)
 
 
 def dark_after(readings, dark=False):
-    state = Surroundings(dark=dark)
+    state = LightSurroundings(dark=dark)
     return [(state := sense(state, lx, 0.0, SWITCH)).dark for lx in readings]
 
 
 def fog_after(readings):
-    state = Surroundings()
+    state = LightSurroundings()
     return [(state := sense(state, 5e4, per_m, SWITCH)).fog for per_m in readings]
 
 
@@ -52,7 +52,7 @@ def test_fog_does_not_flicker():
 
 
 def test_between_the_thresholds_a_fresh_case_takes_day_and_no_fog():
-    assert sense(Surroundings(), 1500.0, 0.005, SWITCH) == Surroundings(False, False)
+    assert sense(LightSurroundings(), 1500.0, 0.005, SWITCH) == LightSurroundings(False, False)
 
 
 def test_thresholds_in_the_wrong_order():

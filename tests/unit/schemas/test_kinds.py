@@ -11,6 +11,7 @@ import schemas.kinds.batch_system
 import schemas.kinds.bridge
 import schemas.kinds.kpi
 import schemas.kinds.scenario
+import schemas.kinds.sensor
 from schemas.kinds.kpi import kpi_kinds, scalars_by_name, shipped
 from schemas.kinds.scenario import kind_of, scenario_kinds
 from schemas.sections.scenario import Scenario
@@ -21,6 +22,7 @@ TABLES = (
     schemas.kinds.kpi,
     schemas.kinds.batch_system,
     schemas.kinds.bridge,
+    schemas.kinds.sensor,
 )
 
 SCENARIO = '''

@@ -11,8 +11,10 @@ from schemas import messages
 from schemas.axes import axes_allowed
 from schemas.case import Variation
 from schemas.identity import case_digest, rig_key
+from schemas.kinds.sensors.gnss import Gnss
+from schemas.kinds.sensors.imu import Imu
 from schemas.plan import expand, parse_campaign, parse_cases
-from schemas.sections.sensors import Gnss, Imu, Sensors
+from schemas.sections.sensors import Sensors
 from schemas.wire import topics
 
 GOOD = {"campaign": "c", "matrix": {"weather": ["clear"]}}

@@ -5,7 +5,7 @@ import pytest
 from case_changes import changed
 from msgspec import json
 
-from devkit.reference.lights import LightsSwitch, Surroundings, sense
+from devkit.reference.lights import LightsSwitch, LightSurroundings, sense
 from schemas.identity import case_digest, rig_key, stack_name, stack_seed
 from schemas.messages import Episode
 from schemas.plan import expand, parse_campaign
@@ -81,7 +81,7 @@ def test_lights_burn_alike_by_the_exact_environment_and_by_its_steps():
     extinction = np.append(10 ** rng.uniform(-5, 0, 2000), [0.0, 0.0045, 0.006, 0.00600001])
     shown_lux = stepped(lux, ILLUMINANCE_STEPS_LX)
     shown_extinction = stepped(extinction, EXTINCTION_STEPS_PER_M)
-    exact = shown = Surroundings()
+    exact = shown = LightSurroundings()
     for i in range(len(lux)):
         exact = sense(exact, lux[i], extinction[i], LightsSwitch())
         shown = sense(shown, shown_lux[i], shown_extinction[i], LightsSwitch())

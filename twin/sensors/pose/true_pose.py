@@ -6,19 +6,21 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.messages import POSE_COLUMNS, SensorErrors
+from schemas.kinds.sensors.pose import COLUMNS
+from schemas.messages import SensorErrors
+from twin.sensors.mount import SensorMount
 from twin.sensors.truth import TRUTH
 
-_COLUMNS = [TRUTH.index(name) for name in POSE_COLUMNS]
+_COLUMNS = [TRUTH.index(name) for name in COLUMNS]
 
 
 class TruePose:
-    """Poses of all slots, columns :data:`schemas.messages.POSE_COLUMNS`."""
+    """Poses of all slots, columns :data:`schemas.kinds.sensors.pose.COLUMNS`."""
 
-    def __init__(self, case: Case, slots: int) -> None:
-        self.every = case.rig.control_hz // case.rig.sensor_hz["pose"]
+    def __init__(self, mount: SensorMount) -> None:
+        self.every = mount.every
         """Control periods between two readings."""
-        self._active = np.zeros(slots, np.bool_)
+        self._active = np.zeros(mount.slots, np.bool_)
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case; it changes nothing about the truth."""

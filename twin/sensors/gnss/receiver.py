@@ -14,12 +14,13 @@ import warp as wp
 
 from schemas.case import Case
 from schemas.identity import stream_key
-from schemas.messages import GNSS_COLUMNS, SensorErrors
-from twin.sensors.geodesy import Datum, datum_of, geodetic
+from schemas.kinds.sensors.gnss import COLUMNS
+from schemas.messages import SensorErrors
+from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
+from twin.sensors.mount import SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 from twin.world.mirror import Mirror
-from twin.world.scene import Origin
 
 wp.set_module_options({"enable_backward": False})
 
@@ -95,17 +96,16 @@ def gnss_kernel(
 
 
 class SatelliteReceiver:
-    """Receivers of all slots, columns :data:`schemas.messages.GNSS_COLUMNS`."""
+    """Receivers of all slots, columns :data:`schemas.kinds.sensors.gnss.COLUMNS`."""
 
-    def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
-        self._hz = case.rig.sensor_hz["gnss"]
-        self.every = case.rig.control_hz // self._hz
-        """Control periods between two fixes."""
+    def __init__(self, mount: SensorMount) -> None:
+        slots, device = mount.slots, mount.device
+        self._hz, self.every = mount.hz, mount.every
         self._device = device
-        self._datum = datum_of(origin)
+        self._datum = datum_of(mount.origin)
         self._errors = Mirror((slots,), GnssErrors, device)
         self._memory = wp.zeros((slots, 4), dtype=wp.float64, device=device)
-        self._values = Mirror((slots, len(GNSS_COLUMNS)), wp.float64, device)
+        self._values = Mirror((slots, len(COLUMNS)), wp.float64, device)
         wp.load_module(gnss_kernel.module.name, device=device)
 
     def reset(self, slot: int, case: Case) -> None:

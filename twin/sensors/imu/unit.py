@@ -15,14 +15,16 @@ import warp as wp
 
 from schemas.case import Case
 from schemas.identity import stream_key
-from schemas.messages import IMU_COLUMNS, SensorErrors
+from schemas.kinds.sensors.imu import COLUMNS
+from schemas.messages import SensorErrors
+from twin.sensors.mount import SensorMount
 from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wander_numbers
 from twin.sensors.truth import FORCE
 from twin.world.mirror import Mirror
 
 wp.set_module_options({"enable_backward": False})
 
-_AXES = wp.constant(len(IMU_COLUMNS))
+_AXES = wp.constant(len(COLUMNS))
 _ONE = wp.constant(wp.float64(1.0))
 
 
@@ -74,16 +76,15 @@ def imu_kernel(
 
 
 class InertialUnit:
-    """IMUs of all slots, columns :data:`schemas.messages.IMU_COLUMNS`."""
+    """IMUs of all slots, columns :data:`schemas.kinds.sensors.imu.COLUMNS`."""
 
-    def __init__(self, case: Case, slots: int, device: wp.Device) -> None:
-        self._hz = case.rig.sensor_hz["imu"]
-        self.every = case.rig.control_hz // self._hz
-        """Control periods between two samples."""
+    def __init__(self, mount: SensorMount) -> None:
+        slots, device = mount.slots, mount.device
+        self._hz, self.every = mount.hz, mount.every
         self._device = device
         self._errors = Mirror((slots,), ImuErrors, device)
-        self._memory = wp.zeros((slots, 2 * len(IMU_COLUMNS)), dtype=wp.float64, device=device)
-        self._values = Mirror((slots, len(IMU_COLUMNS)), wp.float64, device)
+        self._memory = wp.zeros((slots, 2 * len(COLUMNS)), dtype=wp.float64, device=device)
+        self._values = Mirror((slots, len(COLUMNS)), wp.float64, device)
         wp.load_module(imu_kernel.module.name, device=device)
 
     def reset(self, slot: int, case: Case) -> None:

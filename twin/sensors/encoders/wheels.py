@@ -8,7 +8,9 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.messages import ENCODER_COLUMNS, SensorErrors
+from schemas.kinds.sensors.encoders import COLUMNS
+from schemas.messages import SensorErrors
+from twin.sensors.mount import SensorMount
 from twin.sensors.truth import WHEELS
 from twin.world.mirror import Mirror
 
@@ -37,14 +39,14 @@ def encoders_kernel(
 
 
 class WheelEncoders:
-    """Encoders of all slots, columns :data:`schemas.messages.ENCODER_COLUMNS`."""
+    """Encoders of all slots, columns :data:`schemas.kinds.sensors.encoders.COLUMNS`."""
 
-    def __init__(self, case: Case, slots: int, device: wp.Device) -> None:
-        self.every = case.rig.control_hz // case.rig.sensor_hz["encoders"]
+    def __init__(self, mount: SensorMount) -> None:
+        self.every = mount.every
         """Control periods between two readings."""
-        self._device = device
-        self._ticks_per_rev = Mirror((slots,), wp.float64, device)
-        self._ticks = Mirror((slots, len(ENCODER_COLUMNS)), wp.int64, device)
+        self._device = device = mount.device
+        self._ticks_per_rev = Mirror((mount.slots,), wp.float64, device)
+        self._ticks = Mirror((mount.slots, len(COLUMNS)), wp.int64, device)
         wp.load_module(encoders_kernel.module.name, device=device)
 
     def reset(self, slot: int, case: Case) -> None:

@@ -1,0 +1,80 @@
+"""The table of the vehicle's own sensors: what they read, how often, and who implements them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from schemas.kinds.registry import Kinds, read_kinds
+
+GROUP = "drivetwin.sensors"
+"""Entry points that bring sensors."""
+
+OURS = {
+    "encoders": "schemas.kinds.sensors.encoders:KIND",
+    "gnss": "schemas.kinds.sensors.gnss:KIND",
+    "imu": "schemas.kinds.sensors.imu:KIND",
+    "pose": "schemas.kinds.sensors.pose:KIND",
+}
+"""Those that are shipped; the same as in pyproject.toml. Messages and files have them in this
+order."""
+
+ControlRate = Annotated[int, Meta(ge=0, le=500)]
+Share = Annotated[float, Meta(ge=0, le=0.5)]
+CorrelationTime = Annotated[float, Meta(ge=0.1, le=1_000_000)]
+Point = Annotated[list[Annotated[float, Meta(ge=-20, le=20)]], Meta(min_length=3, max_length=3)]
+"""x forward of the vehicle's reference point, y left, z up [m]."""
+
+
+class SensorConfig(Struct, frozen=True, forbid_unknown_fields=True):
+    """Keys that every sensor has. Which sensors there are and their rates are the rig's, all other
+    keys the case's."""
+
+    on: bool = True
+    """Whether it is there."""
+    hz: ControlRate = 0
+    """Readings per second, a divisor of the control rate; 0: the control rate [Hz]."""
+
+
+@dataclass(frozen=True, slots=True)
+class MadeUpDrive:
+    """A moment of the made-up drive that ``devkit check`` shows to stacks."""
+
+    seed: int
+    tick: int
+    time_s: float
+    speed_mps: float
+    """Constant, straight on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorKind:
+    """Declaration of a sensor with one row of numbers per slot."""
+
+    name: str
+    """Of its section in ``sensors``, and of its message."""
+    doc: str
+    """One sentence for ``--help`` and docs."""
+    config: type[SensorConfig]
+    """Keys of its section, with types, ranges, defaults and meanings."""
+    columns: tuple[str, ...]
+    """Names of the numbers of a row, unit last."""
+    columns_name: str
+    """How pages call the list of columns."""
+    dtype: Literal["<f8", "<i8"]
+    implementation: str
+    """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`."""
+    no_axes: tuple[str, ...] = ()
+    """Keys that no matrix may vary."""
+    made_up: Callable[[MadeUpDrive], list[float]]
+    """A row of the made-up drive."""
+
+
+@cache
+def sensor_kinds() -> Kinds[SensorKind]:
+    """All sensors of this table, the shipped ones first."""
+    return read_kinds(GROUP, SensorKind, OURS)

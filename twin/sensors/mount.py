@@ -1,0 +1,52 @@
+"""The vehicle's own sensors as the suite runs them: their protocol, and what each is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import warp as wp
+
+from schemas.case import Case
+from schemas.messages import SensorErrors
+from twin.world.scene import Origin
+
+
+@dataclass(frozen=True, slots=True)
+class SensorMount:
+    """Where a rig's sensors are."""
+
+    slots: int
+    device: wp.Device
+    origin: Origin
+    """Of the scene's coordinates on the earth."""
+    hz: int
+    """Readings per second [Hz]."""
+    every: int
+    """Control periods between two readings."""
+
+
+class Sensor(Protocol):
+    """One kind of sensor, in all slots of a rig."""
+
+    every: int
+    """Control periods between two readings."""
+
+    def __init__(self, mount: SensorMount) -> None:
+        """Allocate for all slots."""
+
+    def reset(self, slot: int, case: Case) -> None:
+        """Begin a case."""
+
+    def clear(self, slot: int) -> None:
+        """Make a slot inactive."""
+
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Leave a slot out of the readings, or take it in again as it was."""
+
+    def modulate(self, slot: int, errors: SensorErrors) -> None:
+        """Change the errors of a slot from the next reading on."""
+
+    def read(self, truth: wp.array, tick: np.ndarray) -> np.ndarray:
+        """Readings [S, ...] at the case ticks ``tick`` [S]; zeros where inactive."""
