@@ -13,6 +13,7 @@ import typer
 
 from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import UsageError
+from twin.base.worker_start import LATER
 from twin.bench.command import app as bench_app
 from twin.dataset.command_options import (
     BatchOption,
@@ -90,8 +91,6 @@ def worker(
     load_simulator: LoadSimulatorOption = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    from twin.base.worker_start import LATER
-
     if cores:
         stay_on(cores)
     if explain:
