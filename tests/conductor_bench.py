@@ -13,7 +13,7 @@ from conductor.core.fold import fold, revive
 from conductor.core.invariants import check
 from conductor.core.state import Config, State
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import (
+from schemas.wire.control import (
     Beat,
     Bye,
     Control,

@@ -17,8 +17,8 @@ from conductor.core.state import Config
 from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Control, Reply, Request, StatusRequest, Submit
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Control, Reply, Request, StatusRequest, Submit
 
 SCALARS = {f"kpi_{i}": 1.5 * i for i in range(8)}
 K = 64

@@ -26,8 +26,8 @@ from conductor.trust.sign_run import sign_run
 from conductor.trust.signing import trusted_keys
 from conductor.trust.verify import verify_run
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Hello, Next, Reply, Submit
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Hello, Next, Reply, Submit
 from twin.fabric.session import new_secret
 
 WALL_S_MAX = 60.0

@@ -11,28 +11,30 @@ import view_messages
 
 from schemas import SCHEMA_VERSION as V
 from schemas.messages import (
-    Beat,
-    Bye,
     CameraSite,
     Command,
     Commands,
-    Control,
     Detection,
     Episode,
-    Explain,
     Frame,
-    Hello,
     LidarSite,
-    Next,
     Ready,
-    Reply,
-    Result,
-    StatusRequest,
-    Submit,
     Tick,
 )
 from schemas.plan import expand, parse_campaign
 from schemas.sections.lens import Lens
+from schemas.wire.control import (
+    Beat,
+    Bye,
+    Control,
+    Explain,
+    Hello,
+    Next,
+    Reply,
+    Result,
+    StatusRequest,
+    Submit,
+)
 from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
 from schemas.wire.interventions import ControlReply, ControlRequest, SetLights
 from schemas.wire.view import (

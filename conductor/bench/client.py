@@ -21,8 +21,8 @@ import msgspec
 from schemas import SCHEMA_VERSION
 from schemas.files.judging import RECORD_FILE, attempt_digest
 from schemas.files.kpi import SCALARS
-from schemas.messages import Hello, Lease, Next, Reply, Request, Result, noop_result
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Hello, Lease, Next, Reply, Request, Result, noop_result
 from schemas.wire.rpc_routes import door
 from twin.base.files import write_atomic
 from twin.base.process import bind_to_parent

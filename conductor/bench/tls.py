@@ -34,9 +34,9 @@ from conductor.core.state import Config
 from conductor.serve.command import serve_folder
 from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION
-from schemas.messages import Hello, Next, Reply, Request, Result, noop_result
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Hello, Next, Reply, Request, Result, noop_result
 from schemas.wire.rpc_routes import door
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.base.software import software_digest

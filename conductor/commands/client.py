@@ -11,9 +11,9 @@ import msgspec
 
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.messages import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire.rpc_routes import door
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.software import software_digest

@@ -10,10 +10,10 @@ from conductor.core.relocate import moved
 from conductor.core.state import PROTECTED_ONLY, CampaignState, State
 from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.messages import Submit
 from schemas.plan import parse_cases
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
+from schemas.wire.control import Submit
 from schemas.words import plain
 
 CAMPAIGNS_MAX = 5000

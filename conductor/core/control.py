@@ -5,7 +5,7 @@ from __future__ import annotations
 from conductor.core.facts import CaseEnded, Paused, Retried, WorkerDraining
 from conductor.core.state import CampaignState, CaseState
 from conductor.core.turn import RequestTurn
-from schemas.messages import Control
+from schemas.wire.control import Control
 
 SHOWN_MAX = 5
 """Most names listed in an error."""

@@ -40,7 +40,8 @@ from conductor.core.state import CampaignState, CaseState, LiveLease, State, Wor
 from conductor.core.status import running, status
 from conductor.core.turn import RequestTurn
 from schemas import SCHEMA_VERSION
-from schemas.messages import (
+from schemas.sections.autonomy import SANDBOX
+from schemas.wire.control import (
     Beat,
     Bye,
     Control,
@@ -55,7 +56,6 @@ from schemas.messages import (
     Stop,
     Submit,
 )
-from schemas.sections.autonomy import SANDBOX
 from twin.fabric.session import SECRET_BYTES, hash_of, proves, signer_of
 
 NAME_CHARS_MAX = 200

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from msgspec import Struct
 
 from conductor.core.case_table import CaseTable
-from schemas.messages import Release, Reply, Result, Share
+from schemas.wire.control import Release, Reply, Result, Share
 
 SHARED = 0
 """Group of a case that may share a rig with any other."""

@@ -54,7 +54,7 @@ from conductor.core.state import (
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
-from schemas.messages import Result, Touch
+from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000
 """So many ids of workers that left are known; of an older one a word that was under way for so long

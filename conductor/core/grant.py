@@ -24,8 +24,8 @@ from conductor.core.state import (
     WorkerState,
 )
 from schemas.campaign import Requirements
-from schemas.messages import Next, Share
 from schemas.sections.autonomy import SANDBOX
+from schemas.wire.control import Next, Share
 
 SPREAD_MAX = 4096
 """Most waiting cases of a lane that a mixture or a share is taken from."""

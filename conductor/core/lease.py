@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from conductor.core.facts import Seen
 from conductor.core.state import FAR_NS, LiveLease, State
-from schemas.messages import Release
+from schemas.wire.control import Release
 
 TOKENS_PER_EPOCH = 2**32
 """Tokens of a later epoch are larger than all tokens of earlier ones."""

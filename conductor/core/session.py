@@ -6,8 +6,8 @@ What a result must fit stands with its token: the session that got the lease, an
 from __future__ import annotations
 
 from conductor.core.state import CaseState, Issued, State, WorkerState
-from schemas.messages import Beat, Bye, Next, Result, Sealed
 from schemas.wire.codec import WireError, decode
+from schemas.wire.control import Beat, Bye, Next, Result, Sealed
 from schemas.wire.delivery import AttemptFiles, Delivery
 from twin.fabric.session import is_sealed, proves
 

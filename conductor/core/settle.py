@@ -9,7 +9,7 @@ from conductor.core.lease import POLICIES, expired, first_expiry_ns
 from conductor.core.session import issued_to, mistake_of
 from conductor.core.state import CaseState, LiveLease, State, WorkerState
 from conductor.core.turn import RequestTurn
-from schemas.messages import Release, Result
+from schemas.wire.control import Release, Result
 from schemas.words import counted
 
 DETAIL_CHARS_MAX = 2000

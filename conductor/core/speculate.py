@@ -5,7 +5,7 @@ from __future__ import annotations
 from conductor.core.facts import SHARED
 from conductor.core.grant import broken, fits, mismatch
 from conductor.core.state import CampaignState, CaseState, LiveLease, State, WorkerState
-from schemas.messages import Next
+from schemas.wire.control import Next
 
 
 def straggler(state: State, request: Next, worker: WorkerState, now_ns: int) -> CaseState | None:

@@ -8,7 +8,7 @@ from conductor.core.facts import Fact
 from conductor.core.fold import apply
 from conductor.core.state import State, WorkerState
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply
+from schemas.wire.control import Reply
 
 
 class RequestTurn:

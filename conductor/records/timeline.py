@@ -22,7 +22,7 @@ FILE_NAME = "timeline.jsonl"
 
 LEASED, COMMITTED, CASE_ENDED, LATE = "leased", "committed", "case_ended", "late"
 STARTED = "started"
-"""Events beside the reasons of :data:`schemas.messages.Release`, which end one lease."""
+"""Events beside the reasons of :data:`schemas.wire.control.Release`, which end one lease."""
 
 _log = logging.getLogger(__name__)
 _encode = msgspec.json.Encoder().encode

@@ -47,10 +47,10 @@ from conductor.trust.sign_run import (
 )
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.messages import Stop, Submit
 from schemas.plan import expand
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.verdict import no_collision
+from schemas.wire.control import Stop, Submit
 from schemas.wire.view import ViewMode
 from schemas.words import counted
 from twin.base.cli import heed_signals

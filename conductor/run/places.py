@@ -7,7 +7,7 @@ import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from schemas.messages import Share
+from schemas.wire.control import Share
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import VisibleGpu, visible_gpus
 

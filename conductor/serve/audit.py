@@ -20,7 +20,7 @@ from pathlib import Path
 
 import msgspec
 
-from schemas.messages import Control, Request, Stop, Submit
+from schemas.wire.control import Control, Request, Stop, Submit
 from schemas.words import counted, plain
 from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.roles import Act, Role, may

@@ -19,8 +19,8 @@ from conductor.core.lease import next_expiry_ns
 from conductor.core.state import Config, State
 from conductor.journal.store import JournalError
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply, Request, StatusRequest, Submit
 from schemas.wire.codec import WireError, encode
+from schemas.wire.control import Reply, Request, StatusRequest, Submit
 from schemas.wire.rpc_routes import read_request
 from schemas.words import plain
 from twin.base.errors import TwinError

@@ -24,7 +24,7 @@ from conductor.records.outcomes import encode_campaign
 from schemas.campaign import Name
 from schemas.files.regular_file import open_regular
 from schemas.files.yaml_file import dump_yaml
-from schemas.messages import Submit
+from schemas.wire.control import Submit
 from schemas.words import plain
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 from conductor.serve.engine import IncomingRequest
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply
 from schemas.wire import topics
 from schemas.wire.codec import encode
+from schemas.wire.control import Reply
 from schemas.wire.rpc_routes import DOORS, bytes_max
 from twin.fabric.bus import Respond
 

@@ -47,9 +47,9 @@ from conductor.serve.inbox import Inbox, Item
 from conductor.trust.judge_feed import JudgeFeed
 from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import reopen
-from schemas.messages import Reply, Request
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import Delivery
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.software import software_digest

@@ -14,7 +14,9 @@ from typing import Any
 from msgspec import MsgspecError, Struct
 from msgspec.msgpack import Decoder
 
-from schemas.messages import (
+from schemas.wire import topics
+from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode
+from schemas.wire.control import (
     Beat,
     Bye,
     Control,
@@ -26,8 +28,6 @@ from schemas.messages import (
     Stop,
     Submit,
 )
-from schemas.wire import topics
-from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode
 from schemas.wire.topics import Topic
 
 WORKER_BYTES_MAX = 4 << 20

@@ -22,7 +22,7 @@ from pathlib import Path
 from strangers import SILENCE_S, Stranger, certificates_on, options_of
 from schemas import SCHEMA_VERSION
 from schemas.wire import topics
-from schemas.messages import StatusRequest, Submit
+from schemas.wire.control import StatusRequest, Submit
 from schemas.wire.codec import encode
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import load_key

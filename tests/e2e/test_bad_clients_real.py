@@ -6,9 +6,9 @@ import msgpack
 from processes import wait_for
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply
 from schemas.wire import topics
 from schemas.wire.codec import decode
+from schemas.wire.control import Reply
 from twin.base.errors import UsageError
 from twin.fabric.discovery import find_conductor
 from twin.fabric.zenoh_bus import open_bus

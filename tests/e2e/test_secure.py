@@ -13,9 +13,9 @@ from processes import PATIENCE_S, interrupt, keys_of, wait_for
 from strangers import Stranger, certificates_on, options_of
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import StatusRequest
 from schemas.wire import topics
 from schemas.wire.codec import encode
+from schemas.wire.control import StatusRequest
 from twin.base.errors import TwinError
 from twin.fabric.discovery import find_conductor
 from twin.fabric.keys.authority import make_keys

@@ -12,9 +12,9 @@ from strangers import SILENCE_S, Stranger, certificates_on, options_of
 from conductor.bench.own import noop_campaign
 from conductor.commands.client import ConductorClient
 from schemas import SCHEMA_VERSION
-from schemas.messages import Hello, Next, Reply, noop_result
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Hello, Next, Reply, noop_result
 from twin.base.errors import TwinError
 from twin.base.software import software_digest
 from twin.fabric.discovery import find_conductor

@@ -8,7 +8,9 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import (
+from schemas.wire import topics
+from schemas.wire.codec import decode, encode
+from schemas.wire.control import (
     Beat,
     Bye,
     Ended,
@@ -20,8 +22,6 @@ from schemas.messages import (
     Sealed,
     StatusRequest,
 )
-from schemas.wire import topics
-from schemas.wire.codec import decode, encode
 from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
 from schemas.wire.rpc_routes import door
 from twin.base.software import software_digest

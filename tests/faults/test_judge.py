@@ -10,7 +10,7 @@ from table import BEGIN, END, markdown, put_into, tabulate
 
 from conductor.core.facts import Committed, LateAttempt, Submitted
 from conductor.journal.store import Journal
-from schemas.messages import Result
+from schemas.wire.control import Result
 
 PEACE = Quiet("f" * 64, {"a": "1" * 64, "b": "2" * 64})
 

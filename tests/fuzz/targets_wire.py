@@ -12,17 +12,9 @@ from fuzz_target import Target
 
 from conductor.serve.deliveries import Deliveries
 from devkit.bridges.autodrive.socketio import SocketClient, SocketError
-from schemas.messages import (
-    Commands,
-    Episode,
-    Frame,
-    Ready,
-    Reply,
-    Request,
-    Tick,
-    command_mistake,
-)
+from schemas.messages import Commands, Episode, Frame, Ready, Tick, command_mistake
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import MESSAGE_BYTES_MAX as DELIVERY_BYTES_MAX
 from schemas.wire.delivery import Delivered, Delivery
 from schemas.wire.interventions import ControlReply, ControlRequest

@@ -20,7 +20,7 @@ from conductor_bench import Bench
 from conductor.core.state import Config
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION, messages
-from schemas.wire import delivery, interventions, view
+from schemas.wire import control, delivery, interventions, view
 from schemas.wire.codec import WireError, decode, encode
 from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Sample
@@ -32,7 +32,7 @@ HERE = Path(__file__).parent / "wire"
 UNIONS: dict[str, Any] = {
     **dict.fromkeys(
         ("Hello", "Next", "Beat", "Bye", "Submit", "Control", "Explain", "StatusRequest"),
-        messages.Request,
+        control.Request,
     ),
     **dict.fromkeys(("SeenFolder", "AttemptFiles"), delivery.Delivery),
 }
@@ -46,7 +46,7 @@ def samples() -> list[Path]:
 
 def type_of(name: str) -> Any:
     """What the message is decoded as."""
-    modules = (messages, delivery, interventions, view)
+    modules = (messages, control, delivery, interventions, view)
     return UNIONS.get(name) or next(getattr(m, name) for m in modules if hasattr(m, name))
 
 
@@ -127,11 +127,11 @@ def test_a_conductor_tells_a_worker_of_another_version() -> None:
     engine = ConductorEngine(_Nothing(), Config(folder="/nowhere"), 0)
     (hello, *_) = wire_messages.control()
     (data,) = engine.turn([IncomingRequest(_of_version(hello, SCHEMA_VERSION + 1), 1)]).replies
-    reply: messages.Reply = decode(data or b"", messages.Reply)
+    reply: control.Reply = decode(data or b"", control.Reply)
     assert f"schema version {SCHEMA_VERSION + 1} given, this side speaks" in reply.error
     assert engine.counters.refused == 1
     with pytest.raises(WireError, match=f"version {SCHEMA_VERSION + 1} given"):
-        decode(_of_version(reply, SCHEMA_VERSION + 1), messages.Reply)
+        decode(_of_version(reply, SCHEMA_VERSION + 1), control.Reply)
     assert Bench().state.workers == {}
 
 

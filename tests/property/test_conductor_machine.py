@@ -28,8 +28,8 @@ from conductor.core.decisions import worker_lost
 from conductor.core.facts import CaseEnded, Committed, Retried
 from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Lease, Next, Reply, Sealed
 from schemas.wire.codec import encode
+from schemas.wire.control import Lease, Next, Reply, Sealed
 from twin.fabric.session import seal
 
 CASES = 5

@@ -28,8 +28,8 @@ from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Reply
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Reply
 from schemas.wire.delivery import Delivery
 
 WORKER = "w1"

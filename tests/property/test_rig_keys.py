@@ -12,6 +12,7 @@ from msgspec import structs
 
 from schemas.case import Case, RigSpec, Variation
 from schemas.identity import rig_key
+from schemas.kinds.sensors.imu import Imu
 from schemas.plan import expand, parse_campaign
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
@@ -20,7 +21,7 @@ from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
 from schemas.sections.perception import GroundTruthPerception
 from schemas.sections.scenario import Scenario
-from schemas.sections.sensors import Imu, Sensors
+from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
 words = st.text("abcdef", min_size=1, max_size=6)

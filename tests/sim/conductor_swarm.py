@@ -39,8 +39,8 @@ from conductor.core.state import Config
 from conductor.journal.store import JournalError
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Control, Reply, Submit
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Control, Reply, Submit
 
 MS = 1_000_000
 """One millisecond [ns]."""

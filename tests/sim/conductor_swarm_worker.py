@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from conductor_bench import S, beat_of, hello, result, secret, shown
 
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Bye, Ended, Lease, Next, Reply, Result, Sealed
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Bye, Ended, Lease, Next, Reply, Result, Sealed
 from twin.fabric.session import seal
 
 if TYPE_CHECKING:

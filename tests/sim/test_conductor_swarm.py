@@ -25,7 +25,7 @@ from conductor.core.state import CaseState, LiveLease, State, WorkerState
 from conductor.core.turn import RequestTurn as CoreTurn
 from conductor.journal.store import JournalError
 from conductor.serve.engine import ConductorEngine, TurnResult
-from schemas.messages import Result
+from schemas.wire.control import Result
 
 SEEDS = int(os.environ.get("SWARM_SEEDS", "1000"))
 BUG_SEEDS = 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from schemas.messages import Share
+from schemas.wire.control import Share
 
 LATER = "-"
 """As ``--connect`` of a worker or of a stack's host: it will be told."""

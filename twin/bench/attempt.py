@@ -16,10 +16,11 @@ from schemas import SCHEMA_VERSION
 from schemas.files.judging import JudgeRecord
 from schemas.sections.scenario import Scenario
 from twin.kpi.judge import TableRows
-from twin.kpi.judge_record import course_of, lane_record, state_of
+from twin.kpi.judge_record import lane_record, state_of, surroundings_of
 from twin.kpi.verdict import judge, names, scalars
 from twin.records.kpi_file import kpi_table
 from twin.road.lane import straight
+from twin.scenario.families import replay
 
 TICKS = 200
 """Rows: 10 s at 20 Hz."""
@@ -32,16 +33,17 @@ _SPEED_MPS, _BRAKING_MPS2, _BRAKES_AT_S = 8.0, 4.0, 5.0
 def attempt() -> dict[str, Any]:
     """Columns of ``kpi.parquet``, ``judge.json`` for the default scenario, and the result."""
     columns, record = _columns(), _record()
-    state, course = state_of(record), course_of(record)
+    state = state_of(record)
     rows: Any = TableRows(kpi_table(columns))
-    found = judge(record.scenario, rows, state, None, course, None)
+    run = replay(record.scenario, surroundings_of(record), rows)
+    found = judge(rows, state, run, None)
     return {
         "columns": columns,
         "record": record,
         "result": {
             "verdict": found.verdict,
             "reasons": found.reasons,
-            "scalars": scalars(rows, state, None),
+            "scalars": scalars(rows, state, run, None),
             "names": names(rows, state, None),
         },
     }

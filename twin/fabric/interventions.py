@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Explain, Reply, StatusRequest
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Explain, Reply, StatusRequest
 from schemas.wire.interventions import (
     Action,
     ControlReply,

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.files.judging import RECORD_FILE, attempt_digest
-from schemas.messages import Lease, Result
+from schemas.wire.control import Lease, Result
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi

@@ -12,7 +12,7 @@ from pathlib import Path
 from msgspec import structs
 
 from schemas.identity import digest, stack_name
-from schemas.messages import Lease, Result
+from schemas.wire.control import Lease, Result
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.rig.stack_output import ELSEWHERE, Kept

@@ -18,7 +18,8 @@ from schemas.files.drive_record import (
     RecordHead,
     RecordSeen,
 )
-from schemas.messages import Command, Episode, Lease, Result
+from schemas.messages import Command, Episode
+from schemas.wire.control import Lease, Result
 from twin.base.software import device_class, software_digest
 
 if TYPE_CHECKING:

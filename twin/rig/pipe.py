@@ -11,9 +11,9 @@ from typing import BinaryIO
 
 from msgspec import Struct
 
-from schemas.messages import Lease, Result, Touch
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.control import Lease, Result, Touch
 from schemas.wire.interventions import RecordedAction
 
 _LENGTH = struct.Struct("<I")

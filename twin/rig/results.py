@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from msgspec import structs
 
-from schemas.messages import Result
+from schemas.wire.control import Result
 from twin.rig.slot import Slot, SlotEnd
 from twin.rig.slot_listener import SlotListener
 from twin.rig.stack_output import StackOutput

@@ -6,8 +6,9 @@ import os
 import time
 from typing import TYPE_CHECKING
 
-from schemas.messages import Commands, Result
+from schemas.messages import Commands
 from schemas.wire import topics
+from schemas.wire.control import Result
 from twin.base.errors import InfrastructureError, StackFaultError
 from twin.base.pauses import settle
 from twin.fabric.bus import Bus

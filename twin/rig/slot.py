@@ -10,8 +10,9 @@ from msgspec import structs
 
 from schemas.files.judging import JudgeRecord
 from schemas.identity import stack_name
-from schemas.messages import Command, Episode, Lease, PerceptionCost, Tick
+from schemas.messages import Command, Episode, PerceptionCost, Tick
 from schemas.verdict import is_pass
+from schemas.wire.control import Lease
 from schemas.wire.interventions import RecordedAction
 
 if TYPE_CHECKING:

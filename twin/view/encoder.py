@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Lease
 from schemas.wire import topics
 from schemas.wire.codec import encode
+from schemas.wire.control import Lease
 from schemas.wire.topics import Topic
 from schemas.wire.view import (
     UNNUMBERED,

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.messages import CameraSite, Command, Lease, LidarSite
+from schemas.messages import CameraSite, Command, LidarSite
+from schemas.wire.control import Lease
 from twin.view.quality import Quality
 
 if TYPE_CHECKING:

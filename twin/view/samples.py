@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, Lease, command_mistake
+from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, command_mistake
 from schemas.sections.lidar import POINT_COLUMNS
+from schemas.wire.control import Lease
 from schemas.wire.view import (
     POINT_CM,
     CaseStart,

@@ -12,7 +12,8 @@ from typing import Literal
 from schemas import SCHEMA_VERSION
 from schemas.case import Case
 from schemas.identity import rig_key
-from schemas.messages import (
+from schemas.wire.bounds import SEALED_MAX
+from schemas.wire.control import (
     Beat,
     Bye,
     Ended,
@@ -27,7 +28,6 @@ from schemas.messages import (
     Touch,
     noop_result,
 )
-from schemas.wire.bounds import SEALED_MAX
 from schemas.wire.interventions import JOURNAL_FILE
 from schemas.words import agree, counted
 from twin.worker.effects import (

@@ -19,9 +19,9 @@ import msgspec
 
 from schemas import SCHEMA_VERSION
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.messages import Ended, Lease, Result
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Ended, Lease, Result
 from schemas.wire.delivery import (
     EXTRAS,
     FILES_BYTES_MAX,

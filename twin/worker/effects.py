@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from schemas.messages import Lease, Request
+from schemas.wire.control import Lease, Request
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from schemas.messages import Ended, Lease, Release, Touch
+from schemas.wire.control import Ended, Lease, Release, Touch
 
 
 @dataclass(slots=True)

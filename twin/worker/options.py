@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.case import Case
-from schemas.messages import Share
+from schemas.wire.control import Share
 from schemas.wire.view import ViewMode
 from twin.base.gpu.slot_count import MemoryCount
 from twin.fabric.endpoint import LOOPBACK

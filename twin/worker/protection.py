@@ -103,5 +103,5 @@ def is_podmans(image: ContainerImage) -> bool:
 
 
 def lacking_sandbox() -> dict[str, str]:
-    """:attr:`schemas.messages.Hello.lacks`, as far as sandboxes go."""
+    """:attr:`schemas.wire.control.Hello.lacks`, as far as sandboxes go."""
     return {SANDBOX: reason} if (reason := why_not()) else {}

@@ -12,8 +12,8 @@ from typing import Any
 
 from msgspec import structs
 
-from schemas.messages import Lease, Result
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.control import Lease, Result
 from schemas.wire.interventions import JournalEnd, JournalHead
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.base.software import device_class, software_digest

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from schemas.files.resources import PART_SUFFIX, PARTS_FOLDER, PERIOD_S, ResourceSample
-from schemas.messages import Lease
+from schemas.wire.control import Lease
 from twin.base.errors import storage_error
 from twin.worker.resources import CampaignWork, Meter
 

@@ -24,8 +24,8 @@ import psutil
 
 from schemas.case import Case
 from schemas.kinds.bridge import bridges
-from schemas.messages import Lease, Release
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.control import Lease, Release
 from schemas.wire.expected import expected_of
 from schemas.wire.interventions import RecordedAction
 from twin.base.errors import EXIT_UNFINISHED

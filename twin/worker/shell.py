@@ -21,9 +21,9 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import lacking_bridges
-from schemas.messages import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire.rpc_routes import door
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest

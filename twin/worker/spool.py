@@ -12,8 +12,8 @@ import hashlib
 import msgspec
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Hello, Result, Sealed
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Hello, Result, Sealed
 from twin.fabric.session import seal
 
 _DIGEST_BYTES = 32

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Detection, Explain, Lights, Reply, Request
+from schemas.messages import Detection, Lights
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Explain, Reply, Request
 from schemas.wire.view import (
     POINTS_MAX,
     UNNUMBERED,

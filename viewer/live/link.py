@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Explain, Reply, Request, StatusRequest
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Explain, Reply, Request, StatusRequest
 from schemas.wire.rpc_routes import door
 from schemas.wire.view import SceneMesh
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError

@@ -11,7 +11,7 @@ from conductor.core.fold import fold
 from conductor.core.snapshot import take
 from conductor.core.state import CaseState
 from conductor.records.outcomes import outcomes_of
-from schemas.messages import Lease
+from schemas.wire.control import Lease
 
 LIMIT = 4
 

@@ -32,8 +32,8 @@ from conductor.core.fold import fold
 from conductor.core.session import folder_for
 from conductor.core.snapshot import restore, take
 from conductor.core.state import Issued, State
-from schemas.messages import Beat, Bye, Hello, Lease, Next, Request, Result, Sealed
 from schemas.wire.codec import encode
+from schemas.wire.control import Beat, Bye, Hello, Lease, Next, Request, Result, Sealed
 from schemas.wire.delivery import AttemptFiles, SeenFolder
 from twin.fabric.session import (
     SECRET_BYTES,

@@ -23,11 +23,11 @@ from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Next, Reply, Request, Submit
 from schemas.plan import CASES_MAX, parse_cases
 from schemas.validation import MISTAKES_MAX
 from schemas.wire.bounds import COUNT_MAX, ENTRIES_MAX, INT64_MAX, TICKS_MAX
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Next, Reply, Request, Submit
 
 TOKEN_MAX = 10**18 - 1
 RESULT = {"campaign": "c", "case": "a", "token": 1, "outcome": "verdict", "verdict": "pass"}

@@ -17,7 +17,7 @@ from conductor.journal.owner import FILE_NAME as OWNER_FILE
 from conductor.journal.owner import FolderOwner
 from conductor.journal.store import Journal, JournalError, TakenOverError, read_journal
 from schemas import SCHEMA_VERSION
-from schemas.messages import Reply
+from schemas.wire.control import Reply
 
 
 def _some(number: int) -> Fact:

@@ -10,9 +10,9 @@ from conductor.core.decisions import UNKNOWN_WORKER
 from conductor.core.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Leased, Pinned
 from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Next, Submit
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.codec import encode
+from schemas.wire.control import Next, Submit
 from schemas.wire.realtime import Realtime
 
 

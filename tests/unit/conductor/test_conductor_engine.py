@@ -15,8 +15,8 @@ from conductor.core.fold import fold
 from conductor.journal.store import JournalError
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Beat, Next, Reply, Request, Stop
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Beat, Next, Reply, Request, Stop
 
 
 class Store:

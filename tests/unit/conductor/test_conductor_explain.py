@@ -6,7 +6,7 @@ from conductor_bench import S, ended, hello, result, started
 
 from conductor.core.decisions import worker_lost
 from schemas import SCHEMA_VERSION
-from schemas.messages import StatusRequest
+from schemas.wire.control import StatusRequest
 
 
 def test_the_life_of_a_case_in_sentences() -> None:

@@ -24,9 +24,9 @@ from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import ID_CHARS_MAX
 from schemas.files.yaml_file import YamlError, parse_yaml
-from schemas.messages import Next, Request, Result, Submit
 from schemas.plan import parse_cases
 from schemas.wire.codec import CONTAINERS_MAX, WireError, decode, encode
+from schemas.wire.control import Next, Request, Result, Submit
 from schemas.wire.delivery import AttemptFiles, files_sha256
 from twin.base.errors import InfrastructureError
 
@@ -67,7 +67,7 @@ def test_messages_that_swell_are_refused_before_they_do() -> None:
     """Empty maps take 64 times their bytes: without the limit this needs two gigabytes."""
     program = (
         "import msgpack\n"
-        "from schemas.messages import Request\n"
+        "from schemas.wire.control import Request\n"
         "from schemas.wire.codec import WireError, decode\n"
         "bomb = msgpack.packb({'v': 1, 'verb': 'submit', 'campaign': {}})[:-1]\n"
         "bomb += b'\\x81\\xa1a\\xdd' + (15_000_000).to_bytes(4, 'big') + b'\\x80' * 15_000_000\n"

@@ -12,9 +12,9 @@ from conductor.core.fold import fold
 from conductor.core.snapshot import take
 from conductor.core.state import State
 from schemas.identity import campaign_digest, case_digest, rig_key
-from schemas.messages import Reply
 from schemas.plan import expand, parse_campaign
 from schemas.sections.stack_identity import StackIdentity
+from schemas.wire.control import Reply
 
 ONE = {"digest": "1" * 64, "parts": {"mine.py": "a" * 12, "near.py": "b" * 12}}
 TWO = {"digest": "2" * 64, "parts": {"mine.py": "a" * 12, "near.py": "c" * 12}}

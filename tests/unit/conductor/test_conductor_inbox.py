@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from conductor.serve.inbox import GROUP_MAX, Inbox
-from schemas.messages import Reply
 from schemas.wire.codec import MESSAGE_BYTES_MAX, decode
+from schemas.wire.control import Reply
 
 
 def filled(count: int, payload: bytes = b"x") -> tuple[Inbox, list[Reply]]:

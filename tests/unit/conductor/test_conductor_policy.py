@@ -23,7 +23,7 @@ from conductor.core.grant import SPREAD_MAX, _preferred, _spread
 from conductor.core.lease import token_of
 from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Lease, Share, Submit
+from schemas.wire.control import Lease, Share, Submit
 
 
 def _prioritised(name: str, priority: int, cases: int = 4, width: int = 640) -> Submit:

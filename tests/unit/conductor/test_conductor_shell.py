@@ -26,9 +26,9 @@ from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import Campaign
 from schemas.files.yaml_file import load_yaml
-from schemas.messages import Reply, StatusRequest, Stop
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Reply, StatusRequest, Stop
 from schemas.wire.rpc_routes import door
 from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.bus import Bus, Sample

@@ -6,7 +6,7 @@ import pytest
 from conductor_bench import Bench, S, ended, hello, result, started
 
 from conductor.core.facts import CaseEnded, Committed, LateAttempt, Leased
-from schemas.messages import Lease
+from schemas.wire.control import Lease
 
 
 def _racing() -> tuple[Bench, Lease, Lease]:

@@ -13,7 +13,7 @@ from conductor.core.snapshot import take
 from conductor.records.outcomes import outcomes_of
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION
-from schemas.messages import Beat, Touch
+from schemas.wire.control import Beat, Touch
 
 PAUSE = Touch(40, "pause", 0)
 FOG = Touch(41, "environment weather=heavy_fog", 1)

@@ -11,7 +11,7 @@ from conductor.core.decisions import worker_lost
 from conductor.core.facts import AttemptEnded, CaseEnded, Committed
 from conductor.core.settle import LOSSES_ANYWAY
 from conductor.core.state import Config
-from schemas.messages import Lease
+from schemas.wire.control import Lease
 
 
 def _die(bench: Bench, leases: list[Lease], worker: str = "w1", reason: str = "crash") -> None:

@@ -13,9 +13,9 @@ from prometheus_client.core import GaugeMetricFamily
 from conductor.core.status import status
 from conductor.records.outcomes import CaseOutcome, Outcomes, exit_code, outcomes_of
 from conductor.serve.metrics import ConductorCollector
-from schemas.messages import Result
 from schemas.verdict import is_pass, no_collision
 from schemas.wire.bounds import Token
+from schemas.wire.control import Result
 from schemas.wire.view import CaseEnd, Thumbnail
 
 DATA = Path(__file__).parent / "data"

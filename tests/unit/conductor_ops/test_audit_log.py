@@ -18,9 +18,9 @@ from conductor.cli import app
 from conductor.serve.audit import ALL_LINES_MAX, FILE_NAME, LINES_MAX, OLD_NAME, PERIOD_S, Audit
 from conductor.serve.shell import SUBMISSIONS_PER_MINUTE
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Control, Reply, Request, StatusRequest, Stop
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Control, Reply, Request, StatusRequest, Stop
 from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
 from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.authority import make_keys

@@ -15,9 +15,9 @@ from waiting import PATIENCE_S
 import conductor.serve.inbox
 from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Reply, Request, StatusRequest, Stop
 from schemas.wire import topics
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.control import Reply, Request, StatusRequest, Stop
 from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
 
 Ask = Callable[..., Reply]

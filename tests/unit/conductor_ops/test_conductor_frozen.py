@@ -12,8 +12,8 @@ import conductor.serve.shell
 from conductor.core.state import Config
 from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
-from schemas.messages import Reply
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Reply
 
 
 def test_leases_get_a_full_time_to_live_after_waking_up(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from conductor.run.places import (
     parse_workers,
     ranges,
 )
-from schemas.messages import Share
+from schemas.wire.control import Share
 from twin.base.errors import UsageError
 
 

@@ -13,9 +13,9 @@ from waiting import PATIENCE_S
 import schemas.wire.rpc_routes
 from conductor.serve.inbox import GROUP_MAX, OTHERS_WAITING_MAX, Inbox
 from schemas import SCHEMA_VERSION as V
-from schemas.messages import Beat, Reply, StatusRequest
 from schemas.wire import topics
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
+from schemas.wire.control import Beat, Reply, StatusRequest
 from schemas.wire.rpc_routes import (
     DOORS,
     PEEK_BYTES,

@@ -15,7 +15,7 @@ from conductor.core.facts import WorkerJoined
 from conductor.journal.store import Journal
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace
-from schemas.messages import Share
+from schemas.wire.control import Share
 from twin.base.gpu.first_use import PLACE_VARIABLE
 
 SHARES = [Share(stretch, 2, 0, 1) for stretch in range(2)]
@@ -25,7 +25,7 @@ import sys
 from conductor import cli
 from conductor.run import command as run
 from conductor.run.places import WorkerPlace
-from schemas.messages import Share
+from schemas.wire.control import Share
 run._places = lambda options, left: [WorkerPlace("cpu", (), Share(n, 2, 0, 1)) for n in range(2)]
 sys.exit(cli.main())
 """

@@ -19,9 +19,9 @@ from conductor.commands.client import ConductorClient
 from conductor.serve.shell import Conductor
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.messages import Reply, Submit
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Reply, Submit
 from twin.base.errors import UsageError
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import LINE_MARK, load_key

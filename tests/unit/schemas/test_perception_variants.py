@@ -11,10 +11,10 @@ from case_changes import changed
 from conductor.core.case_table import pack, unpack
 from conductor.run.source import check, load
 from schemas.identity import campaign_digest, case_digest, rig_key
-from schemas.messages import Lease
 from schemas.plan import expand, parse_cases
 from schemas.sections.perception import NetworkPerception, file_fields
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Lease
 from schemas.wire.expected import EXPECTED_MAX, expected_of
 from twin.base.errors import UsageError
 

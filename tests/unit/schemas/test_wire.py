@@ -8,17 +8,9 @@ from hypothesis import strategies as st
 
 from schemas import SCHEMA_VERSION
 from schemas.files.kpi import headlight_code
-from schemas.messages import (
-    Beat,
-    Command,
-    Commands,
-    Detection,
-    Reply,
-    Request,
-    Tick,
-    command_mistake,
-)
+from schemas.messages import Command, Commands, Detection, Tick, command_mistake
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Beat, Reply, Request
 
 
 def test_round_trip():

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from schemas.messages import Command, Lease
+from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
+from schemas.wire.control import Lease
 from twin.rig.engine import Engine
 from twin.view.samples import stage_of
 from twin.world.scene import load_scene

@@ -14,7 +14,7 @@ import pytest
 from kpi_columns import cases, drive
 
 from schemas.files.judging import Claim, Judgement
-from schemas.messages import Lease, Result
+from schemas.wire.control import Lease, Result
 from twin.kpi.judge import examine
 from twin.records.kpi_file import read_kpi, write_kpi
 from twin.rig.attempt import write_attempt

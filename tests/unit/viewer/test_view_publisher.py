@@ -11,10 +11,11 @@ import pytest
 from case_changes import changed
 from waiting import PATIENCE_S, wait_for
 
-from schemas.messages import Command, Lease
+from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
 from schemas.wire import topics
 from schemas.wire.codec import decode
+from schemas.wire.control import Lease
 from schemas.wire.view import (
     UNNUMBERED,
     CameraSample,

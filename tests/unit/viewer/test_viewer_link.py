@@ -9,9 +9,9 @@ import pytest
 from waiting import PATIENCE_S, wait_for
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Explain, Reply, Request
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Explain, Reply, Request
 from schemas.wire.view import SceneMesh
 from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import Target

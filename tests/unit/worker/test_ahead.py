@@ -15,10 +15,10 @@ from case_changes import changed
 from waiting import PATIENCE_S, wait_for
 
 from conductor.run.source import load
-from schemas.messages import Lease
 from schemas.plan import expand
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.control import Lease
 from twin.rig.pipe import BuildRig, Built, Listening, pack
 from twin.sandbox.start import own_code
 from twin.worker.options import WorkerOptions

@@ -10,9 +10,10 @@ from msgspec import structs
 from schemas import SCHEMA_VERSION
 from schemas.files.drive_record import DRIVE_FILE, FILE_BYTES_MAX
 from schemas.identity import case_digest, rig_key
-from schemas.messages import Command, Episode, Lease, Result, Tick
+from schemas.messages import Command, Episode, Tick
 from schemas.plan import expand, parse_campaign
 from schemas.sections.perception import GroundTruthPerception
+from schemas.wire.control import Lease, Result
 from twin.base.errors import UsageError
 from twin.records.drive_record import RecordReader, RecordWriter, coded, decoded
 from twin.rig.drive_recorder import DriveRecorder

@@ -7,7 +7,7 @@ import pytest
 from case_changes import changed
 from unit.twin.test_engine import case
 
-from schemas.messages import Lease
+from schemas.wire.control import Lease
 from twin.base.errors import InfrastructureError, UsageError
 from twin.rig.interventions.journal import InterventionJournal
 from twin.rig.pipe import Progress

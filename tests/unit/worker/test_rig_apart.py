@@ -16,9 +16,9 @@ from msgspec import structs
 from waiting import PATIENCE_S
 
 from conductor.run.source import load
-from schemas.messages import Lease
 from schemas.plan import expand
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.control import Lease
 from twin.base.gpu.first_use import PIPES_VARIABLE, apart
 from twin.rig.pipe import Built, Listening
 from twin.worker.options import WorkerOptions

@@ -10,9 +10,10 @@ from case_changes import changed
 from unit.twin.test_engine import ask, case
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Explain, Lease, Reply, SensorErrors, StatusRequest
+from schemas.messages import SensorErrors
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Explain, Lease, Reply, StatusRequest
 from schemas.wire.interventions import (
     JOURNAL_FILE,
     ControlReply,

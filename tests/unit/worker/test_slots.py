@@ -3,8 +3,8 @@
 import pytest
 
 from conductor.run.source import load
-from schemas.messages import Lease
 from schemas.plan import expand
+from schemas.wire.control import Lease
 from twin.rig.slot import RigTick, Slot, SlotEnd, Slots
 from twin.rig.slot_listener import SlotListener, SlotListeners
 

@@ -8,9 +8,9 @@ from case_changes import changed
 
 from schemas import SCHEMA_VERSION
 from schemas.identity import rig_key
-from schemas.messages import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
 from schemas.plan import expand, parse_campaign
 from schemas.wire.codec import decode
+from schemas.wire.control import Beat, Bye, Hello, Lease, Next, Reply, Result, Touch
 from twin.fabric.session import is_sealed, signer_of
 from twin.worker.core import GOODBYE_TRIES, IDLE_NS, RETRY_NS, SECOND_NS, Core
 from twin.worker.effects import (

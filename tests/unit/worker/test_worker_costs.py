@@ -3,8 +3,9 @@
 import pytest
 
 from conductor.run.source import load
-from schemas.messages import Lease, PerceptionCost
+from schemas.messages import PerceptionCost
 from schemas.plan import expand
+from schemas.wire.control import Lease
 from twin.rig.slot import Slot
 
 LEASE = Lease(1, 1, "", expand(load("chaos-16"))[0])

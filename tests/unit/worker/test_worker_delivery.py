@@ -12,10 +12,10 @@ from case_changes import changed
 from conductor.serve.deliveries import Deliveries
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.messages import Ended, Lease, Result
 from schemas.plan import expand
 from schemas.wire import topics
 from schemas.wire.codec import encode
+from schemas.wire.control import Ended, Lease, Result
 from schemas.wire.delivery import Delivered
 from twin.base.errors import InfrastructureError
 from twin.fabric.memory_bus import MemoryHub

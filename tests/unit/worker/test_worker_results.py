@@ -12,9 +12,10 @@ from msgspec import structs
 from waiting import PATIENCE_S
 
 from conductor.run.source import load
-from schemas.messages import Lease, PerceptionCost
+from schemas.messages import PerceptionCost
 from schemas.plan import expand
 from schemas.wire.codec import decode, encode
+from schemas.wire.control import Lease
 from twin.base.errors import TwinError
 from twin.kpi.recorder import KpiRecorder
 from twin.rig.drive_recorder import DriveRecorder

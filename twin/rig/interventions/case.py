@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
-from schemas.messages import Command, Lease, Lights, SensorErrors, Touch
+from schemas.messages import Command, Lights, SensorErrors
+from schemas.wire.control import Lease, Touch
 from schemas.wire.interventions import (
     Action,
     GiveBack,

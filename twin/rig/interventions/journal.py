@@ -12,7 +12,7 @@ import msgspec
 from schemas import SCHEMA_VERSION
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.messages import Lease, Result
+from schemas.wire.control import Lease, Result
 from schemas.wire.interventions import (
     JOURNAL_FILE,
     Action,

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from schemas import SCHEMA_VERSION
-from schemas.messages import Touch
 from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Touch
 from schemas.wire.interventions import (
     JOURNAL_FILE,
     Action,
