@@ -134,7 +134,7 @@ def _conductor_files(folder: Path) -> None:
 
 
 def _result_files(folder: Path) -> None:
-    values: dict[str, Any] = {"float64": 1.5, "int32": 1, "int64": 2, "bool": True}
+    values: dict[str, Any] = {"float64": 1.5, "int32": 1, "int64": 2, "bool": True, "name": "car"}
     values["detections"] = [
         {
             **dict.fromkeys(("confidence", "x_px", "y_px", "width_px", "height_px"), 1.0),
