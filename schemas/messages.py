@@ -16,9 +16,7 @@ from schemas.identity import stack_name, stack_seed
 from schemas.kinds.sensors import encoders, gnss, imu, pose
 from schemas.sections.lens import Lens
 from schemas.sections.perception import Perception
-from schemas.wire.bounds import (
-    Ticks,
-)
+from schemas.wire.bounds import Ticks
 from schemas.wire.pose import Pose as Pose
 from schemas.wire.pose import pose_mistake
 
