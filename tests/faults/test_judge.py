@@ -7,7 +7,9 @@ from injection import Outcome
 from ledger import Quiet, count
 from name_server import answer
 from table import BEGIN, END, markdown, put_into, tabulate
+from wire_messages import case
 
+from conductor.core.case_table import pack
 from conductor.core.facts import Committed, LateAttempt, Submitted
 from conductor.journal.store import Journal
 from schemas.wire.control import Result
@@ -28,7 +30,7 @@ def result(case, digest, token=1):
 def judge(tmp_path, *facts):
     """What the judge says about a journal of these facts."""
     journal = Journal(tmp_path)
-    journal.append([Submitted({}, [], "d", str(tmp_path / "c")), *facts])
+    journal.append([Submitted({}, pack([case()]), "d", str(tmp_path / "c")), *facts])
     journal.close()
     found = count(tmp_path, 1, PEACE)
     return found.cases, found.lost, found.doubled, found.wrong
