@@ -129,9 +129,10 @@ def sensors_of(
     """The sensors with the fields that a point of the matrix sets."""
     changed: dict[str, Any] = {}
     mistakes = []
+    sections = sensors.sections()
     for kind in sensor_kinds().declared:
         name, prefix = kind.name, f"sensors.{kind.name}"
-        before = sensors.sections().get(name, kind.config(on=False))
+        before = sections[name] if name in sections else kind.config(on=False)
         section, found = section_of(before, prefix, point, where, memo)
         mistakes += found
         if section is before:

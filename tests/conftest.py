@@ -7,6 +7,7 @@ import re
 import shutil
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ FOLDERS = {"e2e": "e2e", "faults": "faults", "redteam": "faults"}
 _IMPORT = re.compile(rf"^\s*(?:from|import) ({'|'.join(IMPORTS)})\b", re.MULTILINE)
 
 
+@cache
 def marks_of(path: Path) -> set[str]:
     """What a file of tests needs beyond Python and a core."""
     marks = {IMPORTS[package] for package in _IMPORT.findall(path.read_text())}
@@ -76,11 +78,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in slow]
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
     items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
-    marks: dict[Path, set[str]] = {}
     for item in items:
-        if item.path not in marks:
-            marks[item.path] = marks_of(item.path)
-        for mark in marks[item.path]:
+        for mark in marks_of(item.path):
             item.add_marker(mark)
 
 

@@ -22,6 +22,7 @@ from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Sandboxed
 from twin.sandbox.view import SandboxView
+from twin.worker.resources import read_tree
 
 START_MS_MAX = 50.0
 """Target: what a sandbox may add to the start of a rig [ms]."""
@@ -132,13 +133,11 @@ def _processor_s(child: subprocess.Popen[bytes]) -> float:
     What the kernel counts for a parent does not do: a ``bwrap`` ends before the namespace that it
     made, so nobody waits for what ran in there, and its time is counted nowhere.
     """
-    used_s: dict[psutil.Process, float] = {}
+    used_s: dict[tuple[int, float], float] = {}
     root = psutil.Process(child.pid)
     while child.poll() is None:
         with contextlib.suppress(psutil.NoSuchProcess):
-            for process in (root, *root.children(recursive=True)):
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    times = process.cpu_times()
-                    used_s[process] = times.user + times.system
+            for reading in read_tree(root):
+                used_s[reading.pid, reading.born_s] = reading.cpu_s
         time.sleep(_LOOK_S)
     return sum(used_s.values())

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from foreign_distributions import install
 from waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -110,8 +111,7 @@ class Installed:
 
     def distribution(self, name: str, *points: str) -> None:
         lines = "\n".join(("[drivetwin.schedulers]", *points))
-        self.file(f"{name}-1.0.dist-info/METADATA", f"Name: {name}\nVersion: 1.0\n")
-        self.file(f"{name}-1.0.dist-info/entry_points.txt", lines)
+        install(self.packages, name, "1.0", lines)
 
     def hpc(
         self, *words: str, path: str | None = os.environ["PATH"]

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from foreign_distributions import install
 
 import schemas.kinds.batch_system
 import schemas.kinds.bridge
@@ -92,10 +93,7 @@ def test_the_keys_of_a_family():
 def _with_distribution(folder: Path, points: str, module: str, code: str) -> list[str]:
     """Lines that ``code`` prints beside a distribution ``other 1.5`` with a module."""
     (folder / "other_kinds.py").write_text(module)
-    info = folder / "other-1.5.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.5\n")
-    (info / "entry_points.txt").write_text(points)
+    install(folder, "other", "1.5", points)
     prelude = f"import sys; sys.path.insert(0, {str(folder)!r})\n"
     done = subprocess.run(
         [sys.executable, "-c", prelude + code], check=True, cwd=ROOT, stdout=subprocess.PIPE

@@ -1,15 +1,12 @@
 """The example of docs/kinds.md, installed as a distribution: it runs, is judged again, reported."""
 
 import json
-import os
-import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from foreign_distributions import ROOT, of_page
 
-ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/kinds.md").read_text()
 CAMPAIGN = """\
 campaign: quiet
@@ -25,20 +22,8 @@ matrix: {weather: [clear]}
 @pytest.fixture
 def mine(tmp_path):
     """Environment in which the distribution of the page is installed."""
-    declared, family = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    points = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
-    site = tmp_path / "site"
-    (site / "mine").mkdir(parents=True)
-    (site / "mine/__init__.py").touch()
-    (site / "mine/kinds.py").write_text(declared)
-    (site / "mine/quiet.py").write_text(family)
-    info = site / "mine-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
-    text = points.replace('project.entry-points."', "").replace('"]', "]").replace('"', "")
-    (info / "entry_points.txt").write_text(text)
-    path = os.pathsep.join([str(site), str(ROOT)])
-    return {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(tmp_path / "home")}
+    _, environment = of_page(PAGE, "quiet", tmp_path)
+    return environment
 
 
 def run(command, env, *, codes=(0,)):

@@ -1,15 +1,12 @@
 """The example of docs/add-a-sensor.md, installed as a distribution: it is checked, sensed, sent."""
 
 import json
-import os
-import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from foreign_distributions import ROOT, of_page
 
-ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/add-a-sensor.md").read_text()
 CAMPAIGN = """\
 campaign: warm
@@ -34,21 +31,9 @@ class Reads(IdleStack):
 @pytest.fixture
 def mine(tmp_path):
     """Environment in which the distribution of the page is installed."""
-    declared, sensor = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    points = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
-    site = tmp_path / "site"
-    (site / "mine").mkdir(parents=True)
-    (site / "mine/__init__.py").touch()
-    (site / "mine/kinds.py").write_text(declared)
-    (site / "mine/thermometer.py").write_text(sensor)
+    site, environment = of_page(PAGE, "thermometer", tmp_path)
     (site / "reading_stack.py").write_text(STACK)
-    info = site / "mine-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
-    text = points.replace('project.entry-points."', "").replace('"]', "]").replace('"', "")
-    (info / "entry_points.txt").write_text(text)
-    path = os.pathsep.join([str(site), str(ROOT)])
-    return {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(tmp_path / "home")}
+    return environment
 
 
 def run(env, *words, codes=(0,)):
