@@ -5,6 +5,7 @@ from __future__ import annotations
 import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
+import os
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -27,6 +28,7 @@ from schemas.sections.stack_identity import StackSource
 from schemas.wire.expected import Expected
 from twin.base.cli import make_app, run
 from twin.base.errors import UsageError
+from twin.base.process import PARENT_VARIABLE, bind_to_parent, watch_lifeline
 from twin.base.worker_start import LATER
 from twin.sandbox.inside import limit_self
 from twin.sandbox.view import decode
@@ -42,6 +44,20 @@ app.command("evaluate")(evaluate)
 app.command("parity")(parity)
 app.command("check")(check)
 app.command("replay")(replay)
+
+
+@app.command(hidden=True)
+def kernels(
+    device: Annotated[str, typer.Option(help="Where networks will compute, cpu or cuda:N.")],
+    into: Annotated[Path, typer.Option(help="Folder to make.")],
+) -> None:
+    """Compile the kernels of the shipped networks, as workers do for stacks in sandboxes."""
+    from devkit.detector.compiling import compile_kernels
+
+    if os.environ.get(PARENT_VARIABLE):
+        bind_to_parent()
+        watch_lifeline()
+    compile_kernels(device, into)
 
 
 RigKey = Annotated[

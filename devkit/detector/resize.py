@@ -17,8 +17,8 @@ import warp as wp
 
 from devkit.detector.description import DetectorDescription
 from devkit.images import Images, device_pointer
-from twin.world.kernel_cache import prepare_kernels
-from twin.world.kernel_cache import wake as wake  # for others: only here is this import allowed
+from twin.world.kernel_cache import prepare_kernels as prepare_kernels  # for others, too:
+from twin.world.kernel_cache import wake as wake  # only here is this import allowed
 
 wp.set_module_options({"enable_backward": False})
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from schemas.case import Case
 from schemas.sections.autonomy import SANDBOX, UNPROTECTED, open_by_nature
 from schemas.sections.foreign import ContainerImage
+from twin.base.gpu.compiled_kernels import VARIABLE, compiled_folder
 from twin.base.gpu.first_use import PIPES_VARIABLE, PLACE_VARIABLE, TURNS_VARIABLE
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads, script_folder, stack_reads
@@ -67,8 +68,12 @@ def protection(
     if on_gpu and mode == "default" and (pipes := os.environ.get(PIPES_VARIABLE)):
         writable.append(Path(pipes))
         shared.append("Multi-Process Service")
-    turns = _turns() if on_gpu else {}
-    reads += [Path(path).parent for name, path in turns.items() if name == TURNS_VARIABLE]
+    variables = _turns() if on_gpu else {}
+    reads += [Path(path).parent for name, path in variables.items() if name == TURNS_VARIABLE]
+    compiled = compiled_folder(device) if on_gpu else None
+    if compiled is not None and compiled.is_dir():
+        reads.append(compiled)
+        variables[VARIABLE] = str(compiled)
     if folder is None:
         shared.append("network")
     else:
@@ -81,7 +86,7 @@ def protection(
         device=device,
         shared=shared,
         containers=image is not None,
-        variables=turns,
+        variables=variables,
     )
     later = foreign is not None and foreign.repository is not None
     shown = [*(["GPU"] if on_gpu else []), *shared]

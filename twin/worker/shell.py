@@ -8,6 +8,7 @@ import queue
 import secrets
 import signal
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -26,6 +27,7 @@ from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire.rpc_routes import door
 from twin.base.errors import TwinError, UsageError, storage_error
+from twin.base.process import end
 from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import check_protected, to_listen
@@ -68,6 +70,7 @@ from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig_process import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
+from twin.worker.stack_process import compile_kernels
 
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""
@@ -119,6 +122,7 @@ class Worker:
         self._bus: Bus | None = None
         self._spool = SpoolFolder(options.spool)
         self._delivery: Delivery | None = None
+        self._compiling: subprocess.Popen[bytes] | None = None
         self._asked_s = 0.0
         self._error = ""
         self._left = False
@@ -184,10 +188,14 @@ class Worker:
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
         self._carry_out(self._core.on_spool(self._spool.read()))
         self._resources.start()
+        self._compiling = compile_kernels(self._options.device)
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
 
     def _shutdown(self) -> None:
         self._resources.close()
+        if self._compiling is not None:
+            self._compiling.kill()
+            end(self._compiling)
         if self._rig is not None:
             self._rig.stop()
         if self._loading is not None:

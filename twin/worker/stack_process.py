@@ -17,6 +17,7 @@ from typing import IO
 from msgspec import json
 
 from schemas.case import Case
+from twin.base.gpu.compiled_kernels import compiled_folder
 from twin.base.process import spawn
 from twin.base.worker_start import LATER
 from twin.sandbox.start import Entering, spawn_inside
@@ -63,6 +64,16 @@ def start_stack(
         command += ["--sandbox", encode(view)]
         return spawn(command, environment=variables, log=log, kind=Entering)
     return spawn_inside(command, view, log)
+
+
+def compile_kernels(device: str) -> subprocess.Popen[bytes] | None:
+    """Have what networks need compiled outside the sandboxes of stacks, which keep nothing; None:
+    there is nothing to do. Only from the main thread."""
+    folder = compiled_folder(device) if device.startswith("cuda") else None
+    if folder is None or folder.is_dir():
+        return None
+    words = [sys.executable, "-m", "devkit", "kernels", "--device", device, "--into", str(folder)]
+    return spawn(words)
 
 
 def load_stack(device: str, folder: Path, log: IO[bytes]) -> RigChild:

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import warp as wp
 
+from twin.base.gpu.compiled_kernels import link_compiled
+
 
 def prepare_kernels() -> None:
     """Start Warp quietly with a kernel cache that can be written; repeated calls do nothing.
@@ -30,6 +32,7 @@ def prepare_kernels() -> None:
     folder = _usual()
     if _writable(folder):
         _init()
+        link_compiled(Path(wp.config.kernel_cache_dir))
         return
     fallback = _fallback()
     # Before wp.init(): it creates the folder and fails where it cannot.
