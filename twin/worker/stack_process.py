@@ -20,6 +20,7 @@ from schemas.case import Case
 from twin.base.gpu.compiled_kernels import compiled_folder
 from twin.base.process import spawn
 from twin.base.worker_start import LATER
+from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Entering, spawn_inside
 from twin.sandbox.view import SandboxView, encode
 from twin.worker.protection import protection
@@ -87,14 +88,21 @@ def load_stack(device: str, folder: Path, log: IO[bytes]) -> RigChild:
 
 def may_run(case: Case) -> bool:
     """Whether a process of :func:`load_stack` may run the stack of ``case``."""
-    beside = (case.variation.models, case.rig.source.files, case.rig.source.parameters)
     return (
         case.rig.placement == "worker"
         and case.rig.foreign is None
         and case.rig.stack.startswith(SHIPPED)
         and case.rig.sandbox == "default"
-        and not any(beside)
+        and not case.rig.source.files
+        and not case.rig.source.parameters
+        and _all_seen(case.variation.models)
     )
+
+
+def _all_seen(paths: Sequence[str]) -> bool:
+    """Whether a sandbox without a campaign shows these files; it does those of our packages."""
+    folders = python_reads() if paths else []
+    return all(any(folder in Path(path).parents for folder in folders) for path in paths)
 
 
 def tell_stack(process: subprocess.Popen[bytes], arguments: Sequence[str]) -> bool:

@@ -15,6 +15,7 @@ from case_changes import changed
 from waiting import PATIENCE_S, wait_for
 
 from conductor.run.source import load
+from devkit.detector.model_files import shipped_models
 from schemas.plan import expand
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
@@ -185,6 +186,9 @@ def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
         )
     ]
     assert not any(may_run(other) for other in others)
+    shipped = str(shipped_models()["yolov3-w25"])
+    assert may_run(changed(case, models=[shipped]))
+    assert not may_run(changed(case, models=[shipped, str(tmp_path / "own.onnx")]))
     loading = begin_loading("cpu")
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=others[-1])
     rig = RigProcess(OPTIONS, lease, 1, queue.SimpleQueue(), loading)
