@@ -11,7 +11,6 @@ import pyarrow as pa
 
 from conductor.records.fingerprint import Fingerprint, committed_rows, fingerprint, label_of
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
-from schemas.files.kpi import KPI_COLUMNS
 from schemas.words import counted
 from twin.records.kpi_file import canonical
 
@@ -86,11 +85,9 @@ def _rows_differ(one: pa.Table, two: pa.Table) -> str:
     """Which columns differ, and the first value that does."""
     if one.num_rows != two.num_rows:
         return f"{counted(one.num_rows, 'tick')} against {two.num_rows}"
-    names = [
-        column.name
-        for column in KPI_COLUMNS
-        if _bytes(one, column.name) != _bytes(two, column.name)
-    ]
+    if odd := sorted({*one.column_names} ^ {*two.column_names}):
+        return f"KPI column {odd[0]} is in one of them only"
+    names = [name for name in one.column_names if _bytes(one, name) != _bytes(two, name)]
     tick, name, values = min((_first(one, two, name) for name in names), key=lambda found: found[0])
     more = f" and {len(names) - COLUMNS_NAMED_MAX} more" if len(names) > COLUMNS_NAMED_MAX else ""
     shown = ", ".join(names[:COLUMNS_NAMED_MAX])

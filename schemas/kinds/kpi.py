@@ -73,6 +73,10 @@ class KpiKind:
     """Short name beside a case's picture; empty: it does not stand there."""
     curve: CurveLook | None = None
     """None: it is not drawn."""
+    implementation: str = ""
+    """``module:attribute`` of a function that takes the rows of a case,
+    :class:`twin.scenario.protocol.Rows`: a column's gives float64 [rows], NaN where missing; a
+    scalar's gives a number or None. Empty: the recorder or the scenario's family gives it."""
 
 
 @cache
@@ -96,7 +100,14 @@ def scalars_by_name() -> dict[str, KpiKind]:
 
 
 @cache
+def columns_by_name() -> dict[str, KpiKind]:
+    """Every column, also those that only some scenarios have: those of every file first."""
+    return {kind.name: kind for kind in kpi_kinds().declared if kind.place == "column"}
+
+
+@cache
 def drawn_columns() -> tuple[KpiKind, ...]:
     """The columns that reports draw, from top to bottom."""
-    found = [(kind.curve.place, kind) for kind in shipped("column") if kind.curve is not None]
+    every = columns_by_name().values()
+    found = [(kind.curve.place, kind) for kind in every if kind.curve is not None]
     return tuple(kind for _, kind in sorted(found, key=lambda pair: pair[0]))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import UNSET, Struct
 
-from schemas.kinds.kpi import KpiKind, scalars_by_name, shipped
+from schemas.kinds.kpi import KpiKind, columns_by_name, scalars_by_name, shipped
 from schemas.kinds.registry import Kinds, read_kinds
 from schemas.kinds.verdict import VERDICTS, VerdictKind
 
@@ -120,12 +120,20 @@ class ScenarioKind:
     verdicts: tuple[VerdictKind, ...] = ()
     """Verdict words that only this family has."""
     kpis: tuple[str, ...] = ()
-    """Scalars that its cases have beside those of all; each is declared as a KPI."""
+    """Scalars and columns that its cases have beside those of all; each is declared as a KPI."""
 
     @property
     def scalars(self) -> tuple[KpiKind, ...]:
         """Scalars of its cases, in the order of files."""
-        return (*shipped("scalar"), *(scalars_by_name()[name] for name in self.kpis))
+        own = (scalars_by_name()[name] for name in self.kpis if name in scalars_by_name())
+        return (*shipped("scalar"), *own)
+
+    @property
+    def columns(self) -> tuple[KpiKind, ...]:
+        """Columns that its cases have behind those of all, in the order of files: first those that
+        the family gives, then those that are computed."""
+        own = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
+        return tuple(sorted(own, key=lambda kind: bool(kind.implementation)))
 
     def config_of(self, scenario: Scenario) -> Any:
         """The keys of this family in a scenario, as ``config``.
@@ -159,8 +167,16 @@ def _mistake(kind: ScenarioKind, taken: set[str]) -> str:
     """Why a family cannot be used beside those before it; empty: it can."""
     if keys := [name for name in kind.config.__struct_fields__ if name in taken]:
         return f"its key '{keys[0]}' is one of the section or of another family"
-    if unknown := [name for name in kind.kpis if name not in scalars_by_name()]:
-        return f"no distribution declares its scalar '{unknown[0]}'"
+    if unknown := [n for n in kind.kpis if n not in scalars_by_name() | columns_by_name()]:
+        return f"no distribution declares its KPI '{unknown[0]}'"
+    every = {column.name for column in shipped("column")}
+    if twice := [name for name in kind.kpis if name in every]:
+        return f"its KPI '{twice[0]}' is one of every case"
+    if odd := [c.name for c in kind.columns if c.type != "float64" or not c.nullable]:
+        return f"its KPI column '{odd[0]}' must be of type float64 and nullable"
+    drawn = {c.name for c in (*shipped("column"), *kind.columns) if c.curve is not None}
+    if bare := [name for name in kind.report.curves if name not in drawn]:
+        return f"its report draws '{bare[0]}', which is no column of its cases with a curve"
     return ""
 
 

@@ -22,10 +22,13 @@ from schemas.files.judging import (
     attempt_digest,
 )
 from schemas.files.regular_file import read_regular
+from schemas.kinds.kpi import KpiKind
+from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
 from schemas.words import plain
 from twin.base.errors import InfrastructureError
 from twin.kpi import verdict as judging
+from twin.kpi.computed import computed_column
 from twin.kpi.judge_record import hit_of, state_of, surroundings_of
 from twin.records.kpi_file import kpi_sha256, read_kpi
 from twin.scenario.families import replay
@@ -111,7 +114,10 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
         differences.append(f"{RECORD_FILE} counts {record.collisions} collisions, the rows {seen}")
     state, hit = state_of(record), hit_of(record)
     run = replay(record.scenario, surroundings_of(record), rows)
-    differences += _of_values("scalar", claim.scalars, judging.scalars(rows, state, run, hit))
+    kind = kind_of(record.scenario)
+    differences += _of_columns(kind.columns, rows)
+    scalars = judging.scalars(rows, state, run, hit, kind.scalars)
+    differences += _of_values("scalar", claim.scalars, scalars)
     if claim.outcome != "verdict":
         return differences
     differences += _of_values("name", claim.names, judging.names(rows, state, hit))
@@ -124,6 +130,18 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
     elif not _alike(claim.reasons[: len(mine.reasons)], mine.reasons):
         differences.append(f"the reason is '{mine.reasons[0]}', committed {claim.reasons[:1]}")
     return [plain(line, 300) for line in differences]
+
+
+def _of_columns(kinds: Sequence[KpiKind], rows: TableRows) -> list[str]:
+    """Columns that do not follow from the others, as they were computed."""
+    found = []
+    for kind in kinds:
+        if kind.implementation:
+            said = np.where(rows.valid(kind.name), rows.column(kind.name), np.nan)
+            mine = computed_column(kind, rows)
+            if not np.allclose(said, mine, rtol=1e-9, atol=1e-12, equal_nan=True):
+                found.append(f"column {kind.name} does not follow from the others")
+    return found
 
 
 def _of_values(what: str, said: dict[str, Any], found: dict[str, Any]) -> list[str]:

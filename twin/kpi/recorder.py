@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS, headlight_code
+from schemas.kinds.kpi import KpiKind, columns_by_name
 from schemas.messages import Command, Lights
+from twin.kpi.computed import computed_column
 from twin.kpi.table import DetectionColumn, KpiColumn, KpiTable
 from twin.vehicle.columns import COLUMN
 
@@ -26,9 +28,15 @@ _TYPES: dict[str, type] = {
 """How rows are kept; a name as its number in the table of names."""
 _FIRST_ROWS = 256
 _PLAIN = [column for column in KPI_COLUMNS if column.type != "detections"]
-_NULLABLE = frozenset(column.name for column in KPI_COLUMNS if column.nullable)
+_OWN = tuple(column for name, column in columns_by_name().items() if column not in KPI_COLUMNS)
+"""Columns that only some families have; float64 and nullable."""
+_NULLABLE = frozenset(column.name for column in (*KPI_COLUMNS, *_OWN) if column.nullable)
 _NAMES = frozenset(column.name for column in KPI_COLUMNS if column.type == "name")
-_BY_SCENARIO = tuple(column.name for column in KPI_COLUMNS if column.by_scenario)
+_KEPT = (*_PLAIN, *(column for column in _OWN if not column.implementation))
+"""Columns of which a value comes with every row."""
+_BY_SCENARIO = tuple(
+    column.name for column in _KEPT if column.by_scenario or column not in KPI_COLUMNS
+)
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "collisions")
 
 
@@ -48,18 +56,25 @@ class KpiRecorder:
         self._names = np.array(["", *names])
         self._target = np.ones(slots, np.bool_)
         """There is something to which ``dtc_m`` is measured."""
-        self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _PLAIN}
+        self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _KEPT}
         self._valid = {
-            c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _PLAIN if c.nullable
+            c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _KEPT if c.nullable
         }
+        self._own: list[Sequence[KpiKind]] = [()] * slots
         self._rows = np.zeros(slots, np.int64)
         self._detected: list[list[Any]] = [[] for _ in range(slots)]
         self._offsets: list[list[int]] = [[0] for _ in range(slots)]
         self._commanded: list[list[bool]] = [[] for _ in range(slots)]
 
-    def begin(self, slot: int, *, target: bool = True) -> None:
-        """Forget the rows of a slot: a case begins; ``target``: its scenario's target is there, so
-        it has a distance to collision."""
+    def begin(self, slot: int, own: Sequence[KpiKind] = (), *, target: bool = True) -> None:
+        """Forget the rows of a slot: a case begins.
+
+        Args:
+            slot: which.
+            own: columns that its scenario's family has behind those of all.
+            target: its scenario's target is there, so it has a distance to collision.
+        """
+        self._own[slot] = own
         self._target[slot] = target
         self._rows[slot] = 0
         self._detected[slot], self._offsets[slot], self._commanded[slot] = [], [0], []
@@ -161,11 +176,12 @@ class KpiRecorder:
             self._valid[name][which, row] = True if valid is None else valid
 
     def of(self, slot: int) -> CaseRows:
-        """The rows of a slot so far."""
+        """The rows of a slot so far, with the columns that are computed of them."""
         rows = int(self._rows[slot])
-        return CaseRows(
-            {name: values[slot, :rows] for name, values in self._values.items()},
-            {name: valid[slot, :rows] for name, valid in self._valid.items()},
+        given = [c.name for c in (*_PLAIN, *self._own[slot]) if c.name in self._values]
+        found = CaseRows(
+            {name: self._values[name][slot, :rows] for name in given},
+            {name: self._valid[name][slot, :rows] for name in given if name in self._valid},
             self._names,
             DetectionColumn(
                 offsets=np.array(self._offsets[slot], np.int32),
@@ -178,6 +194,10 @@ class KpiRecorder:
                 },
             ),
         )
+        for kind in self._own[slot]:
+            if kind.implementation:
+                found.put(kind.name, computed_column(kind, found))
+        return found
 
 
 class CaseRows:
@@ -195,6 +215,11 @@ class CaseRows:
         self._names = names
         self._detections = detections
         self.rows = len(values["tick"])
+
+    def put(self, name: str, values: np.ndarray) -> None:
+        """One more column, float64 [rows]; NaN: missing."""
+        self._valid[name] = ~np.isnan(values)
+        self._values[name] = np.where(self._valid[name], values, 0.0)
 
     def column(self, name: str) -> np.ndarray:
         """Values of a column [rows]; of a column of names their numbers."""

@@ -38,7 +38,8 @@ class DetectionColumn:
 
 @dataclass(frozen=True, slots=True)
 class KpiTable:
-    """Columns in the order of :data:`schemas.files.kpi.KPI_COLUMNS`, without ``detections``."""
+    """Columns in the order of :data:`schemas.files.kpi.KPI_COLUMNS`, without ``detections``; behind
+    them those of the scenario's family."""
 
     rows: int
     columns: dict[str, KpiColumn]
@@ -47,15 +48,15 @@ class KpiTable:
     def to_lists(self) -> dict[str, list[Any]]:
         """Columns of plain Python values, None where missing; detections are lists of dicts."""
         lists: dict[str, list[Any]] = {}
-        for column in KPI_COLUMNS:
-            if column.type == "detections":
-                lists[column.name] = self._detection_rows()
+        for name in dict.fromkeys((*(column.name for column in KPI_COLUMNS), *self.columns)):
+            if name not in self.columns:
+                lists[name] = self._detection_rows()
                 continue
-            data = self.columns[column.name]
+            data = self.columns[name]
             values = data.values.tolist()
             if data.valid is not None:
                 values = [v if ok else None for v, ok in zip(values, data.valid, strict=True)]
-            lists[column.name] = values
+            lists[name] = values
         return lists
 
     def _detection_rows(self) -> list[list[dict[str, Any]] | None]:

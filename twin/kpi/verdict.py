@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from schemas.campaign import Scenario
 from schemas.files.kpi import SCALARS
+from schemas.kinds.kpi import KpiKind
+from twin.kpi.computed import computed_scalars
 from twin.kpi.recorder import CaseRows
 from twin.scenario.protocol import Scalars, ScenarioRun, Verdict
 from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
@@ -52,10 +55,14 @@ def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np
 
 
 def scalars(
-    recorder: CaseRows, state: np.ndarray, run: ScenarioRun, hit: Thing | None = None
+    recorder: CaseRows,
+    state: np.ndarray,
+    run: ScenarioRun,
+    hit: Thing | None = None,
+    kinds: Sequence[KpiKind] = (),
 ) -> Scalars:
-    """Scalars of :data:`schemas.files.kpi.SCALARS` from the rows, and those of the scenario's
-    family; None where missing."""
+    """Scalars of :data:`schemas.files.kpi.SCALARS` from the rows, those of the scenario's family,
+    and those of ``kinds`` that a function computes; None where missing."""
     values: Scalars = {column.name: None for column in SCALARS}
     dtc = recorder.column("dtc_m")
     measured = bool(recorder.valid("dtc_m").all())
@@ -80,6 +87,7 @@ def scalars(
     values["speed_max_mps"] = float(fastest)
     values["collisions"] = int(state[COLUMN["collisions"]])
     values |= run.scalars(recorder)
+    values |= computed_scalars(kinds, recorder)
     for name, column in (("nearest_min_m", "nearest_m"), ("nearest_ttc_min_s", "nearest_ttc_s")):
         least = _least(recorder, column)
         values[name] = None if least is None else float(recorder.column(column)[least])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from schemas.kinds.kpi import KpiKind
+from schemas.kinds.kpi import KpiKind, columns_by_name
 from schemas.words import plain
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
@@ -35,13 +35,16 @@ _TYPES = {
     "detections": pa.list_(_DETECTION),
     "name": pa.string(),
 }
-KPI_SCHEMA = pa.schema(
-    [
-        pa.field(c.name, _TYPES[c.type], c.nullable, {"unit": c.unit, "doc": c.doc})
-        for c in KPI_COLUMNS
-    ]
-)
-"""Arrow schema of ``kpi.parquet``."""
+
+
+def _field(column: KpiKind) -> pa.Field:
+    about = {"unit": column.unit, "doc": column.doc}
+    return pa.field(column.name, _TYPES[column.type], column.nullable, about)
+
+
+KPI_SCHEMA = pa.schema([_field(column) for column in KPI_COLUMNS])
+"""Arrow schema of ``kpi.parquet``, as far as all cases have it: behind these columns are those of
+the scenario's family, if it has some (:attr:`schemas.kinds.scenario.ScenarioKind.columns`)."""
 COLUMNS_MIN = KPI_SCHEMA.get_field_index("detections") + 1
 """Columns of the first version; later versions have more behind them."""
 
@@ -50,9 +53,11 @@ def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
     """Columns of Python values (None: missing) -> Arrow table in :data:`KPI_SCHEMA`. Nullable
     columns may be left out: all their values are missing."""
     missing = [None] * len(columns["tick"])
-    values = [columns.get(c.name, missing) if c.nullable else columns[c.name] for c in KPI_COLUMNS]
-    arrays = [pa.array(v, _TYPES[c.type]) for v, c in zip(values, KPI_COLUMNS, strict=True)]
-    return pa.table(arrays, schema=KPI_SCHEMA)
+    declared = columns_by_name()
+    kinds = [*KPI_COLUMNS, *(declared[n] for n in columns if n not in KPI_SCHEMA.names)]
+    values = [columns.get(c.name, missing) if c.nullable else columns[c.name] for c in kinds]
+    arrays = [pa.array(v, _TYPES[c.type]) for v, c in zip(values, kinds, strict=True)]
+    return pa.table(arrays, schema=pa.schema([_field(kind) for kind in kinds]))
 
 
 def write_kpi(table: pa.Table, path: Path) -> None:
@@ -78,18 +83,23 @@ def read_kpi(path: Path) -> pa.Table:
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
     if not _is_known(table.schema):
-        raise InfrastructureError(f"{path}: not the KPI columns of this version")
+        raise InfrastructureError(
+            f"{path}: not the KPI columns of this version and of the installed distributions"
+        )
     # Which columns may be missing has changed between versions; no value has.
-    schema = pa.schema(list(KPI_SCHEMA)[: table.num_columns])
+    schema = pa.schema([_field(columns_by_name()[name]) for name in table.column_names])
     return table if table.schema.equals(schema) else table.cast(schema)
 
 
 def _is_known(schema: pa.Schema) -> bool:
-    """Whether these are the columns of a version so far: this one's, or the first of them."""
-    count = len(schema)
-    if not COLUMNS_MIN <= count <= len(KPI_SCHEMA):
+    """Whether these are the columns of a version so far, this one's or the first of them; behind
+    all of this one's, columns of families."""
+    if len(schema) < COLUMNS_MIN or len(set(schema.names)) < len(schema):
         return False
-    return [(f.name, f.type) for f in schema] == [(f.name, f.type) for f in KPI_SCHEMA][:count]
+    found = [(f.name, f.type) for f in schema]
+    first = [(f.name, f.type) for f in KPI_SCHEMA][: len(found)]
+    own = {column.name: _TYPES[column.type] for column in columns_by_name().values()}
+    return found[: len(first)] == first and all(own.get(n) == t for n, t in found[len(first) :])
 
 
 def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
@@ -103,7 +113,7 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
     found = {field.name: field.type for field in table.schema}
-    if found != {name: KPI_SCHEMA.field(name).type for name in names}:
+    if found != {name: _TYPES[columns_by_name()[name].type] for name in names}:
         raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")
     return table
 
@@ -113,8 +123,8 @@ def canonical(table: pa.Table, names: Sequence[str] = ()) -> Iterator[bytes]:
     little-endian values, missing values and NaN in one pattern each. Without ``names`` of all
     columns. Columns that an earlier version did not have are left out: its files keep their stream.
     """
-    for column in KPI_COLUMNS:
-        if column.name not in table.column_names or (names and column.name not in names):
+    for column in (columns_by_name()[name] for name in table.column_names):
+        if names and column.name not in names:
             continue
         data = table.column(column.name).combine_chunks()
         if isinstance(data, pa.ChunkedArray):  # no rows

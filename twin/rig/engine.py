@@ -224,7 +224,8 @@ class Engine:
         self._suite.reset(slot, case)
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)
-        self._recorder.begin(slot, target=ground.target is not None)
+        kind = kind_of(case.variation.scenario)
+        self._recorder.begin(slot, kind.columns, target=ground.target is not None)
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
         self.tick[slot] = 0
@@ -516,7 +517,8 @@ class Engine:
         hit = self._hit(slot)
         result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        scalars = judging.scalars(rows, state, run.scenario, hit)
+        kinds = kind_of(run.case.variation.scenario).scalars
+        scalars = judging.scalars(rows, state, run.scenario, hit, kinds)
         names = judging.names(rows, state, hit)
         table = rows.table()
         record = judge_record(run.case, state, run.ground, hit)
@@ -535,7 +537,8 @@ class Engine:
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._run(slot), self._recorder.of(slot)
-        scalars = judging.scalars(rows, self.state[slot], run.scenario)
+        kinds = kind_of(run.case.variation.scenario).scalars
+        scalars = judging.scalars(rows, self.state[slot], run.scenario, kinds=kinds)
         table = rows.table()
         record = judge_record(run.case, self.state[slot], run.ground, None)
         self.clear(slot)

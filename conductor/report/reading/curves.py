@@ -122,6 +122,9 @@ def _drawn(values: _Column) -> Floats:
 
 
 def _floats(table: pa.Table, name: str) -> _Column:
+    """Values of a column [rows], NaN where missing; all are where other families have it."""
+    if name not in table.column_names:
+        return np.full(table.num_rows, np.nan)
     column = table.column(name)
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())

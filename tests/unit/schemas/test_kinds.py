@@ -146,7 +146,7 @@ def test_a_distribution_brings_a_scenario_and_a_kpi(tmp_path):
         ("cut_in = other_kinds:KIND", "import nothing_like_it", "No module named"),
         ("cut_in = other_kinds:KIND", "KIND = 3", "is a int, not a ScenarioKind"),
         ("cut_in = other_kinds:KIND", "1 / 0", "ZeroDivisionError"),
-        ("cut_in = other_kinds:KIND", SCENARIO, "no distribution declares its scalar 'gap_min_m'"),
+        ("cut_in = other_kinds:KIND", SCENARIO, "no distribution declares its KPI 'gap_min_m'"),
     ],
 )
 def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, module, said):
@@ -160,7 +160,7 @@ def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, mo
     assert lines[0].startswith("scenario: ")
     assert said in lines[0]
     assert "cut_in" in lines[0]
-    if "scalar" not in said:
+    if "KPI" not in said:
         assert "other 1.5: entry point 'cut_in' of drivetwin.scenarios" in lines[0]
     assert lines[1:] == ["good"]
 
