@@ -12,7 +12,7 @@ import typer
 
 from conductor.commands.fingerprint_command import fingerprint
 from conductor.commands.verify_command import verify
-from schemas.words import unended
+from schemas.words import counted, unended
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
 from twin.base.files import write_atomic
@@ -28,6 +28,7 @@ class Format(StrEnum):
     """Layouts of an export."""
 
     autodrive_csv = "autodrive-csv"
+    csv = "csv"
 
 
 def add_report_commands(app: typer.Typer) -> None:
@@ -68,20 +69,29 @@ def export_command(
     folder: Annotated[Path, typer.Argument(help="Campaign folder, e.g. runs/aeb-256.")],
     out: Annotated[Path, typer.Option(help="Folder to write; must be empty or new.")],
     format_: Annotated[
-        Format, typer.Option("--format", help="autodrive-csv: logs of the AutoDRIVE study.")
+        Format,
+        typer.Option(
+            "--format",
+            help="autodrive-csv: logs of the AutoDRIVE study; csv: KPI rows of each case and a "
+            "summary, of any scenario.",
+        ),
     ] = Format.autodrive_csv,
     output: OutputOption = Output.human,
 ) -> None:
     """Write a campaign's cases in the layout of other tools, so that their notebooks read them."""
     from conductor.report.autodrive.export import export_autodrive
+    from conductor.report.pages.csv_export import export_csv
 
-    export = {Format.autodrive_csv: export_autodrive}[format_]
-    found = export(folder, out)
-    if output is Output.json:
-        print(json.dumps({"files": [str(path) for path in found.files], "notes": found.notes}))
+    if format_ is Format.csv:
+        files, notes, last = export_csv(folder, out), list[str](), "a summary"
     else:
-        print(f"{out}: {len(found.files) - 1} logs and config.json")
-    _tell(found.notes, "--output json lists all")
+        found = export_autodrive(folder, out)
+        files, notes, last = found.files, found.notes, "config.json"
+    if output is Output.json:
+        print(json.dumps({"files": [str(path) for path in files], "notes": notes}))
+    else:
+        print(f"{out}: {counted(len(files) - 1, 'log')} and {last}")
+    _tell(notes, "--output json lists all")
 
 
 def compare_command(

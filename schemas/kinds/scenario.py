@@ -87,15 +87,15 @@ class ScenarioReport:
     """Those drawn side by side for all systems under test."""
     table: tuple[str, ...]
     """Scalars of the case table, from left to right."""
-    beside: tuple[tuple[str, str], ...]
+    beside: tuple[tuple[str, str], ...] = ()
     """Head and scalar of what stands beside an extreme on a results page."""
     lead: LeadMeasure
     extreme: ExtremeTable
-    extremes_title: str
+    extremes_title: str = "Extremes"
     """Heading of the extremes on a results page."""
-    counted_title: str
+    counted_title: str = ""
     """Heading of ``counted`` on a results page."""
-    counted: tuple[VerdictTable, ...]
+    counted: tuple[VerdictTable, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,6 +105,8 @@ class CaseStart(Struct, frozen=True):
     """Whose feed it comes from; live only."""
     scene_sha256: str = ""
     """Of the :class:`SceneMesh` that the rig's feed hands out; live only."""
+    sensors: dict[str, list[str]] = {}
+    """Sensors with a row of numbers -> names of their columns."""
     keep: Keep = "all"
     """Whether a recorder keeps its file, which is decided at the end."""
 
@@ -135,6 +137,8 @@ class StateSample(Struct, frozen=True):
     width, height [m]."""
     hand: str = ""
     """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
+    sensors: dict[str, list[float]] = {}
+    """Readings of the sensors that were due, columns as :attr:`CaseStart.sensors` says."""
 
 
 class CameraSample(Struct, frozen=True):

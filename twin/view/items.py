@@ -43,6 +43,8 @@ class SlotSeen:
     """Something stands in the lane, to which the state's distance is measured."""
     movers: np.ndarray | None = None
     """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
+    readings: dict[str, np.ndarray] = field(default_factory=dict)
+    """Of the sensors with a row of numbers that were due, by message [K]."""
 
     @property
     def nbytes(self) -> int:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import Command
 from schemas.wire import topics
 from schemas.wire.codec import encode
@@ -274,6 +275,7 @@ class ViewPublisher(View):
             label=run.label if run else "",
             target=run is not None and run.target is not None,
             movers=_movers(engine, slot) if recorded or "state" in due else None,
+            readings=_readings(sensed, slot) if recorded or "state" in due else {},
         )
 
     # --- the view's own thread ------------------------------------------------------------------
@@ -332,6 +334,12 @@ class ViewPublisher(View):
     def _send(self, batch: SampleBatch) -> None:
         topic = topics.FEED_RECORDED
         self._bus.publish(topic.key.format(rig=self._rig), batch.take(), block=topic.block)
+
+
+def _readings(sensed: dict[str, SensorData], slot: int) -> dict[str, np.ndarray]:
+    """Rows of numbers that were due, by message [K]."""
+    names = (kind.name for kind in sensor_kinds().declared)
+    return {name: sensed[name].values[slot].copy() for name in names if name in sensed}
 
 
 def _thinned(sensed: SensorData, slot: int) -> Cloud:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, command_mistake
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire.control import Lease
@@ -98,6 +99,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         height=case.rig.camera.height,
         hfov_deg=case.rig.camera.hfov_deg,
         stage=stage,
+        sensors={name: list(sensor_kinds().find(name).columns) for name in case.rig.sensor_hz},
         keep=case.rig.keep,
     )
 
@@ -128,6 +130,7 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
         boxes=None if snapshot.boxes is None else [_box(row) for row in snapshot.boxes],
         movers=[] if snapshot.movers is None else snapshot.movers.tolist(),
         hand=snapshot.label,
+        sensors={name: row.tolist() for name, row in snapshot.readings.items()},
     )
 
 

@@ -189,7 +189,9 @@ def open_stream(hub_url: str, start: CaseStart) -> rr.RecordingStream:
     stream.set_log_time_enabled(False)
     stream.set_sinks(
         rr.GrpcSink(hub_url),
-        default_blueprint=case_blueprint(start.stage, start.cameras, start.lidars, live=True),
+        default_blueprint=case_blueprint(
+            start.stage, start.cameras, start.lidars, start.sensors, live=True
+        ),
     )
     stream.send_recording_name(f"{start.case} ({start.campaign})")
     return stream

@@ -71,6 +71,8 @@ class PlayedTick:
     trigger: Mark | None = None
     """The detection that emergency braking began for in this tick, if the stack says which."""
     truth: list[Mark] | None = None
+    readings: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Of sensors with a row of numbers that were due in this tick: name -> column -> value."""
 
 
 @dataclass(slots=True)
@@ -196,6 +198,13 @@ def _take(case: RecordedCase, frames: dict[int, PlayedTick], chunk: Chunk) -> No
             for time_ns, text, level in zip(times, texts, levels, strict=True)
             if text is not None
         ]
+        return
+    if path.startswith(f"{naming.READINGS}/"):
+        _, sensor, column = path.split("/")
+        for time_ns, value in zip(times, _firsts(batch, "Scalars:scalars"), strict=True):
+            if value is not None:
+                read = frames.setdefault(time_ns, PlayedTick(time_ns)).readings
+                read.setdefault(sensor, {})[column] = value
         return
     for time_ns, values in zip(times, _values(path, batch), strict=False):
         frame = frames.setdefault(time_ns, PlayedTick(time_ns))

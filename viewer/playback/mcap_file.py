@@ -1,7 +1,8 @@
 """A recorded case as an MCAP file for Foxglove, Lichtblick, PlotJuggler and the like.
 
 Pictures, boxes, pose and log in Foxglove's own Protobuf types; the plots in ``drivetwin.State``,
-whose fields are absent where nothing was recorded. All times are sim time from reset, so the same
+whose fields are absent where nothing was recorded, and every sensor with a row of numbers in a type
+of its own. All times are sim time from reset, so the same
 recording gives the same bytes.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,7 +82,9 @@ class _Converter:
         self._transform = schema("FrameTransform")
         self._log = schema("Log")
         self._line_loop = schema("PointsAnnotation").LINE_LOOP
-        self._state = _state_type()
+        self._state = _plotted_type("State", PLOTTED, flags=("aeb",))
+        self._readings: dict[str, Any] = {}
+        """Types of readings, by sensor."""
 
     def messages(self, case: RecordedCase) -> list[tuple[int, str, Any]]:
         """(time [ns], topic, message) of all frames and events, in order of time."""
@@ -93,6 +97,11 @@ class _Converter:
 
     def _of(self, frame: PlayedTick) -> list[tuple[str, Any]]:
         found: list[tuple[str, Any]] = [("/state", self._plots(frame))]
+        for name, row in sorted(frame.readings.items()):
+            if name not in self._readings:
+                self._readings[name] = _plotted_type(f"Sensor_{name}", sorted(row))
+            reading = self._readings[name](**row)
+            found.append((f"/sensors/{name}", _stamped(reading, frame.sim_time_ns)))
         if frame.x_m is not None and frame.yaw_rad is not None:
             found.append(("/tf", self._pose(frame)))
         if frame.jpeg is not None:
@@ -170,8 +179,8 @@ def _stamped(message: Any, time_ns: int) -> Any:
     return message
 
 
-def _state_type() -> Any:
-    """The message type ``drivetwin.State``, whose fields may be absent (hence proto2)."""
+def _plotted_type(type_name: str, numbers: Sequence[str], flags: Sequence[str] = ()) -> Any:
+    """A message type of numbers over time, whose fields may be absent (hence proto2)."""
     descriptor_pb2 = needed("google.protobuf.descriptor_pb2", _OPTION)
     pool = needed("google.protobuf.descriptor_pool", _OPTION).DescriptorPool()
     factory = needed("google.protobuf.message_factory", _OPTION)
@@ -179,17 +188,17 @@ def _state_type() -> Any:
     pool.AddSerializedFile(timestamp.DESCRIPTOR.serialized_pb)
     field = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(
-        name="drivetwin/State.proto",
+        name=f"drivetwin/{type_name}.proto",
         package="drivetwin",
         syntax="proto2",
         dependency=[timestamp.DESCRIPTOR.name],
     )
-    kinds = [("timestamp", field.TYPE_MESSAGE), ("aeb", field.TYPE_BOOL)]
-    kinds += [(name, field.TYPE_DOUBLE) for name in PLOTTED]
-    state = file.message_type.add(name="State")
+    kinds = [("timestamp", field.TYPE_MESSAGE), *((name, field.TYPE_BOOL) for name in flags)]
+    kinds += [(name, field.TYPE_DOUBLE) for name in numbers]
+    state = file.message_type.add(name=type_name)
     for number, (name, kind) in enumerate(kinds, 1):
         added = state.field.add(name=name, number=number, type=kind, label=field.LABEL_OPTIONAL)
         if kind == field.TYPE_MESSAGE:
             added.type_name = ".google.protobuf.Timestamp"
     pool.Add(file)
-    return factory.GetMessageClass(pool.FindMessageTypeByName("drivetwin.State"))
+    return factory.GetMessageClass(pool.FindMessageTypeByName(f"drivetwin.{type_name}"))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Literal
 
 import rerun.blueprint as rrb
@@ -31,6 +32,7 @@ def case_blueprint(
     stage: Stage,
     cameras: Sequence[CameraSite] = (),
     lidars: Sequence[LidarSite] = (),
+    sensors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     *,
     live: bool = False,
 ) -> rrb.Blueprint:
@@ -40,6 +42,7 @@ def case_blueprint(
         stage: what stands still.
         cameras: all of the ego's that see; empty, unless ``live``: the main one.
         lidars: of the ego; their points are shown in the street.
+        sensors: with a row of numbers -> names of the columns; a plot for each.
         live: the newest is followed, and the eye drives behind the ego.
     """
     names = [site.message for site in cameras] if cameras or live else ["camera"]
@@ -49,12 +52,17 @@ def case_blueprint(
         _plot("Distance to collision [m]", [naming.DTC]),
         _plot("Throttle, brake, AEB", [naming.THROTTLE, naming.BRAKE, naming.AEB], (0.0, 1.05)),
     ]
+    read = [
+        _plot(f"Sensor {name}", [naming.reading(name, column) for column in columns])
+        for name, columns in sensors.items()
+    ]
     right = rrb.Vertical(
         rrb.TextDocumentView(origin=naming.SUMMARY, name="Case"),
         rrb.StateTimelineView(origin=naming.PLANNER, name="Planner"),
         *plots,
+        *read,
         # In 1280 x 720 pixels nothing is cut: what is said of a case, the planner's bar, legends.
-        row_shares=[2.1, 0.95, 1, 1, 1.2],
+        row_shares=[2.1, 0.95, 1, 1, 1.2, *([1.0] * len(read))],
     )
     events = rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns())
     street = _chase(lidars) if live else _street(stage)

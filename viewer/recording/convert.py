@@ -87,6 +87,7 @@ class CaseConverter:
         closing = [(s, s.ttc_s) for s in samples if s.ttc_s is not None]
         rows.append(_plotted(naming.TTC, [s for s, _ in closing], [t for _, t in closing]))
         rows += _commanded(asked)
+        rows += self._readings(samples)
         # Between frames nothing is looked at; the boxes of the last one stay.
         looked = [(s, c) for s, c in asked if s.boxes is not None or c.detections]
         rows += self._detections(looked)
@@ -134,6 +135,17 @@ class CaseConverter:
             return bool(sample.movers)
         before, self._moving = self._moving, bool(sample.movers)
         return before or self._moving
+
+    def _readings(self, samples: Sequence[StateSample]) -> list[EntityRows]:
+        """Plots of the sensors with a row of numbers, one per column."""
+        found = []
+        for name, columns in self._start.sensors.items():
+            read = [(s, s.sensors.get(name, [])) for s in samples]
+            read = [(s, row) for s, row in read if len(row) == len(columns)]
+            for place, column in enumerate(columns):
+                values = [row[place] for _, row in read]
+                found.append(_plotted(naming.reading(name, column), [s for s, _ in read], values))
+        return found
 
     def _changes(self, sample: StateSample) -> list[EntityRows]:
         """Events, and a coloured bar of the planner's state where it changes."""

@@ -45,6 +45,8 @@ ACCEL = "metrics/accel"
 THROTTLE = "command/throttle"
 BRAKE = "command/brake"
 AEB = "command/aeb"
+READINGS = "sensors"
+"""Plots of sensors with a row of numbers lie below, by name and column."""
 PLANNER = "planner"
 EVENTS = "events"
 SUMMARY = "summary"
@@ -73,6 +75,11 @@ def safe_id(*parts: str) -> str:
 def sensor(message: str) -> str:
     """Entity path of the sensor whose messages are called ``message``, e.g. ``lidar.roof``."""
     return f"{EGO}/{message.replace('.', '_')}"
+
+
+def reading(sensor_name: str, column: str) -> str:
+    """Entity path of one number of a sensor's rows."""
+    return f"{READINGS}/{sensor_name}/{column}"
 
 
 def recording_id(campaign: str, case: str, attempt: int) -> str:

@@ -62,7 +62,11 @@ class RecordingFile:
         )
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
-        _set_file(self._stream, self._folder / naming.RECORDING_FILE, _layout(encode(start.stage)))
+        _set_file(
+            self._stream,
+            self._folder / naming.RECORDING_FILE,
+            _layout(encode(start.stage), _columns(start)),
+        )
         self._stream.send_recording_name(f"{start.case} ({start.campaign})")
         self._stream.send_property(
             "case",
@@ -198,6 +202,11 @@ def _set_file(stream: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) 
 
 
 @lru_cache(maxsize=16)
-def _layout(stage: bytes) -> rrb.Blueprint:
+def _layout(stage: bytes, sensors: tuple[tuple[str, tuple[str, ...]], ...]) -> rrb.Blueprint:
     """Cases of a campaign share one."""
-    return case_blueprint(decode(stage, Stage))
+    return case_blueprint(decode(stage, Stage), sensors=dict(sensors))
+
+
+def _columns(start: CaseStart) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Sensors with a row of numbers, each with its columns."""
+    return tuple((name, tuple(columns)) for name, columns in start.sensors.items())

@@ -45,7 +45,7 @@ def write_summary_of(dossier: Dossier) -> pa.Table:
     parquet = io.BytesIO()
     pq.write_table(table, parquet, compression="zstd")
     text = io.BytesIO()
-    pa_csv.write_csv(_flat(table), text)
+    pa_csv.write_csv(flat(table), text)
     for name, data in ((SUMMARY_FILE, parquet), (CSV_FILE, text)):
         path = dossier.folder / name
         try:
@@ -100,7 +100,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
     return pa.table(columns, names=names)
 
 
-def _flat(table: pa.Table) -> pa.Table:
+def flat(table: pa.Table) -> pa.Table:
     """CSV has no lists: reasons become one text. Spreadsheets take some texts for formulas."""
     index = table.schema.get_field_index("reasons")
     joined = ["; ".join(reasons) for reasons in table.column("reasons").to_pylist()]

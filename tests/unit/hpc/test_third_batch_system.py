@@ -8,74 +8,12 @@ from pathlib import Path
 
 import pytest
 from foreign_distributions import install
+from plugin_site import EXAMPLE, install_example
 from waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[3]
 
-DECLARATION = """
-from schemas.kinds.batch_system import BatchSystemKind
-
-HUT = BatchSystemKind(
-    name="hut",
-    title="Hut",
-    implementation="hut.backend:Hut",
-    submits="hutsub",
-    version=("hutsub", "--version"),
-    opens="hutsub --shell",
-    constraint="a floor",
-    job_variable="HUT_JOB",
-    job_ids="hut-[0-9]+",
-)
-"""
-
-BACKEND = """
-from pathlib import Path
-
-from hpc import script
-from hpc.commands import call
-from hpc.scheduler import JobStatus, Partition, Partitions
-from twin.base.errors import UsageError
-
-
-class Hut:
-    name = "hut"
-
-    def render(self, request):
-        head = f"#!/bin/bash\\n#HUT {script.job_name(request.campaign)}"
-        return "\\n\\n".join((head, script.names(request), "sleep 1\\n"))
-
-    def render_array(self, request, cases, /):
-        raise UsageError("--array: not in a hut")
-
-    def check(self, text, request, /):
-        done = call("hutsub", "--dry-run", request.partition or "ground", text=text)
-        if done.code:
-            raise UsageError(f"Hut refuses this job: {done.last_words}")
-
-    def submit(self, path, folder):
-        return call("hutsub", str(path), folder=folder).out.strip()
-
-    def status(self, job):
-        return JobStatus("pending", "KNOCKING", reason="nobody opens")
-
-    def cancel(self, job):
-        call("hutsub", "--cancel", job)
-
-    def requeue(self, job):
-        self.cancel(job)
-
-    def signal(self, job, name):
-        raise UsageError("a hut hears no signals")
-
-    def interactive(self, request, command):
-        return ["hutsub", "--shell", *command]
-
-    def log(self, job, request, /):
-        return f"{job}.log"
-
-    def partitions(self, wait_s):
-        return Partitions((Partition("ground", state="up"),))
-"""
+DECLARATION = (EXAMPLE / "plugin_example/hut_kind.py").read_text()
 
 HUTSUB = """#!/bin/bash
 case $1 in
@@ -88,15 +26,13 @@ esac
 
 
 class Installed:
-    """A distribution ``hut`` beside ours, and its command; nothing of it is in the tree."""
+    """The example beside ours, and the command of its batch system; nothing is in the tree."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, example: Path) -> None:
         self.folder = folder
         self.packages = folder / "site"
+        self.example = example
         self.program("hutsub", HUTSUB)
-        for name, text in (("declared", DECLARATION), ("backend", BACKEND), ("__init__", "")):
-            self.file(f"hut/{name}.py", text)
-        self.distribution("hut", "hut = hut.declared:HUT")
 
     def file(self, name: str, text: str) -> None:
         path = self.packages / name
@@ -117,7 +53,7 @@ class Installed:
         self, *words: str, path: str | None = os.environ["PATH"]
     ) -> subprocess.CompletedProcess[str]:
         own = {
-            "PYTHONPATH": f"{ROOT}:{self.packages}",
+            "PYTHONPATH": f"{ROOT}:{self.example}:{self.packages}",
             # Other batch systems of this machine would be found first.
             "PATH": ":".join(part for part in (str(self.folder / "bin"), path) if part),
             "HUT_FOLDER": str(self.folder),
@@ -137,9 +73,14 @@ class Installed:
 JOB = ("aeb-demo", "--workers", "2", "--time", "00:10", "--bin", "/opt/bin")
 
 
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    return install_example(tmp_path_factory.mktemp("example"))[0]
+
+
 @pytest.fixture
-def hut(tmp_path):
-    return Installed(tmp_path)
+def hut(tmp_path, example):
+    return Installed(tmp_path, example)
 
 
 def test_help_names_it(hut):
@@ -200,7 +141,7 @@ def test_what_doctor_says(hut):
     ("points", "why"),
     [
         ("cave = cave_that_is_missing:CAVE", "No module named 'cave_that_is_missing'"),
-        ("cave = hut.backend:Hut", "not a BatchSystemKind"),
+        ("cave = plugin_example.hut:Hut", "not a BatchSystemKind"),
     ],
 )
 def test_a_broken_distribution_is_named_and_stops_nobody_else(hut, points, why):
@@ -219,7 +160,7 @@ def test_a_broken_distribution_is_named_and_stops_nobody_else(hut, points, why):
 
 
 def test_a_name_that_is_taken(hut):
-    hut.distribution("again", "slurm = hut.slurm:SLURM")
-    hut.file("hut/slurm.py", DECLARATION.replace('"hut"', '"slurm"').replace("HUT =", "SLURM ="))
+    hut.distribution("again", "slurm = again:SLURM")
+    hut.file("again.py", DECLARATION.replace('"hut"', '"slurm"').replace("HUT =", "SLURM ="))
     assert "the name 'slurm' is taken" in hut.hpc("doctor", "--output", "json").stdout
     assert "#SBATCH" in hut.hpc("render", *JOB).stdout

@@ -1,0 +1,124 @@
+"""The example distribution, installed by pip, all the way: run, recorded, shown, reported."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from plugin_site import install_example
+from processes import outcomes
+
+STACK = '''
+from devkit.idle import IdleStack
+from schemas.messages import Command
+
+
+class Stops(IdleStack):
+    """Brakes from the first tick on, harder when it is cold."""
+
+    def __init__(self, slots):
+        super().__init__(slots)
+        self.air_c = [20.0] * slots
+
+    def step(self, observation):
+        if "thermometer" in observation.sensors:
+            self.air_c = observation.sensors["thermometer"][:, 0].tolist()
+        return [
+            Command(
+                slot=slot,
+                token=int(observation.token[slot]),
+                tick=int(observation.tick[slot]),
+                throttle=0.0,
+                brake=0.5 + 0.01 * (20.0 - self.air_c[slot]),
+                steering_rad=0.0,
+            )
+            for slot in observation.active_slots()
+        ]
+'''
+CAMPAIGN = """\
+campaign: stop-line
+control_hz: 20
+camera: {width: 64, height: 36, hz: 10}
+scenario: {type: stop_line, duration_s: 2, ego_speed_mps: 5, standstill_s: 0.2}
+sensors: {thermometer: {hz: 10, lag_s: 1}}
+autonomy: {stack: "stopping_stack:Stops", perception: {none: {type: ground_truth}}}
+matrix: {scenario.line_m: [1, 4, 12], scenario.air_c: [0, 40]}
+"""
+CASE = "air_c_0-line_m_4"
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """The campaign file; the example is installed, and the stack on the path."""
+    site, _ = install_example(tmp_path)
+    (tmp_path / "stopping_stack.py").write_text(STACK)
+    path = tmp_path / "stop-line.yaml"
+    path.write_text(CAMPAIGN)
+    inherited = os.environ.get("PYTHONPATH", "")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(site), inherited]))
+    return path
+
+
+def said(marked, *words, codes=(0,)):
+    done = marked.run(*map(str, words))
+    assert done.returncode in codes, (words, done.stdout + done.stderr)
+    return done.stdout
+
+
+def test_the_example_goes_all_the_way(marked, campaign, tmp_path, monkeypatch):
+    three, one = tmp_path / "three", tmp_path / "one"
+    assert "6 cases" in said(marked, "conductor", "validate", campaign)
+    assert "conforms" in said(marked, "devkit", "check", campaign, "--ticks", 20)
+    run = ("conductor", "run", campaign, "--workers", 1, "--output", "json")
+    first = said(marked, *run, "--slots", 3, "--view", "record", "--out", three, codes=(1,))
+    second = said(marked, *run, "--slots", 1, "--out", one, codes=(1,))
+    assert json.loads(first)["fingerprint"] == json.loads(second)["fingerprint"]
+    words = {case: row["verdict"] for case, row in outcomes(three).items()}
+    assert set(words.values()) == {"pass", "over_the_line", "too_short"}
+    assert words[CASE] == "pass"
+    assert "the same" in said(marked, "conductor", "fingerprint", three, one)
+    shown(marked, three)
+    reported(marked, three)
+    compared_and_exported(marked, one, three, tmp_path / "csv")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # the stack, without the example
+    said(marked, "conductor", "validate", campaign, codes=(2,))
+
+
+def shown(marked, folder: Path):
+    """The recording holds the thermometer's readings."""
+    from viewer.playback.frames import read_case
+
+    listed = json.loads(said(marked, "viewer", "replay", folder, "--output", "json"))["cases"]
+    assert len(listed) == 6
+    frames = read_case(Path(next(row["path"] for row in listed if row["case"] == CASE))).frames
+    read = [frame.readings["thermometer"]["air_c"] for frame in frames if frame.readings]
+    assert read[0] == 20.0
+    assert read == sorted(read, reverse=True)
+    assert read[-1] < 15.0
+    assert len(read) == sum(frame.jpeg is not None for frame in frames), "both at 10 Hz"
+
+
+def reported(marked, folder: Path):
+    said(marked, "conductor", "report", folder, codes=(1,))
+    page = (folder / "report.html").read_text()
+    for text in (
+        "the ego stopped at most 3 m before the line.",
+        "over_the_line",
+        "Before the line [m]",
+        "Jerk, peak [m/s^3]",
+        "To the line",
+    ):
+        assert text in page, text
+
+
+def compared_and_exported(marked, one: Path, three: Path, out: Path):
+    found = json.loads(said(marked, "conductor", "compare", one, three, "--output", "json"))
+    assert found["identical"]
+    shifts = {shift["name"]: shift for shift in found["shifts"]}
+    assert shifts["jerk_peak_mps3"]["label"] == "Largest jerk [m/s^3]"
+    assert shifts["jerk_peak_mps3"]["pairs"] == 6
+    said(marked, "conductor", "export", three, "--format", "csv", "--out", out)
+    head, *rows = (out / f"{CASE}.csv").read_text().splitlines()
+    assert head.endswith('"to_line_m","jerk_mps3"')
+    assert len(rows) > 20
+    assert "jerk_peak_mps3" in (out / "summary.csv").read_text()
