@@ -1,8 +1,8 @@
 """The step from camera pictures to a network's input where the network runs, on a GPU or the CPU.
 
 The resize is that of OpenCV's ``INTER_LINEAR_EXACT``, to the last bit: weights in 1/256 and whole
-numbers throughout, whatever the device (``tests/unit/devkit/test_detector_frames.py`` compares the
-two). One Warp kernel: of pictures in the GPU's memory only the indices travel. This module and
+numbers throughout, whatever the device (``test_detector_frames.py`` compares the two). One Warp
+kernel: of pictures in the GPU's memory only the indices travel. This module and
 :mod:`devkit.detector.thin` are the only ones of the devkit that need Warp, imported by those who
 look at pictures there.
 """

@@ -1,8 +1,8 @@
 """What runs an ONNX network: OpenCV, or ONNX Runtime if it is installed.
 
 On the CPU both give every image of a batch the same bits whatever the batch and the number of
-threads (``tests/unit/devkit/test_detector.py``); between them results differ by rounding, so the
-choice is part of what a result depends on. Measured on one core, ONNX Runtime 1.31 takes 0.45 to
+threads (``test_detector.py``); between them results differ by rounding, so the choice is part of
+what a result depends on. Measured on one core, ONNX Runtime 1.31 takes 0.45 to
 0.5 of the time of OpenCV 5.0 for the quarter-width networks.
 """
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from unit.report.autodrive_logs import config, drive, write_logs
+from unit.conductor.report.autodrive_logs import config, drive, write_logs
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from unit.report.synthetic_campaign import campaign_data, make_campaign, page_of
-from unit.report.test_report_leases import one_after_the_other
-from unit.report.test_report_resources import sample, write_parts
+from unit.conductor.report.reading.test_report_leases import one_after_the_other
+from unit.conductor.report.reading.test_report_resources import sample, write_parts
+from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
 from conductor.report import make_report

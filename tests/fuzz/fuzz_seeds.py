@@ -1,7 +1,7 @@
 """Writes one valid seed per format: fuzzing begins with what is accepted. Run it again when a
 message or a file has changed; other seeds stay::
 
-    cd tests; PYTHONPATH=.:fuzz:unit/report python fuzz/fuzz_seeds.py
+    cd tests; PYTHONPATH=.:fuzz:unit/conductor/report python fuzz/fuzz_seeds.py
 """
 
 from __future__ import annotations

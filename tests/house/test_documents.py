@@ -132,7 +132,7 @@ def test_every_page_is_reached_from_the_readme():
 
 @pytest.mark.parametrize("page", [*PAGES, *RECORDS], ids=lambda page: page.stem)
 def test_commands_stand_in_blocks_that_are_checked(page):
-    """Only ```sh blocks are read by tests/unit/fabric/test_documented_commands.py."""
+    """Only ```sh blocks are read by tests/unit/conductor/test_documented_commands.py."""
     text = re.sub(r"^```sh\n.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
     assert not re.findall(
         r"^ *(?:conductor|devkit|hpc|twin|viewer) [a-z]+ .*--", text, re.MULTILINE

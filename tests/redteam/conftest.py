@@ -3,5 +3,5 @@
 import sys
 from pathlib import Path
 
-for _folder in ("e2e", "faults", "unit/viewer"):
+for _folder in ("e2e", "faults"):
     sys.path.append(str(Path(__file__).parents[1] / _folder))

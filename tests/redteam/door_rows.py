@@ -167,7 +167,7 @@ class Pages:
         self.run = theatre.folder / "run"
         self.attempt = self.run / "cases" / "c" / "attempt-1"
         self.attempt.mkdir(parents=True)
-        from recorded_case import write
+        from unit.viewer.recorded_case import write
 
         write(self.attempt, case="c")
         self._theatre = theatre

@@ -1,11 +1,6 @@
 """Fixtures of the viewer's unit tests."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import subprocess
 import sys
 import textwrap
 
-from recorded_case import write
+from unit.viewer.recorded_case import write
 from waiting import PATIENCE_S
 
 GUARD = """

@@ -1,0 +1,71 @@
+"""What every scenario family does alike; what is particular to one stands in its own tests."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from schemas.campaign import Scenario
+from schemas.kinds.kpi import shipped
+from schemas.kinds.registry import implementation
+from schemas.kinds.scenario import scenario_kinds
+from twin.road.lane import straight
+from twin.scenario import families
+from twin.scenario.surroundings import Surroundings
+
+ROOT = Path(__file__).parents[4]
+GROUND = Surroundings(straight(0.0, 2000.0), None, 1.4, 2.4, 0.9, 3.8)
+NAMES = [kind.name for kind in scenario_kinds().declared]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_case_begins_on_the_lane_and_does_not_end_there(name):
+    scenario = Scenario(type=name)
+    x_m, y_m, yaw_rad = families.start_of(scenario, GROUND)
+    assert GROUND.lane.locate(x_m, y_m).lateral_m == 0.0
+    assert yaw_rad == 0.0
+    assert not families.begin(scenario, GROUND, x_m, y_m).ended()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_columns_of_a_family_are_those_of_the_table(name):
+    run = families.begin(Scenario(type=name), GROUND, 0.0, 0.5)
+    declared = {kind.name for kind in shipped("column") if kind.by_scenario}
+    assert set(run.columns()) <= declared
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_places_one_by_one_are_places_at_once(name):
+    """The engine gives them tick by tick, the judge all of them."""
+    x_m, y_m = np.linspace(0.0, 70.0, 40), np.linspace(0.1, -0.6, 40)
+    scenario = Scenario(type=name)
+    one, other = (families.begin(scenario, GROUND, x_m[0], y_m[0]) for _ in range(2))
+    for k in range(1, 40):
+        one.observe(x_m[k : k + 1], y_m[k : k + 1])
+    other.observe(x_m[1:], y_m[1:])
+    other.observe(x_m[:0], y_m[:0])
+    assert (one.columns(), one.ended()) == (other.columns(), other.ended())
+    rows = _Rows(error_m=y_m)
+    assert one.scalars(rows) == other.scalars(rows)
+
+
+class _Rows:
+    rows = 40
+
+    def __init__(self, error_m):
+        self._error_m = error_m
+
+    def column(self, name):
+        assert name == "lateral_error_m"
+        return self._error_m
+
+
+@pytest.mark.parametrize("kind", scenario_kinds().declared, ids=lambda kind: kind.name)
+def test_a_judge_loads_no_warp_for_it(kind):
+    module = kind.implementation.partition(":")[0]
+    code = f"import sys; sys.modules['warp'] = None; import {module}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE)
+    assert done.returncode == 0, done.stderr.decode()
+    assert implementation(kind.implementation).__name__
