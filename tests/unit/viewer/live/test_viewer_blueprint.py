@@ -125,7 +125,8 @@ CASE_END = (slice(238, 254), slice(756, 1270))
 def test_the_case_panel_shows_its_last_row(tmp_path, monkeypatch, reasons, fits):
     scalars = {column.name: 12.34 for column in SCALARS}
     closing = {"reasons": reasons, "scalars": scalars, "verdict": "collision", "passed": False}
-    monkeypatch.setattr("recorded_case.end", lambda seq, tick: end(seq, tick=tick, **closing))
+    closed = "unit.viewer.recorded_case.end"
+    monkeypatch.setattr(closed, lambda seq, tick: end(seq, tick=tick, **closing))
     names = {"case": "yolov2-tiny-w25-1300-heavy_rain-60", "campaign": "latency-study"}
     out = tmp_path / "shot.png"
     shoot(write(tmp_path, **names), RecordedMoment(0, "start"), out, (1280, 720))
