@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -174,6 +175,8 @@ class _Street:
         prepare_kernels()
         target, car = load_scene(scene), load_vehicle(vehicle)
         world = self._world = build_world(target)
+        for note in world.notes:
+            print(note, file=sys.stderr)
         self._front_m = car.front_offset_m
         warp_device = wp.get_device(device)
         self.place = target.origin

@@ -1,4 +1,5 @@
-"""Meshes from files (glTF, GLB, OBJ, PLY, STL), read by trimesh and checked.
+"""Meshes from files, read and checked: OBJ, PLY and STL by trimesh, glTF and GLB by
+:mod:`twin.world.meshes.gltf`.
 
 Scanned meshes bring vertex colours or a texture with them: vertex colours become one colour per
 face, textures stay images of at most :data:`TEXTURE_SIDE_MAX` pixels a side.
@@ -7,6 +8,7 @@ face, textures stay images of at most :data:`TEXTURE_SIDE_MAX` pixels a side.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ import numpy as np
 
 from schemas.files.assets import mesh_files
 from schemas.files.regular_file import open_regular
+from twin.world.meshes.gltf.document import GltfError
+from twin.world.meshes.gltf.reader import read_pieces
 from twin.world.meshes.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
 from twin.world.meshes.srgb import linear, srgb
 
@@ -26,6 +30,10 @@ TEXTURES_MAX = 64
 _AREA_MIN = 1e-12  # of the mean square edge
 _GREY = 0.35
 _IMAGE_PIXELS_MAX = 1 << 28
+
+
+_Images = dict[tuple[int, tuple[float, ...]], np.ndarray]
+"""Pictures that are made ready, by their object and the factor they are multiplied with."""
 
 
 @dataclass(slots=True)
@@ -60,15 +68,15 @@ def load_mesh(path: Path) -> MeshData:
             a face that names a vertex that is not there.
     """
     _check_before(path)
-    scene = _read(path)
     data = MeshData([])
+    images: _Images = {}
+    if path.suffix.lower() in (".glb", ".gltf"):
+        parts = _gltf_parts(path, data.notes, images)
+    else:
+        parts = _other_parts(path, data.notes, images)
     faces = dropped = 0
-    images: dict[int, np.ndarray] = {}
-    for geometry in scene:
-        if not hasattr(geometry, "faces"):
-            continue
-        part, lost = _part(geometry, path, data.notes, images)
-        dropped += lost
+    for part in parts:
+        dropped += _check(part, path)
         faces += len(part.faces)
         if faces > FACES_MAX:
             raise ValueError(f"{path}: more than {FACES_MAX} faces, simplify the mesh first")
@@ -144,18 +152,52 @@ def _read(path: Path) -> list[Any]:
         log.setLevel(before)
 
 
-def _part(
-    geometry: Any, path: Path, notes: list[str], images: dict[int, np.ndarray]
-) -> tuple[Part, int]:
-    """One geometry, checked; and how many faces without area it had."""
-    points = np.asarray(geometry.vertices, np.float64)
-    faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
+def _other_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]:
+    """What trimesh reads."""
+    for geometry in _read(path):
+        if hasattr(geometry, "faces"):
+            faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
+            part = _look(geometry, faces, path, notes, images)
+            part.points = np.asarray(geometry.vertices, np.float64)
+            yield part
+
+
+def _gltf_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]:
+    """What a glTF file holds."""
+    try:
+        pieces, ignored = read_pieces(path)
+    except (GltfError, OSError, RecursionError) as error:
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+        raise ValueError(f"{path}: cannot be read as a mesh: {reason[:200]}") from None
+    except MemoryError:
+        raise ValueError(f"{path}: not enough memory to load it") from None
+    notes += ignored
+    for piece in pieces:
+        part = Part(piece.points, piece.faces, np.zeros((len(piece.faces), 3)), piece.uv)
+        if piece.picture is not None:
+            part.image = _small(piece.picture, piece.factor, path, notes, images)
+            mean = linear(part.image.reshape(-1, 3) / 255.0).mean(axis=0)
+            part.color[:] = mean
+        elif piece.colors is not None and _named_are_there(piece.faces, len(piece.points)):
+            part.color[:] = piece.colors[piece.faces].mean(axis=1) * piece.factor
+        else:
+            part.color[:] = piece.factor
+        yield part
+
+
+def _named_are_there(faces: np.ndarray, count: int) -> bool:
+    return not len(faces) or bool(faces.min() >= 0 and faces.max() < count)
+
+
+def _check(part: Part, path: Path) -> int:
+    """Refuse a part with broken numbers; take faces without area out and count them."""
+    points, faces = part.points, part.faces
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"{path}: vertices of shape {list(points.shape)}, needed x, y, z each")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points)).any(axis=1).sum())
         raise ValueError(f"{path}: {bad} vertices are NaN or infinite")
-    if len(faces) and (faces.min() < 0 or faces.max() >= len(points)):
+    if not _named_are_there(faces, len(points)):
         bad = int(((faces < 0) | (faces >= len(points))).any(axis=1).sum())
         raise ValueError(
             f"{path}: {bad} faces name vertices that are not there (it has {len(points)})"
@@ -165,23 +207,18 @@ def _part(
     area = np.linalg.norm(np.cross(*edges), axis=1)
     longest = np.maximum(*((e * e).sum(axis=1) for e in edges))
     keep = area > _AREA_MIN * np.maximum(longest, 1e-30)
-    look = _look(geometry, faces, path, notes, images)
-    look.points, look.faces, look.color = points, faces[keep], look.color[keep]
-    return look, int((~keep).sum())
+    part.faces, part.color = faces[keep], part.color[keep]
+    return int((~keep).sum())
 
 
-def _look(
-    geometry: Any, faces: np.ndarray, path: Path, notes: list[str], images: dict[int, np.ndarray]
-) -> Part:
+def _look(geometry: Any, faces: np.ndarray, path: Path, notes: list[str], images: _Images) -> Part:
     """Colours and texture of a geometry."""
     visual = geometry.visual
     kind = getattr(visual, "kind", None)
     part = Part(np.zeros((0, 3)), faces, np.full((len(faces), 3), _GREY))
     if kind == "vertex":
         rgb = np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0
-        # glTF says that vertex colours are linear; scanners write sRGB.
-        rgb = rgb if path.suffix.lower() in (".glb", ".gltf") else linear(rgb)
-        part.color = rgb[faces].mean(axis=1)
+        part.color = linear(rgb)[faces].mean(axis=1)  # scanners write sRGB
     elif kind == "face":
         part.color = linear(np.asarray(visual.face_colors, np.float64)[:, :3] / 255.0)
     elif kind == "texture":
@@ -218,11 +255,11 @@ def _small(
     factor: np.ndarray | None,
     path: Path,
     notes: list[str],
-    images: dict[int, np.ndarray],
+    images: _Images,
 ) -> np.ndarray:
     """The image as uint8 sRGB, scaled down to the limit and times the material's factor."""
-    key = id(image)
-    if key in images and factor is None:
+    key = (id(image), () if factor is None else tuple(factor))
+    if key in images:
         return images[key]
     try:
         if image.width * image.height > _IMAGE_PIXELS_MAX:

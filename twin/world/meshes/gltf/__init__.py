@@ -1,0 +1,1 @@
+"""Reads glTF 2.0 and GLB files: geometry, nodes and what cameras see of materials."""
