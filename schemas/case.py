@@ -23,6 +23,10 @@ from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackSource
 from schemas.sections.view_mode import Keep, View
 
+CASE_VERSION = 2
+"""Of the shape of a case in leases, drive records and journals; 1: release 0.1, one mapping of all
+its fields (:mod:`schemas.first_stage`)."""
+
 Clock = Literal["lockstep", "realtime"]
 """What sim time waits for: the stack, or the wall clock."""
 

@@ -16,6 +16,19 @@ def is_flat(plain: Mapping[str, Any]) -> bool:
     return "rig" not in plain
 
 
+def head_of(plain: Any) -> Any:
+    """The head of a drive record or of a journal of interventions, as plain data, with its case in
+    today's shape; anything else as it is.
+
+    Raises:
+        msgspec.ValidationError: it has a case that is none.
+    """
+    case = plain.get("case") if isinstance(plain, dict) else None
+    if not isinstance(case, dict) or not is_flat(case):
+        return plain
+    return {**plain, "case": msgspec.to_builtins(case_of(case))}
+
+
 def case_of(plain: Mapping[str, Any]) -> Case:
     """A case from what release 0.1 wrote of it, as plain data.
 

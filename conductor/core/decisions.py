@@ -40,6 +40,7 @@ from conductor.core.state import CampaignState, CaseState, LiveLease, State, Wor
 from conductor.core.status import running, status
 from conductor.core.turn import RequestTurn
 from schemas import SCHEMA_VERSION
+from schemas.case import CASE_VERSION
 from schemas.sections.autonomy import SANDBOX
 from schemas.wire.control import (
     Beat,
@@ -149,6 +150,11 @@ def _hello(turn: RequestTurn, request: Hello) -> Reply:
         )
     if error := _oversized(request):
         return turn.reply(error=error)
+    if request.case_version != CASE_VERSION:
+        return turn.reply(
+            error=f"worker {request.worker} reads cases of version {request.case_version}, this "
+            f"conductor leases version {CASE_VERSION}; install the same release on both sides"
+        )
     if len(request.session) != SECRET_BYTES:
         return turn.reply(
             error=f"worker {request.worker}: a session's secret of {len(request.session)} bytes, "

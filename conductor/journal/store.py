@@ -417,6 +417,11 @@ def _version(connection: sqlite3.Connection) -> str:
 
 
 def _unknown_version(path: Path, version: str) -> UsageError:
+    if version in FIRST_STAGE and path.with_name("manifest.json").exists():  # its last file
+        return UsageError(
+            f"{path}: drivetwin 0.1 has run and finished it; to run its campaign again give another"
+            " folder; report, compare, export, fingerprint, verify and viewer read it as it is"
+        )
     if version in FIRST_STAGE:
         return UsageError(
             f"{path}: begun by drivetwin 0.1 (version {version} of the journal, this program goes "

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-from schemas.case import Case
+from schemas.case import CASE_VERSION, Case
 from schemas.messages import PerceptionCost
 from schemas.verdict import Judged
 from schemas.wire.bounds import (
@@ -107,6 +107,8 @@ class Lease(Struct, frozen=True):
     case: Case
     alone: bool = False
     """Run it alone in a fresh rig (its last rig died)."""
+    case_version: Count = CASE_VERSION
+    """Which shape the case has."""
 
 
 def noop_result(lease: Lease) -> Result:
@@ -177,6 +179,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     to do, in a line."""
     session: Session = b""
     """Secret of 32 bytes that this process alone knows; every later request shows it again."""
+    case_version: Count = CASE_VERSION
+    """Which shape of cases it reads."""
 
 
 class Next(Struct, frozen=True, tag_field="verb", tag="next"):

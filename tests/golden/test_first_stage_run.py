@@ -2,20 +2,26 @@
 
 `first_stage_run/finished` is a whole run: three cases, one of them with its recording, signed; only
 the page and its pictures are left out. `first_stage_run/unfinished` is what is left of a journal
-when its run is stopped after two of the same cases. Neither is ever made anew.
+when its run is stopped after two of the same cases. `first_stage_run/attempt` is an attempt of its
+own, with the record of its drive and the journal of an intervention. None is ever made anew.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from conductor.cli import app as conductor_app
+from devkit.cli import app as devkit_app
 from twin.base.errors import UsageError
+from twin.base.software import device_class
+from twin.rig.interventions.journal import read_journal
 from viewer.cli import app as viewer_app
 
 HERE = Path(__file__).parent / "first_stage_run"
@@ -87,3 +93,32 @@ def test_its_recording_is_shown(finished: Path, tmp_path: Path) -> None:
     shown = CliRunner().invoke(viewer_app, words)
     assert shown.exit_code == 0, shown.output
     assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_finished_one_is_not_run_again(finished: Path, tmp_path: Path) -> None:
+    told = conductor("run", finished / "campaign.yaml", "--out", finished)
+    assert isinstance(told.exception, UsageError)
+    assert "drivetwin 0.1 has run and finished it" in str(told.exception)
+
+
+def test_its_drive_is_replayed(capfd: pytest.CaptureFixture[str]) -> None:
+    told = CliRunner().invoke(devkit_app, ["replay", str(HERE / "attempt")])
+    assert told.exit_code == 0, told.output
+    assert "yolov3-1300-clear, attempt 1: equal, 6 ticks" in told.stdout + capfd.readouterr().out
+
+
+@pytest.mark.slow
+def test_its_interventions_are_done_again() -> None:
+    if device_class("cpu") != read_journal(HERE / "attempt")[0].device_class:
+        pytest.skip(f"made on another class of device than {device_class('cpu')}")
+    words = [sys.executable, "-m", "twin", "reenact", str(HERE / "attempt")]
+    told = subprocess.run(words, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    assert "the same values, to the last bit" in told.stdout
+
+
+def test_a_head_with_a_case_that_is_none_is_damage(tmp_path: Path) -> None:
+    text = (HERE / "attempt" / "interventions.jsonl").read_text()
+    (tmp_path / "interventions.jsonl").write_text(text.replace('"scenario":{', '"scenery":{', 1))
+    with pytest.raises(UsageError, match=r"interventions\.jsonl: damaged: "):
+        read_journal(tmp_path)

@@ -33,6 +33,7 @@ from schemas.files.drive_record import (
     RecordSeen,
 )
 from schemas.files.regular_file import open_regular
+from schemas.first_stage import head_of
 from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.base.picture_file import DAMAGED
@@ -223,7 +224,7 @@ class RecordReader:
             if len(data) < size:
                 return
             try:
-                block = self._decode(data)
+                block = self._decode(data) if file.tell() > _LENGTH.size + size else _head(data)
             except (msgspec.MsgspecError, ValueError, RecursionError) as error:
                 words = plain(str(error) or "nested too deeply")
                 raise UsageError(
@@ -234,3 +235,9 @@ class RecordReader:
             sha.update(length)
             sha.update(data)
             yield block
+
+
+def _head(data: bytes) -> RecordBlock:
+    """The first block, also as release 0.1 wrote it."""
+    head: RecordBlock = msgspec.convert(head_of(msgspec.msgpack.decode(data)), RecordBlock)
+    return head

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas import SCHEMA_VERSION
-from schemas.case import Case
+from schemas.case import CASE_VERSION, Case
 from schemas.identity import rig_key
 from schemas.wire.bounds import SEALED_MAX
 from schemas.wire.control import (
@@ -515,6 +515,12 @@ class Core:
             # Granted while we were about to leave: hand them back.
             self.ended += [Held(lease).ended("released", "worker leaves") for lease in reply.leases]
             return effects
+        if strange := {each.case_version for each in reply.leases} - {CASE_VERSION}:
+            why = (
+                f"the conductor leases cases of version {max(strange)}, this worker reads version "
+                f"{CASE_VERSION}; install the same release on both sides"
+            )
+            return [*effects, *self._end_all("released", why), *self._leave(why)]
         if self._free() and not reply.leases:
             self.ask_at_ns = now_ns + int(max(reply.retry_after_s * SECOND_NS, IDLE_NS))
         return effects + self._accept(reply.leases, now_ns)

@@ -6,12 +6,14 @@ import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from schemas import SCHEMA_VERSION
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.first_stage import head_of
 from schemas.wire.control import Lease, Result
 from schemas.wire.interventions import (
     JOURNAL_FILE,
@@ -114,7 +116,8 @@ def read_journal(path: Path) -> tuple[JournalHead, list[RecordedAction], Journal
     path = path / JOURNAL_FILE if path.is_dir() else path
     try:
         texts = read_regular(path, RUN_FILE_BYTES_MAX).splitlines()
-        lines: list[JournalLine] = [decode_json(text, JournalLine) for text in texts]
+        lines: list[JournalLine] = [_head(text) for text in texts[:1]]
+        lines += [decode_json(text, JournalLine) for text in texts[1:]]
     except FileNotFoundError:
         raise UsageError(
             f"{path}: no such journal; give the folder of an attempt that was steered by hand"
@@ -132,3 +135,16 @@ def read_journal(path: Path) -> tuple[JournalHead, list[RecordedAction], Journal
         )
     end = lines[-1] if isinstance(lines[-1], JournalEnd) else None
     return lines[0], [line for line in lines if isinstance(line, RecordedAction)], end
+
+
+def _head(text: bytes) -> JournalLine:
+    """The first line, also as release 0.1 wrote it.
+
+    Raises:
+        JsonError: it is damaged.
+    """
+    try:
+        head: JournalLine = msgspec.convert(head_of(decode_json(text, Any)), JournalLine)
+    except msgspec.ValidationError as error:
+        raise JsonError(str(error)) from None
+    return head

@@ -10,6 +10,7 @@ from conductor.core.decisions import UNKNOWN_WORKER
 from conductor.core.facts import AttemptEnded, CaseEnded, Committed, LateAttempt, Leased, Pinned
 from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
+from schemas.case import CASE_VERSION
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.codec import encode
 from schemas.wire.control import Next, Submit
@@ -266,6 +267,14 @@ def test_a_worker_id_must_fit_keys_and_files(name: str) -> None:
 def test_another_schema_version_is_refused() -> None:
     reply = Bench().ask(msgspec.structs.replace(hello(), v=V + 1))
     assert reply.error.startswith(f"schema version {V + 1} given, this conductor speaks {V}")
+
+
+def test_a_worker_that_reads_other_cases_is_refused() -> None:
+    reply = Bench().ask(msgspec.structs.replace(hello("w1"), case_version=CASE_VERSION + 1))
+    assert reply.error == (
+        f"worker w1 reads cases of version {CASE_VERSION + 1}, this conductor leases version "
+        f"{CASE_VERSION}; install the same release on both sides"
+    )
 
 
 def test_unknown_workers_are_asked_to_say_hello() -> None:

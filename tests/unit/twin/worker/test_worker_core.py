@@ -7,6 +7,7 @@ import pytest
 from case_changes import changed
 
 from schemas import SCHEMA_VERSION
+from schemas.case import CASE_VERSION
 from schemas.identity import rig_key
 from schemas.plan import expand, parse_campaign
 from schemas.wire.codec import decode
@@ -121,6 +122,18 @@ def test_refused_hello_ends_the_worker():
     (ask,) = core.on_time(0)
     assert core.on_reply(ask.request, reply(error="wrong version"), 0) == [Leave("wrong version")]
     assert core.on_time(SECOND_NS) == []
+
+
+def test_a_lease_of_another_shape_is_not_run():
+    core, request = joined()
+    new = lease(1, case_version=CASE_VERSION + 1)
+    effects = core.on_reply(request, reply(seq=1, leases=[new]), 0)
+    assert effects[-1] == Leave(
+        f"the conductor leases cases of version {CASE_VERSION + 1}, this worker reads version "
+        f"{CASE_VERSION}; install the same release on both sides"
+    )
+    assert not core.held
+    assert not any(isinstance(effect, StartRig) for effect in effects)
 
 
 def test_an_unanswered_next_is_repeated_unchanged():
