@@ -66,6 +66,8 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     half_length_m: float
     half_width_m: float
     lane: LaneRecord
+    further: list[tuple[float, float, float, float, float] | None] = []
+    """Hulls of the scenario's further targets, like ``target``."""
     hit: HitRecord | None = None
     """None: nothing, or the case failed."""
 

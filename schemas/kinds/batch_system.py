@@ -11,12 +11,8 @@ from schemas.kinds.registry import Kinds, read_kinds
 GROUP = "drivetwin.schedulers"
 """Entry points that bring batch systems."""
 
-OURS = {
-    "slurm": "schemas.kinds.batch_system:SLURM",
-    "pbs": "schemas.kinds.batch_system:PBS",
-}
-"""Those that are shipped, in the order in which they are looked for; the same as in pyproject.toml.
-The first is the one that `hpc render` writes for where nothing else is said."""
+OURS = {"shipped": "schemas.kinds.batch_system:KINDS"}
+"""Those that are shipped; the same as in pyproject.toml."""
 
 AUTO = "auto"
 """In place of a name: the batch system whose commands are here."""
@@ -72,6 +68,10 @@ PBS = BatchSystemKind(
     job_variable="PBS_JOBID",
 )
 """PBS Pro and OpenPBS."""
+
+KINDS = (SLURM, PBS)
+"""In the order in which they are looked for. The first is the one that `hpc render` writes for
+where nothing else is said."""
 
 
 @cache

@@ -19,10 +19,7 @@ if TYPE_CHECKING:  # the section is made of this table
 GROUP = "drivetwin.scenarios"
 """Entry points that bring scenario families."""
 
-OURS = {
-    "jump_scare": "schemas.kinds.scenarios.jump_scare:KIND",
-    "lane_keeping": "schemas.kinds.scenarios.lane_keeping:KIND",
-}
+OURS = {"shipped": "schemas.kinds.scenarios:KINDS"}
 """Those that are shipped; the same as in pyproject.toml."""
 
 
@@ -113,6 +110,9 @@ class ScenarioKind:
     target: str = "obstacle"
     """Whose hull DTC and TTC are about: ``obstacle``, the broken-down car of the scene, or the name
     of a thing that stands in the scene."""
+    further_targets: tuple[str, ...] = ()
+    """Names of further things that the family looks at: their hulls are
+    :attr:`twin.scenario.surroundings.Surroundings.further`, in this order."""
     stops_for_target: bool
     """The ego is to stop for the target: DTC decides, and an AEB trigger far from it is early."""
     as_autodrive: bool = False

@@ -38,6 +38,7 @@ def judge_record(
         half_length_m=ground.half_length_m,
         half_width_m=ground.half_width_m,
         lane=lane_record(lane),
+        further=[None if hull is None else tuple(hull.tolist()) for hull in ground.further],
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
     )
 
@@ -72,9 +73,16 @@ def surroundings_of(record: JudgeRecord) -> Surroundings:
         record.lane.length_m,
         record.lane.closed,
     )
-    target = None if record.target is None else np.array(record.target)
+    target, *further = (
+        None if hull is None else np.array(hull) for hull in (record.target, *record.further)
+    )
     return Surroundings(
-        lane, target, record.centre_offset_m, record.half_length_m, record.half_width_m
+        lane,
+        target,
+        record.centre_offset_m,
+        record.half_length_m,
+        record.half_width_m,
+        tuple(further),
     )
 
 

@@ -235,10 +235,11 @@ class Engine:
     def _ground(self, slot: int, case: Case) -> Surroundings:
         """What the scenario of a case looks at; distances of its slot are to its target."""
         scenario = case.variation.scenario
-        target = self._world.collider_of(kind_of(scenario).target)
+        kind = kind_of(scenario)
+        target = self._world.collider_of(kind.target)
         self._vehicles.targets[slot] = -1 if target is None else target
         return Surroundings.of(
-            self._world, self._vehicle, target, scenario.scene, street=self._street
+            self._world, self._vehicle, kind, scenario.scene, street=self._street
         )
 
     def clear(self, slot: int) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from schemas.kinds.scenario import ScenarioKind
 from twin.road.lane import LanePath
 
 if TYPE_CHECKING:  # who judges what is written needs no world
@@ -27,6 +28,8 @@ class Surroundings:
     """From the ego's reference point to the middle of its hull, forward."""
     half_length_m: float
     half_width_m: float
+    further: tuple[np.ndarray | None, ...] = ()
+    """Hulls of the scenario's further targets, like ``target``, in the order of its declaration."""
     front_offset_m: float = 0.0
     """From the ego's reference point to its front bumper; not in records."""
     scene: str = ""
@@ -36,18 +39,24 @@ class Surroundings:
 
     @classmethod
     def of(
-        cls, world: World, vehicle: Vehicle, target: int | None, scene: str, *, street: bool
+        cls, world: World, vehicle: Vehicle, kind: ScenarioKind, scene: str, *, street: bool
     ) -> Surroundings:
-        """Those of a vehicle in a world; ``target``: index of a collider."""
+        """Those of a vehicle in a world, as far as a family looks at it."""
+
+        def hull(name: str) -> np.ndarray | None:
+            index = world.collider_of(name)
+            return None if index is None else world.colliders[index]
+
         return cls(
-            world.lane,
-            None if target is None else world.colliders[target],
-            vehicle.centre_offset_m,
-            vehicle.length_m / 2,
-            vehicle.width_m / 2,
-            vehicle.front_offset_m,
-            scene,
-            street,
+            lane=world.lane,
+            target=hull(kind.target),
+            centre_offset_m=vehicle.centre_offset_m,
+            half_length_m=vehicle.length_m / 2,
+            half_width_m=vehicle.width_m / 2,
+            further=tuple(hull(name) for name in kind.further_targets),
+            front_offset_m=vehicle.front_offset_m,
+            scene=scene,
+            street=street,
         )
 
     def before_target(self, distance_m: float) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@ from twin.scenario import families
 from twin.scenario.surroundings import Surroundings
 
 ROOT = Path(__file__).parents[4]
-GROUND = Surroundings(straight(0.0, 2000.0), None, 1.4, 2.4, 0.9, 3.8)
+GROUND = Surroundings(straight(0.0, 2000.0), None, 1.4, 2.4, 0.9, front_offset_m=3.8)
 NAMES = [kind.name for kind in scenario_kinds().declared]
 
 
