@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +18,30 @@ from twin.scenario.surroundings import Surroundings
 
 ROOT = Path(__file__).parents[4]
 GROUND = Surroundings(straight(0.0, 2000.0), None, 1.4, 2.4, 0.9, front_offset_m=3.8)
+HULL = np.array([500.0, 3.0, 0.0, 2.25, 0.9])
 NAMES = [kind.name for kind in scenario_kinds().declared]
+
+
+def ground_of(name):
+    """A free lane, beside which stand the things of a family that looks at several."""
+    kind = scenario_kinds().find(name)
+    step = np.array([100.0, 0.0, 0.0, 0.0, 0.0])
+    further = tuple(HULL + (place + 1) * step for place in range(len(kind.further_targets)))
+    return replace(GROUND, target=HULL, further=further) if further else GROUND
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_case_begins_on_the_lane_and_does_not_end_there(name):
     scenario = Scenario(type=name)
-    x_m, y_m, yaw_rad = families.start_of(scenario, GROUND)
+    x_m, y_m, yaw_rad = families.start_of(scenario, ground_of(name))
     assert GROUND.lane.locate(x_m, y_m).lateral_m == 0.0
     assert yaw_rad == 0.0
-    assert not families.begin(scenario, GROUND, x_m, y_m).ended()
+    assert not families.begin(scenario, ground_of(name), x_m, y_m).ended()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_columns_of_a_family_are_those_of_the_table(name):
-    run = families.begin(Scenario(type=name), GROUND, 0.0, 0.5)
+    run = families.begin(Scenario(type=name), ground_of(name), 0.0, 0.5)
     declared = {kind.name for kind in shipped("column") if kind.by_scenario}
     assert set(run.columns()) <= declared
 
@@ -41,7 +51,7 @@ def test_places_one_by_one_are_places_at_once(name):
     """The engine gives them tick by tick, the judge all of them."""
     x_m, y_m = np.linspace(0.0, 70.0, 40), np.linspace(0.1, -0.6, 40)
     scenario = Scenario(type=name)
-    one, other = (families.begin(scenario, GROUND, x_m[0], y_m[0]) for _ in range(2))
+    one, other = (families.begin(scenario, ground_of(name), x_m[0], y_m[0]) for _ in range(2))
     for k in range(1, 40):
         one.observe(x_m[k : k + 1], y_m[k : k + 1])
     other.observe(x_m[1:], y_m[1:])
