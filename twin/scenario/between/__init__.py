@@ -1,0 +1,1 @@
+"""The ego is to stop between two things that stand at its lane."""
