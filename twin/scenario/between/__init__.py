@@ -1,1 +1,0 @@
-"""The ego is to stop between two things that stand at its lane."""
