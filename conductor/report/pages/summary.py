@@ -82,7 +82,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
     add("passed", [row.passed for row in rows], pa.bool_())
     add("no_collision", [row.no_collision for row in rows], pa.bool_())
     add("reasons", [row.end.reasons for row in rows], pa.list_(pa.string()))
-    for column in dossier.scenario.scalars:
+    for column in dossier.scalars:
         values = [row.scalar(column.name) for row in rows]
         add(column.name, values, _SCALAR_TYPES[column.type])
     for column in NAMES:

@@ -15,6 +15,7 @@ from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.identity import campaign_digest
+from schemas.kinds.kpi import KpiKind
 from schemas.kinds.scenario import ScenarioKind, kind_of
 from schemas.plan import expand, parse_campaign
 from schemas.verdict import no_collision
@@ -85,6 +86,14 @@ class Dossier:
     def scenario(self) -> ScenarioKind:
         """The declaration of the campaign's scenario family."""
         return kind_of(self.campaign.scenario)
+
+    @property
+    def scalars(self) -> list[KpiKind]:
+        """Scalars of its cases, in the order of files; without those that are computed and that the
+        version that ran them did not have."""
+        had = {name for row in self.rows for name in row.end.scalars}
+        every = self.scenario.scalars
+        return [kind for kind in every if not kind.implementation or kind.name in had]
 
     def of_scenario(self, text: str) -> str:
         """A text of the scenario's declaration with the values of the scenario's keys."""
