@@ -1,0 +1,1 @@
+"""How long the stack asked for braking."""
