@@ -282,17 +282,6 @@ _SCALARS = (
         panel="peak deceleration",
     ),
     KpiKind(
-        name="brake_time_s",
-        place="scalar",
-        type="float64",
-        unit="s",
-        doc="Sim time during which the stack's command brakes",
-        nullable=True,
-        label="Brakes for [s]",
-        compared="Time of braking [s]",
-        implementation="twin.kpi.brake_time.duration:brake_time_s",
-    ),
-    KpiKind(
         name="speed_max_mps",
         place="scalar",
         type="float64",

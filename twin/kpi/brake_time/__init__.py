@@ -1,1 +1,0 @@
-"""How long the stack asked for braking."""
