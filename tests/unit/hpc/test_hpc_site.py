@@ -7,6 +7,7 @@ import pytest
 from waiting import PATIENCE_S
 
 from hpc.site import Site, load_site
+from schemas.kinds.batch_system import batch_systems
 from twin.base.errors import UsageError
 
 FULL = """\
@@ -39,11 +40,17 @@ def test_an_empty_file_presets_nothing(tmp_path):
     assert load_site(path) == Site()
 
 
+NAMES = ", ".join(sorted(("auto", *batch_systems().names())))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("partitoin: gpu\n", ["partitoin: unknown key", "did you mean 'partition'?", "account"]),
-        ("scheduler: lsf\n", ["scheduler: given 'lsf'", "auto, pbs, slurm"]),
+        (
+            "scheduler: lsf\n",
+            ["scheduler: given 'lsf'", NAMES],
+        ),
         ("cpus_per_worker: 0\n", ["cpus_per_worker: given 0", ">= 1"]),
         ("modules: cuda\n", ["modules: given 'cuda', expected a list"]),
         ("directives: [1]\n", ["directives[0]: given 1"]),

@@ -11,6 +11,8 @@ from foreign_distributions import install
 from plugin_site import EXAMPLE, install_example
 from waiting import PATIENCE_S
 
+from schemas.kinds.batch_system import KINDS
+
 ROOT = Path(__file__).resolve().parents[3]
 
 DECLARATION = (EXAMPLE / "plugin_example/hut_kind.py").read_text()
@@ -85,11 +87,11 @@ def hut(tmp_path, example):
 
 def test_help_names_it(hut):
     shown = " ".join(hut.hpc("render", "--help").stdout.split())
-    assert "--scheduler <auto|slurm|pbs|hut>" in shown
-    assert "a feature (Slurm), name=value (PBS), a floor (Hut)" in shown
-    assert "(`salloc`, `qsub -I`, `hutsub --shell`)" in " ".join(
-        hut.hpc("shell", "--help").stdout.split()
-    )
+    assert f"--scheduler <auto|{'|'.join(kind.name for kind in KINDS)}|hut>" in shown
+    meant = ", ".join(f"{kind.constraint} ({kind.title})" for kind in KINDS)
+    assert f"{meant}, a floor (Hut)" in shown
+    opened = ", ".join(f"`{kind.opens}`" for kind in KINDS)
+    assert f"({opened}, `hutsub --shell`)" in " ".join(hut.hpc("shell", "--help").stdout.split())
 
 
 def test_a_script_is_rendered(hut):
@@ -133,7 +135,7 @@ def test_an_interactive_allocation(hut):
 def test_what_doctor_says(hut):
     facts = json.loads(hut.hpc("doctor", "--output", "json", path=None).stdout)["facts"]
     assert (facts["scheduler"], facts["version"]) == ("hut", "hut 1")
-    assert facts["looked_for"] == ["sbatch", "qsub", "hutsub"]
+    assert facts["looked_for"] == [*(kind.submits for kind in KINDS), "hutsub"]
     assert [each["name"] for each in facts["partitions"]] == ["ground"]
 
 
