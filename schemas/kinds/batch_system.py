@@ -69,7 +69,20 @@ PBS = BatchSystemKind(
 )
 """PBS Pro and OpenPBS."""
 
-KINDS = (SLURM, PBS)
+FLUX = BatchSystemKind(
+    name="flux",
+    title="Flux",
+    implementation="hpc.flux.commands:Flux",
+    submits="flux",
+    version=("flux", "--version"),
+    opens="flux alloc",
+    constraint="nothing",
+    job_variable="FLUX_JOB_ID",
+    job_ids="f[0-9A-Za-z]+",
+)
+"""Flux, on one node."""
+
+KINDS = (SLURM, PBS, FLUX)
 """In the order in which they are looked for. The first is the one that `hpc render` writes for
 where nothing else is said."""
 

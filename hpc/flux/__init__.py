@@ -1,0 +1,1 @@
+"""The batch system Flux, over its command-line tool."""
