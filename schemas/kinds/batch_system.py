@@ -69,20 +69,7 @@ PBS = BatchSystemKind(
 )
 """PBS Pro and OpenPBS."""
 
-FLUX = BatchSystemKind(
-    name="flux",
-    title="Flux",
-    implementation="hpc.flux.commands:Flux",
-    submits="flux",
-    version=("flux", "--version"),
-    opens="flux alloc",
-    constraint="nothing",
-    job_variable="FLUX_JOB_ID",
-    job_ids="f[0-9A-Za-z]+",
-)
-"""Flux, on one node."""
-
-KINDS = (SLURM, PBS, FLUX)
+KINDS = (SLURM, PBS)
 """In the order in which they are looked for. The first is the one that `hpc render` writes for
 where nothing else is said."""
 

@@ -1,1 +1,0 @@
-"""The batch system Flux, over its command-line tool."""
