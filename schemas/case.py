@@ -51,7 +51,7 @@ class RigSpec(_Part, frozen=True, kw_only=True):
     vehicle: str
     """Name of a shipped vehicle, or the path of a vehicle file."""
     files: dict[str, str] = {}
-    """SHA-256 of the files that scene and vehicle name, by path."""
+    """SHA-256 of the files that scene, vehicle and networks name, by path."""
     camera: Camera
     cameras: list[Camera] = []
     lidars: list[Lidar] = []
@@ -74,6 +74,9 @@ class RigSpec(_Part, frozen=True, kw_only=True):
     slots: int = 0
     """Most cases at once; 0: as many as the worker has slots."""
     placement: Literal["worker", "inline", "node"]
+    models: list[str] = []
+    """Paths of all networks of the campaign: what a stack's process may read lies open from its
+    start."""
     sandbox: Sandbox = "default"
     """What its stack is kept from; no result depends on it."""
     cosim: bool = False
@@ -114,8 +117,6 @@ class Variation(_Part, frozen=True, kw_only=True):
     perception: Perception
     files: dict[str, str] = {}
     """SHA-256 of the files that the perception variant names, by path."""
-    models: list[str] = []
-    """Paths of all networks of its campaign: cases share a stack's process, which reads them."""
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
     """Local time [minutes after midnight]."""
     weather: Name

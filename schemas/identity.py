@@ -80,6 +80,7 @@ def _by_content(rig: RigSpec) -> RigSpec:
         scene=rig.files.get(rig.scene, rig.scene),
         vehicle=rig.files.get(rig.vehicle, rig.vehicle),
         files={},
+        models=sorted(rig.files.get(path, path) for path in rig.models),
         source=StackSource(identity=identity, parameters=rig.source.parameters),
     )
 

@@ -209,7 +209,6 @@ def _case(
         model=model,
         perception=variant,
         files=_named(campaign, file_fields(variant).values()),
-        models=shared.models,
         time_of_day_min=minutes(time_of_day),
         weather=weather,
         objects=objects,
@@ -247,7 +246,9 @@ class _Shared:
         values = tuple((name, type(value), value) for name, value in parameters.items())
         key = (scenario.scene, scenario.vehicle, id(camera), tuple(sensor_hz.items()), values)
         if key not in self._rigs:
-            self._rigs[key] = _rig(self._campaign, scenario, camera, sensor_hz, parameters)
+            rig = _rig(self._campaign, scenario, camera, sensor_hz, parameters)
+            files = rig.files | _named(self._campaign, self.models)
+            self._rigs[key] = msgspec.structs.replace(rig, files=files, models=self.models)
         return self._rigs[key]
 
 

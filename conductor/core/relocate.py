@@ -68,13 +68,13 @@ def case_at(case: Case, paths: Mapping[str, str]) -> Case:
             vehicle=paths.get(rig.vehicle, rig.vehicle),
             files=_files_at(rig.files, paths),
             source=msgspec.structs.replace(rig.source, files=files),
+            models=sorted(paths.get(path, path) for path in rig.models),
         ),
         variation=msgspec.structs.replace(
             variation,
             perception=_variant_at(variation.perception, paths),
             scenario=_scenario_at(variation.scenario, paths),
             files=_files_at(variation.files, paths),
-            models=sorted(paths.get(path, path) for path in variation.models),
         ),
     )
 

@@ -48,6 +48,7 @@ RIG: dict[str, st.SearchStrategy[Any]] = {
     "parameters": st.dictionaries(words, counts, max_size=2),
     "slots": counts,
     "placement": st.sampled_from(["worker", "inline", "node"]),
+    "models": st.lists(words, max_size=2),
     "sandbox": st.sampled_from(["default", "strict", "off"]),
     "cosim": st.booleans(),
 }
@@ -68,7 +69,6 @@ VARIATION: dict[str, st.SearchStrategy[Any]] = {
     "model": words,
     "perception": st.floats(0, 1).map(lambda least: GroundTruthPerception(contrast_min=least)),
     "files": digests,
-    "models": st.lists(words, max_size=2),
     "time_of_day_min": st.integers(0, 1439),
     "weather": words,
     "objects": st.dictionaries(words, st.just(ObjectVariation()), max_size=2),

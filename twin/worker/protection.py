@@ -57,7 +57,7 @@ def protection(
             case.rig.foreign,
             case.rig.source.files,
             case.rig.parameters,
-            case.variation.models,
+            case.rig.models,
         )
     if image is not None:
         reads += [Path(image.path), *map(Path, image.binds)]

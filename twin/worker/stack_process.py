@@ -95,7 +95,7 @@ def may_run(case: Case) -> bool:
         and case.rig.sandbox == "default"
         and not case.rig.source.files
         and not case.rig.source.parameters
-        and _all_seen(case.variation.models)
+        and _all_seen(case.rig.models)
     )
 
 

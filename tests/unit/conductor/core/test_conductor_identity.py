@@ -107,7 +107,8 @@ def test_moved_files_are_the_same_campaign_and_cases_are_leased_with_the_new_pat
     assert second.case.rig.vehicle == "/b/car.yaml"
     assert second.case.rig.source.files == ["/b/map.json"]
     assert set(second.case.variation.files) == {"/b/net.onnx"}
-    assert set(second.case.rig.files) == {"/b/car.yaml"}
+    assert set(second.case.rig.files) == {"/b/car.yaml", "/b/net.onnx"}
+    assert second.case.rig.models == ["/b/net.onnx"]
     assert case_digest(second.case) == case_digest(bench.state.campaigns["alpha"].ordered[1].case)
     bench.next(k=0, ended=[ended(second, "released")])
     # A restart knows it, also from a snapshot.
@@ -146,7 +147,7 @@ def test_digests_and_rig_keys_see_contents_and_no_paths() -> None:
 
     here, there, other = case(**placed("/a")), case(**placed("/b")), case(**placed("/a", "f" * 64))
     assert case_digest(here) == case_digest(there) != case_digest(other)
-    assert rig_key(here) == rig_key(there) == rig_key(other), "models differ per slot"
+    assert rig_key(here) == rig_key(there) != rig_key(other), "a stack sees one campaign's networks"
     stack = case(**{**placed("/a"), "stack_identity": TWO})
     assert case_digest(stack) != case_digest(here)
     assert rig_key(stack) != rig_key(here)

@@ -7,14 +7,17 @@ import msgspec
 import numpy as np
 import pytest
 from case_changes import changed
+from msgspec import structs
 
 from schemas.case import Case
+from schemas.files.assets import asset_digest
 from schemas.files.kpi import KPI_COLUMNS, SCALARS
 from schemas.messages import Command, Detection, Lights
 from schemas.plan import expand, parse_campaign
 from schemas.sections.objects import ObjectVariation
+from twin.base.errors import RefusedError
 from twin.rig.command_delay import Delays
-from twin.rig.engine import Engine
+from twin.rig.engine import Engine, check_files
 from twin.vehicle.state import COLUMN
 
 
@@ -470,3 +473,21 @@ def test_no_time_passes_where_nothing_runs():
         engine.step([None, ask(engine, 1), None])
     assert engine.tick.tolist() == [0, 2, 0]
     assert engine.sim_time_ns.tolist() == [0, 100_000_000, 0]
+
+
+def test_files_of_scene_and_vehicle_are_those_of_the_submission(tmp_path):
+    campaign, _ = parse_campaign({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    (case,) = expand(campaign)
+    network = tmp_path / "net.onnx"
+    network.write_bytes(b"\0 no YAML")  # a stack's process looks at it, when it loads it
+    networks = {str(network): "0" * 64}
+    rig = structs.replace(case.rig, files=networks, models=[*networks])
+    check_files(structs.replace(case, rig=rig))
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("schema: 1\nscene: own\n")
+    files = {**networks, str(scene): asset_digest(scene)}
+    case = structs.replace(case, rig=structs.replace(rig, scene=str(scene), files=files))
+    check_files(case)
+    scene.write_text("schema: 1\nscene: other\n")
+    with pytest.raises(RefusedError, match="not what the campaign was submitted with"):
+        check_files(case)
