@@ -1,9 +1,10 @@
 """The reach of a commit is counted right, and the recorded ones keep their limits."""
 
+import re
 import subprocess
 
 import pytest
-from reach import reach
+from reach import LIMITS, ROOT, reach
 
 
 def git(root, *words):
@@ -69,3 +70,24 @@ def test_a_subject_that_does_not_say_what_it_adds(house):
     root, commit = house
     with pytest.raises(ValueError, match="begins with none of Sensor, Scenario, KPI"):
         reach(commit("Mend", "twin/a.py"), root)
+
+
+RECORD = (ROOT / "docs/decisions/0027-what-a-kind-touches.md").read_text()
+ROW = re.compile(r"^\| `(\w+)` \| ([^|]+) \| `([^`]+)` \| (\d+) \| (\d+) \|$", re.MULTILINE)
+
+
+def test_the_record_has_rows_of_every_kind_that_it_is_about():
+    kinds = {what.partition(":")[0] for _, what, *_ in ROW.findall(RECORD)}
+    assert {"Scenario", "KPI", "Batch system"} <= kinds <= {*LIMITS}
+
+
+@pytest.mark.parametrize("row", ROW.findall(RECORD), ids=lambda row: row[0])
+def test_a_recorded_commit_touches_what_the_record_says(row):
+    commit, what, own, outside, limit = row
+    try:
+        found = reach(commit)
+    except (subprocess.CalledProcessError, FileNotFoundError):
+        pytest.skip("a copy without the history")
+    assert (found.subject, found.own) == (what.strip(), own)
+    assert (len(found.outside), LIMITS[found.kind]) == (int(outside), int(limit))
+    assert found.kept
