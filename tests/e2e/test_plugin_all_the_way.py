@@ -1,5 +1,6 @@
 """The example distribution, installed by pip, all the way: run, recorded, shown, reported."""
 
+import importlib.util
 import json
 import os
 from pathlib import Path
@@ -96,6 +97,10 @@ def shown(marked, folder: Path):
     assert read == sorted(read, reverse=True)
     assert read[-1] < 15.0
     assert len(read) == sum(frame.jpeg is not None for frame in frames), "both at 10 Hz"
+    if importlib.util.find_spec("mcap") is not None:
+        out = folder / "case.mcap"
+        said(marked, "viewer", "export", folder, CASE, "--mcap", out)
+        assert b"/sensors/thermometer" in out.read_bytes()
 
 
 def reported(marked, folder: Path):

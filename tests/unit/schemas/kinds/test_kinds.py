@@ -46,6 +46,14 @@ KIND = replace(
 )
 '''
 
+KPI_POINT = "[drivetwin.kpis]\ngaps = other_kinds:KPI"
+WHOLE = SCENARIO.replace('"scalar", type="float64"', '"column", type="int32"')
+COLUMN = SCENARIO.replace('"scalar"', '"column"')
+UNDRAWN = COLUMN + (
+    "KIND = replace(KIND, report=replace(OURS.report, curves=('gap_min_m',), overview=()))"
+)
+TWICE = SCENARIO.replace('("gap_min_m",)', '("speed_mps",)')
+
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.GROUP)
 def test_the_shipped_kinds_are_entry_points_like_those_of_anybody(table):
@@ -146,7 +154,6 @@ def test_a_distribution_brings_a_scenario_and_a_kpi(tmp_path):
         ("cut_in = other_kinds:KIND", "import nothing_like_it", "No module named"),
         ("cut_in = other_kinds:KIND", "KIND = 3", "is a int, not a ScenarioKind"),
         ("cut_in = other_kinds:KIND", "1 / 0", "ZeroDivisionError"),
-        ("cut_in = other_kinds:KIND", SCENARIO, "no distribution declares its KPI 'gap_min_m'"),
     ],
 )
 def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, module, said):
@@ -160,9 +167,28 @@ def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, mo
     assert lines[0].startswith("scenario: ")
     assert said in lines[0]
     assert "cut_in" in lines[0]
-    if "KPI" not in said:
-        assert "other 1.5: entry point 'cut_in' of drivetwin.scenarios" in lines[0]
+    assert "other 1.5: entry point 'cut_in' of drivetwin.scenarios" in lines[0]
     assert lines[1:] == ["good"]
+
+
+@pytest.mark.parametrize(
+    ("module", "said"),
+    [
+        (SCENARIO.replace("KPI =", "OTHER ="), "no distribution declares its KPI 'gap_min_m'"),
+        (WHOLE, "its KPI column 'gap_min_m' must be of type float64 and nullable"),
+        (UNDRAWN, "its report draws 'gap_min_m', which is no column of its cases with a curve"),
+        (TWICE, "its KPI 'speed_mps' is one of every case"),
+    ],
+)
+def test_a_family_whose_kpis_do_not_fit_is_refused_in_one_line(tmp_path, module, said):
+    kpis = "" if "OTHER =" in module else KPI_POINT
+    lines = _with_distribution(
+        tmp_path,
+        f"[drivetwin.scenarios]\ncut_in = other_kinds:KIND\n{kpis}\n",
+        module,
+        CHECK + "check({'type': 'cut_in'})\ncheck({})\n",
+    )
+    assert lines == [f"scenario: scenario 'cut_in': {said}", "good"]
 
 
 def test_a_name_is_taken_once(tmp_path):

@@ -34,6 +34,19 @@ def test_every_tick_comes_back_in_order_with_what_was_seen(tmp_path):
     assert case.properties["verdict"]["passed"] is True
 
 
+def test_readings_of_sensors_come_back_when_they_were_due(tmp_path):
+    recording = RecordingFile(start(tmp_path, sensors={"thermometer": ["air_c", "ground_c"]}))
+    for tick, told in enumerate([{"thermometer": [20.0, 18.5]}, {}, {"thermometer": [19.0]}]):
+        recording.state(state(tick + 1, tick, sensors=told))
+    recording.close(end(4, tick=2))
+    frames = read_case(tmp_path / naming.RECORDING_FILE).frames
+    assert [frame.readings for frame in frames] == [
+        {"thermometer": {"air_c": 20.0, "ground_c": 18.5}},
+        {},
+        {},  # a row of another length than was announced is none
+    ]
+
+
 def test_the_box_that_triggered_comes_back_in_its_tick_alone(tmp_path):
     frames = read_case(write(tmp_path, told=2)).frames
     near = Mark(10.0, 10.0, 20.0, 8.0, "car 0.90")
