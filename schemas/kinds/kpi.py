@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
-from schemas.kinds.registry import Kinds, read_kinds
+from schemas.kinds.registry import Kinds, implementation, read_kinds
 
 GROUP = "drivetwin.kpis"
 """Entry points that bring KPIs."""
@@ -88,9 +88,8 @@ def kpi_kinds() -> Kinds[KpiKind]:
 @cache
 def shipped(place: Place) -> tuple[KpiKind, ...]:
     """The KPIs of every case, in the order of files."""
-    from schemas.kinds.kpis.base import KPIS
-
-    return tuple(kind for kind in KPIS if kind.place == place)
+    kinds: tuple[KpiKind, ...] = implementation(OURS["base"])
+    return tuple(kind for kind in kinds if kind.place == place)
 
 
 @cache

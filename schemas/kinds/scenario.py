@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import msgspec
 from msgspec import UNSET, Struct
@@ -13,14 +13,19 @@ from schemas.kinds.kpi import KpiKind, columns_by_name, scalars_by_name, shipped
 from schemas.kinds.registry import Kinds, read_kinds
 from schemas.kinds.verdict import VERDICTS, VerdictKind
 
-if TYPE_CHECKING:  # the section is made of this table
-    from schemas.sections.scenario import Scenario
-
 GROUP = "drivetwin.scenarios"
 """Entry points that bring scenario families."""
 
 OURS = {"shipped": "schemas.kinds.scenarios:KINDS"}
 """Those that are shipped; the same as in pyproject.toml."""
+
+
+class NamesFamily(Protocol):
+    """A scenario of a campaign, whose section is made of this table."""
+
+    @property
+    def type(self) -> str:
+        """Its family."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +140,7 @@ class ScenarioKind:
         own = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
         return tuple(sorted(own, key=lambda kind: bool(kind.implementation)))
 
-    def config_of(self, scenario: Scenario) -> Any:
+    def config_of(self, scenario: NamesFamily) -> Any:
         """The keys of this family in a scenario, as ``config``.
 
         Raises:
@@ -180,7 +185,7 @@ def _mistake(kind: ScenarioKind, taken: set[str]) -> str:
     return ""
 
 
-def kind_of(scenario: Scenario) -> ScenarioKind:
+def kind_of(scenario: NamesFamily) -> ScenarioKind:
     """The declaration of a scenario's family."""
     return _by_name()[scenario.type]
 
