@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 from devkit.images import on_host
 from devkit.lane.lateral import LateralParameters, Wheel, steer
 from devkit.lane.track import CarMotion, LaneTrack
 from devkit.lane.view import LaneView
 from devkit.reference import control, lights, planning
+from devkit.reference.control import Controller
 from devkit.reference.eyes import Eyes
+from devkit.reference.lights import LightsSwitch
+from devkit.reference.planning import Planner
 from devkit.reference.view import CameraView
-from devkit.stack import Observation, Stack
+from devkit.stack import Observation, Stack, parameter_parts
 from schemas.messages import (
     ENVIRONMENT_COLUMNS,
     VEHICLE_COLUMNS,
@@ -23,7 +26,6 @@ from schemas.messages import (
     Episode,
     PerceptionCost,
 )
-from schemas.validation import convert_all
 from schemas.wire.expected import Expected
 from twin.base.errors import UsageError
 
@@ -31,13 +33,6 @@ _SPEED = VEHICLE_COLUMNS.index("speed_mps")
 _YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
 _ILLUMINANCE = ENVIRONMENT_COLUMNS.index("illuminance_lx")
 _EXTINCTION = ENVIRONMENT_COLUMNS.index("extinction_per_m")
-
-_PLANNER = planning.Planner()
-_CONTROLLER = control.Controller()
-_STEERING = LateralParameters()
-_SWITCH = lights.LightsSwitch()
-
-T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -68,57 +63,24 @@ class AebStack(Stack):
 
     takes_device_frames = True
 
-    def __init__(
-        self,
-        slots: int,
-        *,
-        rules: str = _PLANNER.rules,
-        cruise_speed_mps: float = _PLANNER.cruise_speed_mps,
-        confidence_min: float = _PLANNER.confidence_min,
-        area_min_ratio: float = _PLANNER.area_min_ratio,
-        ttc_max_s: float = _PLANNER.ttc_max_s,
-        frames_min: int = _PLANNER.frames_min,
-        frames_window: int = _PLANNER.frames_window,
-        corridor_half_m: float = _PLANNER.corridor_half_m,
-        cruise: str = _CONTROLLER.cruise,
-        cruise_throttle: float = _CONTROLLER.cruise_throttle,
-        throttle_max: float = _CONTROLLER.throttle_max,
-        throttle_gain: float = _CONTROLLER.throttle_gain,
-        throttle_integral_gain: float = _CONTROLLER.throttle_integral_gain,
-        overspeed_mps: float = _CONTROLLER.overspeed_mps,
-        cruise_brake_gain: float = _CONTROLLER.cruise_brake_gain,
-        cruise_brake_max: float = _CONTROLLER.cruise_brake_max,
-        steering: str = _STEERING.steering,
-        lane_width_m: float = _STEERING.lane_width_m,
-        marking_width_m: float = _STEERING.marking_width_m,
-        preview_s: float = _STEERING.preview_s,
-        wheelbase_m: float = _STEERING.wheelbase_m,
-        understeer_rad_per_mps2: float = _STEERING.understeer_rad_per_mps2,
-        roll_rad_per_mps2: float = _STEERING.roll_rad_per_mps2,
-        sideslip_rad_per_mps2: float = _STEERING.sideslip_rad_per_mps2,
-        steering_max_rad: float = _STEERING.steering_max_rad,
-        steering_rate_radps: float = _STEERING.steering_rate_radps,
-        fade_s: float = _STEERING.fade_s,
-        dark_below_lx: float = _SWITCH.dark_below_lx,
-        bright_above_lx: float = _SWITCH.bright_above_lx,
-        fog_above_per_m: float = _SWITCH.fog_above_per_m,
-        clear_below_per_m: float = _SWITCH.clear_below_per_m,
-    ) -> None:
+    PARAMETERS = (Planner, Controller, LateralParameters, LightsSwitch)
+
+    def __init__(self, slots: int, **parameters: Any) -> None:
         """Build the stack for ``slots`` cars.
 
-        The parameters are the fields of :class:`devkit.reference.planning.Planner`,
-        :class:`devkit.reference.control.Controller`, :class:`devkit.lane.lateral.LateralParameters`
-        and :class:`devkit.reference.lights.LightsSwitch`, which state unit and range of each.
+        ``parameters`` are fields of :attr:`PARAMETERS`, which state unit and range of each.
 
         Raises:
+            TypeError: there is no such parameter.
             ValueError: a parameter is out of its range, not a number, or would be ignored.
         """
-        given = locals()
-        self.planner = _checked(planning.Planner, given)
-        self.controller = _checked(control.Controller, given)
-        self.steering = _checked(LateralParameters, given)
-        self.switch = _checked(lights.LightsSwitch, given)
-        if cruise == "throttle" and cruise_speed_mps != _PLANNER.cruise_speed_mps:
+        parts = parameter_parts(self.PARAMETERS, parameters)
+        self.planner: Planner = parts[0]
+        self.controller: Controller = parts[1]
+        self.steering: LateralParameters = parts[2]
+        self.switch: LightsSwitch = parts[3]
+        sped = self.planner.cruise_speed_mps != Planner().cruise_speed_mps
+        if self.controller.cruise == "throttle" and sped:
             raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
         self._cars: list[_Car | None] = [None] * slots
         self._eyes = Eyes(slots)
@@ -237,12 +199,3 @@ class _Instant:
             sensors["environment"].tolist(),
             sensors.get("camera"),
         )
-
-
-def _checked(type_: type[T], given: dict[str, Any]) -> T:
-    """The parameters of one part, with their ranges checked."""
-    fields = getattr(type_, "__struct_fields__", ())
-    value, mistakes = convert_all({name: given[name] for name in fields}, type_)
-    if value is None:
-        raise ValueError(mistakes[0].line("autonomy.parameters"))
-    return value

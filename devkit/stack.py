@@ -45,12 +45,13 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, ClassVar, cast
 
+import msgspec
 import numpy as np
 
 from schemas.messages import Command, Episode, PerceptionCost
-from schemas.validation import suggest
+from schemas.validation import convert_all, suggest
 from schemas.wire.expected import Expected
 from twin.sandbox.inside import is_inside
 
@@ -125,11 +126,16 @@ class Stack(ABC):
     runs at a fixed batch size, never at S.
     """
 
+    PARAMETERS: ClassVar[tuple[type[msgspec.Struct], ...]] = ()
+    """Structs whose fields are parameters, of a class that takes ``**parameters`` and hands them to
+    :func:`parameter_parts`."""
+
     def __init__(self, slots: int) -> None:
         """Build the stack once per rig.
 
-        Subclasses list their parameters as keyword-only arguments with defaults; those are the
-        keys allowed in ``autonomy.parameters``. Raise ValueError with one sentence for a bad value.
+        Subclasses list their parameters as keyword-only arguments with defaults, or by
+        :attr:`PARAMETERS`; those are the keys allowed in ``autonomy.parameters``. Raise ValueError
+        with one sentence for a bad value.
 
         Args:
             slots: number of slots S, at least 1.
@@ -224,6 +230,32 @@ def _find(entry_point: str) -> type[Stack]:
     return cast(type[Stack], found)
 
 
+def parameter_parts(
+    parts: Sequence[type[msgspec.Struct]], parameters: Mapping[str, ParameterValue]
+) -> list[Any]:
+    """One struct of every type, from the parameters that are its fields.
+
+    Raises:
+        TypeError: a parameter is a field of none.
+        ValueError: a value is not allowed; one line.
+    """
+    if unknown := {*parameters} - {name for part in parts for name in fields_of(part)}:
+        raise TypeError(f"unexpected parameter '{min(unknown)}'")
+    made = []
+    for part in parts:
+        own = {name: parameters[name] for name in fields_of(part) if name in parameters}
+        value, mistakes = convert_all(own, part)
+        if value is None:
+            raise ValueError(mistakes[0].line("autonomy.parameters"))
+        made.append(value)
+    return made
+
+
+def fields_of(part: type[msgspec.Struct]) -> tuple[str, ...]:
+    """Names of its fields, as campaigns write them."""
+    return part.__struct_fields__
+
+
 def _check_names(
     entry_point: str, stack_class: type[Stack], parameters: Mapping[str, ParameterValue]
 ) -> None:
@@ -231,7 +263,9 @@ def _check_names(
     signature = list(inspect.signature(stack_class).parameters.values())
     keywords = [p for p in signature if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
     allowed = [p.name for p in keywords if p.name != "slots"]
-    if not any(p.kind == p.VAR_KEYWORD for p in signature):
+    listed = [name for part in vars(stack_class).get("PARAMETERS", ()) for name in fields_of(part)]
+    if listed or not any(p.kind == p.VAR_KEYWORD for p in signature):
+        allowed += listed
         for name in parameters:
             if name not in allowed:
                 hint = suggest(name, allowed) if allowed else "it takes none"

@@ -156,7 +156,8 @@ def _parameters(of: _Class, left: int = CHAIN_MAX) -> list[str] | None:
         return None
     for statement in node.body:
         if isinstance(statement, ast.FunctionDef) and statement.name == "__init__":
-            return _taken(statement)
+            taken, listed = _taken(statement), _listed(of)
+            return taken if listed is None else [*(taken or []), *listed]
     if any(part in ("__new__", "__init__") for part in _names_in(node)) or len(node.bases) != 1:
         return None
     base = node.bases[0]
@@ -164,6 +165,30 @@ def _parameters(of: _Class, left: int = CHAIN_MAX) -> list[str] | None:
         return None
     parent = _find(of.source, base.id)
     return None if parent is None else _parameters(parent, left - 1)
+
+
+def _listed(of: _Class) -> list[str] | None:
+    """Fields of the structs in a class's ``PARAMETERS``; None: it has none, or the syntax does not
+    tell."""
+    assert of.node is not None
+    for statement in of.node.body:
+        match statement:
+            case ast.Assign(targets=[ast.Name(id="PARAMETERS")], value=ast.Tuple(elts=parts)):
+                found = [_find(of.source, part.id) for part in parts if isinstance(part, ast.Name)]
+                nodes = [each.node for each in found if each is not None and each.node is not None]
+                if len(nodes) < len(parts) or any(len(node.bases) != 1 for node in nodes):
+                    return None
+                return [name for node in nodes for name in _fields(node)]
+    return None
+
+
+def _fields(node: ast.ClassDef) -> list[str]:
+    """Names with a type in the body of a struct."""
+    return [
+        part.target.id
+        for part in node.body
+        if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
+    ]
 
 
 def _names_in(node: ast.ClassDef) -> set[str]:

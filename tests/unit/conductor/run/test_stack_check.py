@@ -23,6 +23,13 @@ class Tuned(Stack):
 class Finer(Tuned):
     def step(self, observation): ...
 
+class Part(Struct, frozen=True):
+    gain: float = 1.0
+
+class Listed(Stack):
+    PARAMETERS = (Part,)
+    def __init__(self, slots, **parameters): ...
+
 class Open(Stack):
     def __init__(self, slots, **more): ...
 
@@ -68,6 +75,7 @@ def lines(stack, **parameters):
         ("Plain", {}),
         ("Tuned", {"speed_mps": 3, "ttc_s": 1}),
         ("Finer", {"ttc_s": 1}),
+        ("Listed", {"gain": 2.0}),
         ("Open", {"anything": 1}),
         ("Conditional", {}),
         ("Made", {"anything": 1}),
@@ -87,6 +95,7 @@ def test_a_stack_that_may_be_built_passes_without_being_imported(package, name, 
         ("Tund", {}, ["autonomy.stack: given", "no class 'Tund'", "did you mean 'Tuned'?"]),
         ("Tuned", {"speed": 3}, ["autonomy.parameters.speed: unknown", "'speed_mps'", "ttc_s"]),
         ("Finer", {"speed": 3}, ["unknown parameter of", ":Finer", "speed_mps"]),
+        ("Listed", {"gian": 2.0}, ["unknown parameter of", "did you mean 'gain'?"]),
         ("Plain", {"speed": 3}, ["unknown parameter of", "it takes none"]),
         ("Renamed", {"cruise_mps": 5}, ["did you mean 'cruise_speed_mps'?"]),
         ("Beside", {"b": 1}, ["unknown parameter of", "allowed: a"]),

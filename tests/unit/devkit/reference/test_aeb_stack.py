@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-
 import msgspec
 import numpy as np
 import pytest
@@ -232,15 +230,17 @@ def test_a_slot_that_was_not_reset_is_refused():
 
 
 def test_parameters_are_the_fields_of_the_parts():
-    parameters = {
-        name: p.default
-        for name, p in inspect.signature(AebStack).parameters.items()
-        if p.kind is p.KEYWORD_ONLY
-    }
     types = (Planner, Controller, LateralParameters, LightsSwitch)
     parts = [msgspec.structs.asdict(type_()) for type_ in types]
-    assert parameters == {name: value for part in parts for name, value in part.items()}
-    assert len(parameters) == sum(len(part) for part in parts)
+    defaults = {name: value for part in parts for name, value in part.items()}
+    assert len(defaults) == sum(len(part) for part in parts), "a field of two parts"
+    stack, given = AebStack(1), AebStack(1, **defaults)
+    built = (stack.planner, stack.controller, stack.steering, stack.switch)
+    assert built == (given.planner, given.controller, given.steering, given.switch)
+    assert [type(part) for part in built] == list(types)
+    assert AebStack(1, cruise_speed_mps=3.0).planner.cruise_speed_mps == 3.0
+    with pytest.raises(TypeError, match="unexpected parameter 'cruise_mps'"):
+        AebStack(1, cruise_mps=3.0)
 
 
 @pytest.mark.parametrize(
