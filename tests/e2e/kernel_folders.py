@@ -10,7 +10,7 @@ import warp as wp
 
 from twin.world.kernel_cache import prepare_kernels
 
-LEFT_OUT = "wp_twin.sensors.boxes_"
+LEFT_OUT = "wp_twin.sensors.camera.boxes_"
 """The module that :func:`all_but_one` leaves to be compiled."""
 _FEATURES = "echo $(uname -m)-$(grep -E -m 1 '^(flags|Features)' /proc/cpuinfo | cksum)"
 

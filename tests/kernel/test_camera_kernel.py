@@ -14,7 +14,7 @@ from twin.render.light.light import advance_light, begin_sky, fill_light, fill_s
 from twin.render.noise import draw, normal
 from twin.render.tone import tone_table
 from twin.render.trace.geometry import Geometry
-from twin.sensors.boxes import BoxSensor
+from twin.sensors.camera.boxes import BoxSensor
 from twin.snapshot import usual_lights
 from twin.world.kernel_cache import prepare_kernels
 from twin.world.meshes import materials

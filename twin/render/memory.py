@@ -27,6 +27,8 @@ _BYTES_PER_TRIANGLE = 512
 """Corners, texture coordinates, baked light, face row and two kinds of BVH, rounded up."""
 _BYTES_PER_BOX = 2 * 6 * 4
 _RAY_BYTES = 3 * 4
+_SKY_BYTES = 32 * 64 * 12
+"""Table of the sky of a slot [bytes]."""
 _OBJECT_BYTES = 256
 """Pose, sphere and look of a movable object, rounded up."""
 _RESERVE_BYTES = 256 * 2**20
@@ -42,6 +44,11 @@ class LidarLoad:
     """Channels times columns of a sweep."""
     bytes_per_ray: int = 64
     """A point of the cloud and what its ray met on the way there, rounded up."""
+
+    @property
+    def row(self) -> MemoryRow:
+        """Its line of the plan."""
+        return MemoryRow(f"{self.name}: rays", 0, self.rays * self.bytes_per_ray)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +121,7 @@ def plan(
     texture_bytes: int = 0,
     instances: int = 0,
     objects: int = 0,
-    sky_bytes: int = 32 * 64 * 12,
+    sky_bytes: int = _SKY_BYTES,
 ) -> MemoryPlan:
     """Memory for ``slots`` cases at once.
 
@@ -128,22 +135,21 @@ def plan(
         objects: movable objects in a slot.
         sky_bytes: a slot's table of the sky [bytes].
     """
-    light = np.dtype(SlotLight.numpy_dtype()).itemsize
     rows = [
         MemoryRow("kernels and reserve", _RESERVE_BYTES, 0),
         MemoryRow("scene", triangles * _BYTES_PER_TRIANGLE + texture_bytes, 0),
         MemoryRow("movable objects", 0, objects * _OBJECT_BYTES),
     ]
     for camera in cameras:
-        rows += _camera_rows(camera, instances * _BYTES_PER_BOX + light + sky_bytes)
-    rows += [
-        MemoryRow(f"{lidar.name}: rays", 0, lidar.rays * lidar.bytes_per_ray) for lidar in lidars
-    ]
+        rows += camera_rows(camera, instances=instances, sky_bytes=sky_bytes)
+    rows += [lidar.row for lidar in lidars]
     return MemoryPlan(slots, tuple(rows))
 
 
-def _camera_rows(camera: Camera, small: int) -> list[MemoryRow]:
-    """``small``: light, sky and boxes of a slot [bytes]."""
+def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) -> list[MemoryRow]:
+    """What a camera takes; arguments as of :func:`plan`."""
+    light = np.dtype(SlotLight.numpy_dtype()).itemsize
+    small = instances * _BYTES_PER_BOX + light + sky_bytes
     on = camera.active_effects()
     pixels = camera.width * camera.height
     rows = [

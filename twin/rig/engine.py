@@ -33,9 +33,12 @@ from twin.scenario import families
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
 from twin.sensors import exteroceptive
+from twin.sensors.camera.cameras import camera_sites
 from twin.sensors.data import SensorData
-from twin.sensors.exteroceptive import ExteroceptiveSuite, Moment, camera_sites
+from twin.sensors.exteroceptive import ExteroceptiveSuite
 from twin.sensors.feedback import by_wire, environment
+from twin.sensors.lidar.lidars import lidar_sites
+from twin.sensors.ray_sensor import Moment
 from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
@@ -138,7 +141,7 @@ class Engine:
         if case.rig.cosim:
             self._carrier.prepare()
         self.camera_sites = camera_sites(case, vehicle)
-        self.lidar_sites = self._exteroceptive.lidar_sites
+        self.lidar_sites = lidar_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, self._device)
         looked_at = self._suite.needs_truth or self._exteroceptive.needs_truth
         self._truth = VehicleTruth(slots, self._device) if looked_at else None

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from twin.world.mirror import Mirror
+
 
 class SensorData:
     """One sensor's values for all slots; inactive slots hold zeros."""
@@ -29,6 +31,11 @@ class SensorData:
         self._pull = None if isinstance(values, np.ndarray) else values
         self.count = count
         self.device = device
+
+    @classmethod
+    def mirrored(cls, mirror: Mirror, count: np.ndarray | None = None) -> SensorData:
+        """Values of a mirror: they stay on a GPU until the host asks for them."""
+        return cls(mirror.pull, count, None if mirror.device.device.is_cpu else mirror.device)
 
     @property
     def shape(self) -> tuple[int, ...]:

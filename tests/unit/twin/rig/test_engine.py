@@ -420,7 +420,7 @@ def test_rain_falls_on_while_the_weather_changes():
     fallen, clouds = [], []
     while engine.active.any():
         engine.sense()
-        row = engine._exteroceptive._eyes[0].camera.lights.host[0]
+        row = engine._exteroceptive._sensors[0].camera.lights.host[0]
         fallen.append(float(row["fallen_m"]))
         clouds.append(row["cloud_offset"].copy())
         engine.step([ask(engine, 0)])
@@ -440,7 +440,7 @@ def test_all_cameras_see_the_same_clouds():
         engine.sense()
         engine.step([ask(engine, 0)])
     engine.sense()
-    a, b = (eye.camera.lights.host[0] for eye in engine._exteroceptive._eyes)
+    a, b = (eye.camera.lights.host[0] for eye in engine._exteroceptive._sensors)
     assert a["key"] != b["key"]
     assert a["cloud_offset"].tobytes() == b["cloud_offset"].tobytes()
 

@@ -1,0 +1,1 @@
+"""Ray-traced cameras of a rig, with their boxes."""
