@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import structs
 
 from schemas.case import Case
-from schemas.kinds.sensor import MadeUpDrive, sensor_kinds
+from schemas.kinds.sensor import MadeUpDrive, SensorKind, sensor_kinds
 from schemas.messages import (
     BOX_COLUMNS,
     BOXES_MAX,
@@ -102,7 +102,7 @@ def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, t
     for name, hz in case.rig.sensor_hz.items():
         if tick % (case.rig.control_hz // hz) == 0:
             kind = sensor_kinds().find(name)
-            found[name] = _stack(rows, name, len(kind.columns)).astype(kind.dtype), None
+            found[name] = _declared(kind, rows)
     for index, camera in enumerate(case.rig.seeing):
         if tick % (case.rig.control_hz // camera.hz):
             continue
@@ -134,7 +134,7 @@ class _Row:
         speed = drive.speed_mps
         self.gap_m = drive.distance_m(tick, 1.0 / case.rig.control_hz)
         moment = MadeUpDrive(drive.seed, tick, time_s, speed)
-        self.values = {
+        self.values: dict[str, Any] = {
             "vehicle": [speed, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0],
             "environment": [50_000.0, 0.0005],
             **{kind.name: kind.made_up(moment) for kind in sensor_kinds().declared},
@@ -166,6 +166,18 @@ class _Row:
         rows[:, 2] = np.repeat(np.linspace(1, -1, CHANNELS), COLUMNS)
         rows[:, 4], rows[:, 6] = 30.0, 1.0
         return rows
+
+
+def _declared(kind: SensorKind, rows: list[_Row | None]) -> tuple[Any, Any]:
+    """Values of a sensor as it declares them, and valid rows per slot where they differ."""
+    if not kind.rows_max:
+        return _stack(rows, kind.name, len(kind.columns)).astype(kind.dtype), None
+    values = np.zeros((len(rows), *kind.shape), kind.dtype)
+    count = [0 if row is None else len(row.values[kind.name]) for row in rows]
+    for slot, row in enumerate(rows):
+        if row is not None:
+            values[slot, : count[slot]] = row.values[kind.name]
+    return values, count
 
 
 def _stack(rows: list[_Row | None], name: str, width: int) -> np.ndarray:

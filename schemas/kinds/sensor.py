@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Literal
@@ -53,7 +53,7 @@ class MadeUpDrive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorKind:
-    """Declaration of a sensor with one row of numbers per slot."""
+    """Declaration of a sensor that gives rows of numbers."""
 
     name: str
     """Of its section in ``sensors``, and of its message."""
@@ -65,16 +65,31 @@ class SensorKind:
     """Names of the numbers of a row, unit last."""
     columns_name: str
     """How pages call the list of columns."""
-    dtype: Literal["<f8", "<i8"]
+    dtype: Literal["<f8", "<i8", "<f4"]
+    rows_max: int = 0
+    """0: a row per slot [S, K]. Else it looks at the world and has as many rows as it sees, at
+    most so many [S, N, K], with the number of valid ones per slot."""
     implementation: str
-    """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`."""
+    """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`; with ``rows_max``, of its
+    :class:`twin.sensors.ray_sensor.RaySensor`."""
     no_axes: tuple[str, ...] = ()
     """Keys that no matrix may vary."""
-    made_up: Callable[[MadeUpDrive], list[float]]
-    """A row of the made-up drive."""
+    made_up: Callable[[MadeUpDrive], list[float] | list[list[float]]]
+    """A row of the made-up drive; with ``rows_max``, rows."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a slot's values."""
+        return (self.rows_max, len(self.columns)) if self.rows_max else (len(self.columns),)
 
 
 @cache
 def sensor_kinds() -> Kinds[SensorKind]:
     """All sensors of this table, the shipped ones first."""
     return read_kinds(GROUP, SensorKind, OURS)
+
+
+def shown_columns(names: Iterable[str]) -> dict[str, list[str]]:
+    """Columns of those sensors that give a row per slot, which viewers plot."""
+    kinds = (sensor_kinds().find(name) for name in names)
+    return {kind.name: list(kind.columns) for kind in kinds if not kind.rows_max}

@@ -7,7 +7,7 @@ from typing import Literal
 
 from schemas.kinds.sensor import sensor_kinds
 
-_WORDS = {"<f8": "float64", "<i8": "int64"}
+_WORDS = {"<f8": "float64", "<i8": "int64", "<f4": "float32"}
 Payload = Literal["array", "msgpack", "jpeg"]
 
 
@@ -40,7 +40,7 @@ OWN_SENSORS = tuple(
     Topic(
         f"drive/{{rig}}/sensor/{kind.name}",
         "array",
-        f"{kind.columns_name} [S,{len(kind.columns)}] {_WORDS[kind.dtype]}",
+        f"{kind.columns_name} [S,{','.join(map(str, kind.shape))}] {_WORDS[kind.dtype]}",
         True,
     )
     for kind in sensor_kinds().declared

@@ -46,6 +46,46 @@ autonomy: {stack: "stopping_stack:Stops", perception: {none: {type: ground_truth
 matrix: {scenario.line_m: [1, 4, 12], scenario.air_c: [0, 40]}
 """
 CASE = "air_c_0-line_m_4"
+SEEING_STACK = '''
+from devkit.idle import IdleStack
+from schemas.messages import Command
+
+
+class Stops(IdleStack):
+    """Brakes as soon as the radar has seen anything."""
+
+    def __init__(self, slots):
+        super().__init__(slots)
+        self.brake = [0.0] * slots
+
+    def step(self, observation):
+        if "radar" in observation.sensors:
+            rows, counts = observation.sensors["radar"], observation.counts["radar"]
+            for slot in observation.active_slots():
+                near_m = rows[slot, : counts[slot], 0]
+                assert (near_m > 0).all()
+                self.brake[slot] = 0.5 if len(near_m) else 0.0
+        return [
+            Command(
+                slot=slot,
+                token=int(observation.token[slot]),
+                tick=int(observation.tick[slot]),
+                throttle=0.0,
+                brake=self.brake[slot],
+                steering_rad=0.0,
+            )
+            for slot in observation.active_slots()
+        ]
+'''
+SEEING = """\
+campaign: radar
+control_hz: 20
+camera: {width: 64, height: 36, hz: 10}
+scenario: {type: stop_line, duration_s: 2, ego_speed_mps: 5, standstill_s: 0.2, line_m: 4}
+sensors: {radar: {hz: 10}}
+autonomy: {stack: "seeing_stack:Stops", perception: {none: {type: ground_truth}}}
+matrix: {sensors.radar.range_m: [0.1, 500]}
+"""
 
 
 @pytest.fixture
@@ -83,6 +123,20 @@ def test_the_example_goes_all_the_way(marked, campaign, tmp_path, monkeypatch):
     compared_and_exported(marked, one, three, tmp_path / "csv")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # the stack, without the example
     said(marked, "conductor", "validate", campaign, codes=(2,))
+
+
+@pytest.mark.usefixtures("campaign")
+def test_a_ray_sensor_of_others_reaches_the_stack_row_by_row(marked, tmp_path):
+    (tmp_path / "seeing_stack.py").write_text(SEEING_STACK)
+    path, two, one = (tmp_path / name for name in ("radar.yaml", "two", "one"))
+    path.write_text(SEEING)
+    assert "conforms" in said(marked, "devkit", "check", path, "--ticks", 20)
+    run = ("conductor", "run", path, "--workers", 1)
+    said(marked, *run, "--slots", 2, "--view", "record", "--out", two, codes=(1,))
+    said(marked, *run, "--slots", 1, "--out", one, codes=(1,))
+    words = {row["verdict"] for row in outcomes(two).values()}
+    assert words == {"pass", "over_the_line"}, "one slot saw something, the other nothing"
+    assert "the same" in said(marked, "conductor", "fingerprint", two, one)
 
 
 def shown(marked, folder: Path):

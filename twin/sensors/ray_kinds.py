@@ -7,7 +7,11 @@ from functools import cache
 from schemas.kinds.registry import implementation
 from twin.sensors.ray_sensor import RayRig
 
-_RIGS = ("twin.sensors.camera.cameras:CAMERAS", "twin.sensors.lidar.lidars:LIDARS")
+_RIGS = (
+    "twin.sensors.camera.cameras:CAMERAS",
+    "twin.sensors.lidar.lidars:LIDARS",
+    "twin.sensors.declared:DECLARED",
+)
 """``module:attribute`` by kind. Channels, launches and readings of a rig have this order."""
 
 

@@ -21,7 +21,10 @@ class SensorSuite:
     def __init__(self, case: Case, origin: Origin, slots: int, device: wp.Device) -> None:
         self._sensors: dict[str, Sensor] = {}
         for name, hz in case.rig.sensor_hz.items():
-            build: type[Sensor] = implementation(sensor_kinds().find(name).implementation)
+            kind = sensor_kinds().find(name)
+            if kind.rows_max:
+                continue  # it looks at the world: the exteroceptive suite has it
+            build: type[Sensor] = implementation(kind.implementation)
             mount = SensorMount(slots, device, origin, hz, case.rig.control_hz // hz)
             self._sensors[name] = build(mount)
         self.needs_truth = bool(self._sensors)

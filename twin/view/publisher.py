@@ -338,7 +338,7 @@ class ViewPublisher(View):
 
 def _readings(sensed: dict[str, SensorData], slot: int) -> dict[str, np.ndarray]:
     """Rows of numbers that were due, by message [K]."""
-    names = (kind.name for kind in sensor_kinds().declared)
+    names = (kind.name for kind in sensor_kinds().declared if not kind.rows_max)
     return {name: sensed[name].values[slot].copy() for name in names if name in sensed}
 
 

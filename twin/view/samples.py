@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.kinds.sensor import sensor_kinds
+from schemas.kinds.sensor import shown_columns
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, command_mistake
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire.control import Lease
@@ -99,7 +99,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         height=case.rig.camera.height,
         hfov_deg=case.rig.camera.hfov_deg,
         stage=stage,
-        sensors={name: list(sensor_kinds().find(name).columns) for name in case.rig.sensor_hz},
+        sensors=shown_columns(case.rig.sensor_hz),
         keep=case.rig.keep,
     )
 

@@ -1,0 +1,139 @@
+"""A ray sensor of another distribution in an engine: rows of variable length, shared."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from plugin_site import ROOT, install_example
+
+CAMPAIGN = """\
+campaign: radar
+control_hz: 20
+camera: {width: 32, height: 18, hz: 10}
+render: false
+scenario: {duration_s: 2, ego_speed_mps: 15}
+sensors: {radar: {hz: 10}}
+autonomy: {stack: "devkit.idle:IdleStack", perception: {none: {type: ground_truth}}}
+matrix: {sensors.radar.range_m: [1, 500]}
+"""
+
+DRIVE = """
+import json, sys
+import numpy as np
+from schemas.files.yaml_file import parse_yaml
+from schemas.identity import rig_key
+from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
+from schemas.wire.topics import sensor_topic
+from devkit.checking.frames import CheckDrive, sense
+from twin.rig.engine import Engine, frame_channels
+from twin.sensors.data import SensorData
+from twin.sensors.declared import DeclaredRay
+campaign, mistakes = parse_campaign(parse_yaml(sys.stdin.read(), "radar.yaml"))
+assert campaign is not None, mistakes
+cases = expand(campaign)
+
+def readings(cases):
+    channels = {c.name: c for c in frame_channels(cases[0], len(cases))}
+    buffers = {name: np.zeros(c.shape, c.dtype) for name, c in channels.items()}
+    engine = Engine(cases[0], len(cases), buffers=buffers)
+    for slot, case in enumerate(cases):
+        engine.reset(slot, case)
+    found = []
+    for _ in range(5):
+        sensed = engine.sense()
+        if "radar" in sensed:
+            data = sensed["radar"]
+            assert data.values is buffers["radar"]
+            found.append([data.values[s, : data.count[s]].tolist() for s in range(len(cases))])
+        engine.step([Command(s, 0, int(engine.tick[s]), 0.0, 0.0, 0.0) for s in range(len(cases))])
+    return found
+
+class Says:
+    needs_truth = False
+
+    def __init__(self, data):
+        self.data = data
+
+    def read(self):
+        return self.data
+
+def refusal(**data):
+    ray = DeclaredRay.__new__(DeclaredRay)
+    ray._sensor, ray._shared = Says(data), None
+    ray._channel = frame_channels(cases[0], 2)[-1]
+    try:
+        ray.read()["radar"].values
+    except ValueError as error:
+        return str(error)
+
+full, two = np.zeros((2, 32, 2), np.float32), np.array([0, 33], np.int32)
+made, count = sense(cases[0], [CheckDrive("a", 1, 60.0, 10.0), None], 0)["radar"]
+print(json.dumps({
+    "rigs": len({rig_key(case) for case in cases}),
+    "range_m": [case.variation.sensors.radar.range_m for case in cases],
+    "together": readings(cases),
+    "alone": [readings([case]) for case in cases],
+    "topic": sensor_topic("radar").type,
+    "checked": [list(made.shape), str(made.dtype), count],
+    "refused": [
+        refusal(sonar=SensorData(full, two)),
+        refusal(radar=SensorData(full[:, :3], two)),
+        refusal(radar=SensorData(full, two)),
+        refusal(radar=SensorData(full)),
+        refusal(radar=SensorData(full.astype(float), two * 0)),
+    ],
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """What two slots read."""
+    _, env = install_example(tmp_path_factory.mktemp("radar"))
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVE],
+        env=env,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        input=CAMPAIGN,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_slots_of_a_rig_read_rows_of_other_lengths(drive):
+    assert drive["rigs"] == 1
+    assert sorted(drive["range_m"]) == [1.0, 500.0]
+    near, far = (drive["range_m"].index(range_m) for range_m in (1.0, 500.0))
+    assert len(drive["together"]) == 3, "10 Hz of 20"
+    for slots in drive["together"]:
+        assert slots[near] == []
+        assert slots[far]
+    nearest = np.array([slots[far][0][0] for slots in drive["together"]])
+    moved_m = np.abs(np.diff(nearest))
+    assert (moved_m > 0).all()
+    assert (moved_m <= 15.0 * 0.1 + 1e-3).all(), "no faster than the ego, between two readings"
+
+
+def test_a_reading_does_not_depend_on_the_slot(drive):
+    for slot, alone in enumerate(drive["alone"]):
+        assert [slots[slot] for slots in drive["together"]] == [slots[0] for slots in alone]
+
+
+def test_topic_and_made_up_drive_follow_from_the_declaration(drive):
+    assert drive["topic"] == "RADAR_COLUMNS [S,32,2] float32"
+    assert drive["checked"] == [[2, 32, 2], "float32", [1, 0]]
+
+
+def test_a_reading_that_is_not_as_declared_is_refused(drive):
+    assert drive["refused"] == [
+        "sensor 'radar' reads ['sonar']; declared: 'radar' alone",
+        "sensor 'radar' reads (2, 3, 2); declared: (2, 32, 2)",
+        "sensor 'radar' counts [0, 33] valid rows; allowed: 0 to 32 in each of 2 slots",
+        "sensor 'radar' counts [] valid rows; allowed: 0 to 32 in each of 2 slots",
+        "sensor 'radar' reads float64; declared: float32",
+    ]
