@@ -81,11 +81,8 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
             found = _loaded(point.value, type_)
             if taken := sorted(names & {each.name for each in found}):
                 raise ValueError(f"the name '{taken[0]}' is taken")
-        except Exception as error:  # code of others may raise anything
-            reason = str(error) or type(error).__name__
-            if not isinstance(error, ImportError | ValueError):
-                reason = f"{type(error).__name__}: {error}"
-            line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {reason}"
+        except (Exception, SystemExit) as error:  # code of others may raise anything, or exit
+            line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {_why(error)}"
             broken[point.name] = plain(" ".join(line.split()), 300)
             continue
         declared += found
@@ -97,12 +94,20 @@ def implementation(reference: str) -> Any:
     """The object that a declaration names as ``module:attribute``.
 
     Raises:
-        ValueError: it cannot be imported; one line.
+        ValueError: it cannot be imported, whatever its module raises, or it exits; one line.
     """
     try:
         return _attribute(reference)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"'{reference}' cannot be imported: {error}") from error
+    except (Exception, SystemExit) as error:
+        line = f"'{reference}' cannot be imported: {_why(error)}"
+        raise ValueError(plain(" ".join(line.split()), 300)) from error
+
+
+def _why(error: BaseException) -> str:
+    """What was raised at an import; the type too where its text does not speak for itself."""
+    if isinstance(error, ImportError | AttributeError | ValueError):
+        return str(error) or type(error).__name__
+    return f"{type(error).__name__}: {error}"
 
 
 def _loaded(reference: str, type_: type[D]) -> list[D]:

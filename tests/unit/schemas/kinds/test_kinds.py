@@ -1,5 +1,6 @@
 """Tables of kinds: what is shipped, and what other distributions bring."""
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ import schemas.kinds.kpi
 import schemas.kinds.scenario
 import schemas.kinds.sensor
 from schemas.kinds.kpi import kpi_kinds, scalars_by_name, shipped
+from schemas.kinds.registry import implementation
 from schemas.kinds.scenario import kind_of, scenario_kinds
 from schemas.sections.scenario import Scenario
 
@@ -154,6 +156,7 @@ def test_a_distribution_brings_a_scenario_and_a_kpi(tmp_path):
         ("cut_in = other_kinds:KIND", "import nothing_like_it", "No module named"),
         ("cut_in = other_kinds:KIND", "KIND = 3", "is a int, not a ScenarioKind"),
         ("cut_in = other_kinds:KIND", "1 / 0", "ZeroDivisionError"),
+        ("cut_in = other_kinds:KIND", "import sys; sys.exit(3)", "SystemExit: 3"),
     ],
 )
 def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, module, said):
@@ -169,6 +172,44 @@ def test_what_fails_is_one_line_that_names_its_distribution(tmp_path, points, mo
     assert "cut_in" in lines[0]
     assert "other 1.5: entry point 'cut_in' of drivetwin.scenarios" in lines[0]
     assert lines[1:] == ["good"]
+
+
+@pytest.mark.parametrize("module", ["import sys; sys.exit(0)", "1 / 0"])
+def test_validate_refuses_what_cannot_be_imported_in_one_line(tmp_path, module):
+    """An exit at import neither ends the command as a success nor hides the reason."""
+    (tmp_path / "other_kinds.py").write_text(module)
+    install(tmp_path, "other", "1.5", "[drivetwin.scenarios]\ncut_in = other_kinds:KIND\n")
+    campaign = tmp_path / "c.yaml"
+    campaign.write_text("campaign: c\nscenario: {type: cut_in}\nmatrix: {weather: [clear]}\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "conductor", "validate", str(campaign)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(ROOT)))},
+        capture_output=True,
+        text=True,
+    )
+    said = done.stdout + done.stderr
+    assert done.returncode == 2, said
+    told = [line for line in said.splitlines() if "other 1.5: entry point 'cut_in'" in line]
+    assert len(told) == 1, said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("module", "said"),
+    [
+        ("import sys; sys.exit(3)", "SystemExit: 3"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+        ("import nothing_like_it", "No module named 'nothing_like_it'"),
+        ("", "has no attribute 'KIND'"),
+    ],
+)
+def test_an_implementation_that_cannot_be_imported_is_one_line(tmp_path, monkeypatch, module, said):
+    name = f"implementation_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(module)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match=f"'{name}:KIND' cannot be imported: .*{said}"):
+        implementation(f"{name}:KIND")
 
 
 @pytest.mark.parametrize(
