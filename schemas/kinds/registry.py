@@ -94,13 +94,26 @@ def implementation(reference: str) -> Any:
     """The object that a declaration names as ``module:attribute``.
 
     Raises:
-        ValueError: it cannot be imported, whatever its module raises, or it exits; one line.
+        ValueError: it cannot be imported, whatever its module raises, or it exits; one line with
+            the distribution that brings it.
     """
     try:
         return _attribute(reference)
     except (Exception, SystemExit) as error:
-        line = f"'{reference}' cannot be imported: {_why(error)}"
+        line = f"{_owner(reference)}'{reference}' cannot be imported: {_why(error)}"
         raise ValueError(plain(" ".join(line.split()), 300)) from error
+
+
+def _owner(reference: str) -> str:
+    """The distribution whose kinds lie in the package of ``reference``, with a colon; empty: it is
+    ours, or nobody's."""
+    package = reference.partition(":")[0].partition(".")[0]
+    points = importlib.metadata.entry_points()
+    groups = [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
+    for point in (point for name in groups for point in _foreign(name)):
+        if point.module.partition(".")[0] == package:
+            return f"{_distribution(point)}: "
+    return ""
 
 
 def _why(error: BaseException) -> str:

@@ -212,6 +212,17 @@ def test_an_implementation_that_cannot_be_imported_is_one_line(tmp_path, monkeyp
         implementation(f"{name}:KIND")
 
 
+def test_an_implementation_that_ends_its_process_names_its_distribution(tmp_path):
+    points = "[drivetwin.scenarios]\ncut_in = other_kinds:KIND"
+    code = (
+        "from schemas.kinds.registry import implementation\n"
+        "try:\n    implementation('other_kinds:CutIn')\n"
+        "except ValueError as error:\n    print(error)\n"
+    )
+    lines = _with_distribution(tmp_path, points, "import sys; sys.exit(3)", code)
+    assert lines == ["other 1.5: 'other_kinds:CutIn' cannot be imported: SystemExit: 3"]
+
+
 @pytest.mark.parametrize(
     ("module", "said"),
     [
