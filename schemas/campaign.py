@@ -112,6 +112,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     files: dict[str, str] = {}
     """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
     filled in at submission, so that a file that changes meanwhile is noticed."""
+    plugins: dict[str, str] = {}
+    """Other distributions whose kinds it uses, with their versions; filled in where it is read, so
+    that workers with another version are noticed."""
     stack_identity: StackIdentity = StackIdentity()
     """Digest of the stack's code and data; filled in at submission."""
 

@@ -86,9 +86,17 @@ def _by_content(rig: RigSpec) -> RigSpec:
 
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
-    """Digest of a campaign: equal for files that list the same cases in another order."""
+    """Digest of a campaign: equal for files that list the same cases in another order. It has the
+    versions of the plug-ins that the campaign uses, and of no others."""
     pairs = sorted((case.id, case_digest(case)) for case in cases)
-    return digest([campaign.campaign.encode(), *(f"{i}={d}".encode() for i, d in pairs)])
+    plugins = sorted(campaign.plugins.items())
+    return digest(
+        [
+            campaign.campaign.encode(),
+            *(f"{i}={d}".encode() for i, d in pairs),
+            *(f"plug-in {name} {version}".encode() for name, version in plugins),
+        ]
+    )
 
 
 def rig_key(case: Case) -> str:

@@ -19,6 +19,7 @@ from schemas.axes import (
 )
 from schemas.campaign import CASES_MAX, ID_CHARS_MAX, Campaign, campaign_mistakes, count_of
 from schemas.case import Case, RigSpec, Variation
+from schemas.kinds.plugins import used_plugins
 from schemas.names import minutes
 from schemas.sections.autonomy import Autonomy, driver
 from schemas.sections.camera import Camera
@@ -52,7 +53,16 @@ def examine(data: Any) -> tuple[Campaign | None, list[Case], list[Mistake]]:
         cases, found = _expand(campaign)
         known = [mistake.path for mistake in mistakes]
         mistakes += [m for m in found if not any(_same_place(m.path, path) for path in known)]
+        campaign = msgspec.structs.replace(campaign, plugins=_plugins(campaign, cases))
     return campaign, cases, mistakes
+
+
+def _plugins(campaign: Campaign, cases: Iterable[Case]) -> dict[str, str]:
+    """The plug-ins of this installation whose kinds are named by the campaign. A sensor that is
+    named and off is in the messages of cases all the same."""
+    sections = {id(case.variation.sensors): case.variation.sensors for case in cases}
+    sensors = {name for section in sections.values() for name in section.sections()}
+    return used_plugins(campaign.scenario, sensors, campaign.autonomy.bridge)
 
 
 def _same_place(one: str, other: str) -> bool:

@@ -8,6 +8,9 @@ import sys
 import tomllib
 import zipfile
 from pathlib import Path
+from typing import Any
+
+from foreign_distributions import install
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "tests" / "plugin_example"
@@ -28,18 +31,36 @@ def install_example(folder: Path) -> tuple[Path, dict[str, str]]:
     return site, {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(folder / "home")}
 
 
-def _wheel(folder: Path) -> Path:
-    """The wheel that a build of the example gives; where tests run there is no build backend."""
-    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
-    name, version = project["name"].replace("-", "_"), project["version"]
+def beside(folder: Path, version: str) -> dict[str, str]:
+    """The environment in which the example's sources are found as if its ``version`` were
+    installed, whose metadata go below ``folder``."""
+    install(folder, "plugin-example", version, example_points())
+    path = os.pathsep.join([str(folder), str(EXAMPLE), str(ROOT), str(ROOT / "tests")])
+    return {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(folder / "home")}
+
+
+def example_points() -> str:
+    """The example's ``entry_points.txt``."""
     points = [
         f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in found.items())
-        for group, found in project["entry-points"].items()
+        for group, found in _project()["entry-points"].items()
     ]
+    return "\n".join(points)
+
+
+def _project() -> dict[str, Any]:
+    found: dict[str, Any] = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
+    return found
+
+
+def _wheel(folder: Path) -> Path:
+    """The wheel that a build of the example gives; where tests run there is no build backend."""
+    project = _project()
+    name, version = project["name"].replace("-", "_"), project["version"]
     files = {
         "METADATA": f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {version}\n",
         "WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-        "entry_points.txt": "\n".join(points),
+        "entry_points.txt": example_points(),
     }
     path = folder / f"{name}-{version}-py3-none-any.whl"
     with zipfile.ZipFile(path, "w") as wheel:

@@ -91,6 +91,12 @@ def _conflict(
             f"digest {before.digest[:12]}, now {now.digest[:12] or 'none'}); put it back, or "
             f"{elsewhere}"
         )
+    for plugin, version in known.campaign.plugins.items():
+        if (here := given.plugins.get(plugin, version)) != version:
+            return (
+                f"{name}: {known.out} was begun with plug-in '{plugin}' {version}, installed is "
+                f"{here}; put it back, or {elsewhere}"
+            )
     old, new = known.campaign.files | before.named, given.files | now.named
     other = [path for path, sha in old.items() if new.get(path, sha) != sha]
     if other:
@@ -105,6 +111,18 @@ def _conflict(
         f"{name}: {known.out} holds a campaign of this name with other cases{why} (digest "
         f"{known.digest[:12]}, given {digest[:12]}); give it another name or another out folder"
     )
+
+
+def _other_plugins(request: Submit, here: Campaign) -> str:
+    """A plug-in of the submitter that is not the one with which cases are made here; or nothing."""
+    given = request.campaign.get("plugins") or {}
+    for name, version in here.plugins.items():
+        if given.get(name, version) != version:
+            return (
+                f"uses plug-in '{plain(name, 80)}' {plain(str(given[name]), 80)} where it was "
+                f"submitted, the conductor has {version}; install the same version on both sides"
+            )
+    return ""
 
 
 def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, list[str]]:
@@ -125,6 +143,8 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
     name = campaign.campaign
     if state.config.protected and (why := open_by_nature(campaign.autonomy)):
         return None, [f"{name}: {why}; {PROTECTED_ONLY}"]
+    if error := _other_plugins(request, campaign):
+        return None, [f"{name}: {error}"]
     digest = campaign_digest(campaign, cases)
     known = state.campaigns.get(name)
     if known is not None and known.digest == digest:

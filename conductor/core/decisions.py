@@ -177,6 +177,7 @@ def _hello(turn: RequestTurn, request: Hello) -> Reply:
         tags=request.tags,
         share=request.share,
         lacks=lacks,
+        plugins=request.plugins,
         session=hash_of(request.session),
         signer=signer_of(request.session),
     )
@@ -208,10 +209,13 @@ def _oversized(request: Hello) -> str:
         "device class": [request.device_class],
         "software digest": [request.software],
         "tag": request.tags,
-        "bridge": [*request.lacks, *request.lacks.values()],
+        "word about what it lacks": [*request.lacks, *request.lacks.values()],
+        "plug-in": [*request.plugins, *request.plugins.values()],
     }
     if len(request.lacks) > TAGS_MAX:
-        return f"worker {request.worker}: {len(request.lacks)} bridges, at most {TAGS_MAX}"
+        return f"worker {request.worker}: lacks {len(request.lacks)} things, at most {TAGS_MAX}"
+    if len(request.plugins) > TAGS_MAX:
+        return f"worker {request.worker}: {len(request.plugins)} plug-ins, at most {TAGS_MAX}"
     if len(request.tags) > TAGS_MAX:
         return (
             f"worker {request.worker}: {len(request.tags)} tags, at most {TAGS_MAX}; leave some out"

@@ -92,6 +92,7 @@ class WorkerJoined(_Fact, frozen=True):
     """Hash of its session's secret; empty in journals of earlier versions: nobody can prove it."""
     signer: bytes = b""
     """Public key of its seals."""
+    plugins: dict[str, str] = {}
 
 
 class WorkerLeft(_Fact, frozen=True):

@@ -23,7 +23,8 @@ from conductor.core.state import (
     State,
     WorkerState,
 )
-from schemas.campaign import Requirements
+from schemas.campaign import Campaign, Requirements
+from schemas.kinds.plugins import plugin_lack
 from schemas.sections.autonomy import SANDBOX
 from schemas.wire.control import Next, Share
 
@@ -54,7 +55,7 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
             "submit with 'device: any' to mix device classes"
         )
     lacks = _lacks(campaign.campaign.requires, worker) or _bridgeless(campaign, worker)
-    lacks = lacks or _unprotected(campaign, worker)
+    lacks = lacks or _unprotected(campaign, worker) or _pluginless(campaign.campaign, worker)
     if lacks:
         return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
@@ -89,6 +90,19 @@ def _unprotected(campaign: CampaignState, worker: WorkerJoined) -> str:
     if not lack or campaign.campaign.autonomy.placement != "worker":
         return ""
     return f"has no sandbox for stacks, {lack}; {PROTECTED_ONLY}"
+
+
+def _pluginless(campaign: Campaign, worker: WorkerJoined) -> str:
+    """The first plug-in that the campaign uses and the worker has not as it is here, or nothing."""
+    for name, version in campaign.plugins.items():
+        needed = f"plug-in '{name}' {version}"
+        if name not in worker.plugins:
+            return f"has no {needed}; install it there"
+        if worker.plugins[name] != version:
+            return f"has plug-in '{name}' {worker.plugins[name]}, needed is {version}"
+        if lack := worker.lacks.get(plugin_lack(name), ""):
+            return f"cannot use {needed}, {lack}"
+    return ""
 
 
 def mismatches(state: State, worker: WorkerState) -> list[str]:

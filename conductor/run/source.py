@@ -181,7 +181,20 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
     mistakes += _missing_models(campaign, cases)
     mistakes += _missing_image(campaign)
     mistakes += stack_mistakes(campaign, cases)
+    mistakes += _other_plugins(data.get("plugins") or {}, campaign.plugins)
     return (None, mistakes) if mistakes else (campaign, [])
+
+
+def _other_plugins(given: dict[str, str], installed: dict[str, str]) -> list[Mistake]:
+    """Plug-ins of a campaign that was read elsewhere, in other versions."""
+    return [
+        Mistake(
+            f"plugins.{name}",
+            f"given {given[name]}, installed is {version}; install that version, or remove the key",
+        )
+        for name, version in installed.items()
+        if given.get(name, version) != version
+    ]
 
 
 def _missing_image(campaign: Campaign) -> list[Mistake]:

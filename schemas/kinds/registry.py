@@ -11,12 +11,19 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from schemas.words import plain
 
 OUR_DISTRIBUTION = "drivetwin"
+
+
+class Plugin(NamedTuple):
+    """Another distribution that brings kinds."""
+
+    name: str
+    version: str
 
 
 class Declaration(Protocol):
@@ -38,6 +45,8 @@ class Kinds(Generic[D]):
     """The shipped ones first, then those of others by distribution."""
     broken: Mapping[str, str]
     """Entry point that cannot be used -> one line that names its distribution and the reason."""
+    brought: Mapping[str, Plugin] = field(default_factory=dict)
+    """Kind, or entry point that cannot be used, that is not shipped -> who brings it."""
 
     def names(self) -> tuple[str, ...]:
         """The names of the declarations, then those of what cannot be used: whoever asks for one
@@ -76,6 +85,7 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
         declared += _loaded(reference, type_)
     names = {each.name for each in declared}
     broken: dict[str, str] = {}
+    brought: dict[str, Plugin] = {}
     for point in sorted(_foreign(group), key=lambda p: (_distribution(p), p.name)):
         try:
             found = _loaded(point.value, type_)
@@ -84,10 +94,19 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
         except (Exception, SystemExit) as error:  # code of others may raise anything, or exit
             line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {_why(error)}"
             broken[point.name] = plain(" ".join(line.split()), 300)
+            brought.setdefault(point.name, _plugin(point))
             continue
         declared += found
         names |= {each.name for each in found}
-    return Kinds(tuple(declared), broken)
+        brought.update((each.name, _plugin(point)) for each in found)
+    return Kinds(tuple(declared), broken, brought)
+
+
+def installed_plugins() -> dict[str, str]:
+    """Every other distribution of this installation that brings kinds of any group, by name, with
+    its version."""
+    found = (_plugin(point) for name in _groups() for point in _foreign(name))
+    return {plugin.name: plugin.version for plugin in sorted(found)}
 
 
 def implementation(reference: str) -> Any:
@@ -108,9 +127,7 @@ def _owner(reference: str) -> str:
     """The distribution whose kinds lie in the package of ``reference``, with a colon; empty: it is
     ours, or nobody's."""
     package = reference.partition(":")[0].partition(".")[0]
-    points = importlib.metadata.entry_points()
-    groups = [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
-    for point in (point for name in groups for point in _foreign(name)):
+    for point in (point for name in _groups() for point in _foreign(name)):
         if point.module.partition(".")[0] == package:
             return f"{_distribution(point)}: "
     return ""
@@ -136,6 +153,12 @@ def _attribute(reference: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
+def _groups() -> list[str]:
+    """The groups of entry points that bring kinds."""
+    points = importlib.metadata.entry_points()
+    return [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
+
+
 def _foreign(group: str) -> Iterable[importlib.metadata.EntryPoint]:
     """Entry points of other distributions."""
     found = importlib.metadata.entry_points(group=group)
@@ -143,6 +166,10 @@ def _foreign(group: str) -> Iterable[importlib.metadata.EntryPoint]:
 
 
 def _distribution(point: importlib.metadata.EntryPoint) -> str:
-    return (
-        "unknown distribution" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-    )
+    return " ".join(_plugin(point)).rstrip()
+
+
+def _plugin(point: importlib.metadata.EntryPoint) -> Plugin:
+    if point.dist is None:
+        return Plugin("unknown distribution", "")
+    return Plugin(point.dist.name, point.dist.version)

@@ -165,7 +165,7 @@ def scenario_kinds() -> Kinds[ScenarioKind]:
         else:
             good.append(kind)
             taken |= set(kind.config.__struct_fields__)
-    return Kinds(tuple(good), broken)
+    return Kinds(tuple(good), broken, found.brought)
 
 
 def _mistake(kind: ScenarioKind, taken: set[str]) -> str:

@@ -22,6 +22,8 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import lacking_bridges
+from schemas.kinds.plugins import lacking_plugins
+from schemas.kinds.registry import installed_plugins
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
@@ -148,7 +150,8 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=lacking_bridges() | lacking_sandbox(),
+                lacks=lacking_bridges() | lacking_sandbox() | lacking_plugins(),
+                plugins=installed_plugins(),
                 session=session,
             ),
             until_done=options.until_done,
