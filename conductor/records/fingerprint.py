@@ -6,15 +6,17 @@ import hashlib
 import struct
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
-import pyarrow as pa
 
 from conductor.records.attempts import attempt_file
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from schemas.words import unended
 from twin.base.errors import InfrastructureError, UnfinishedError
-from twin.records.kpi_file import canonical, read_kpi
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 KPI_FILE = "kpi.parquet"
 
@@ -116,6 +118,9 @@ def committed_rows(folder: Path, name: str, case: CaseOutcome) -> tuple[pa.Table
     Raises:
         InfrastructureError: the file is missing, damaged, or not the one that was committed.
     """
+    # Late: a run begins without Parquet, whose import takes a fifth of its command's start.
+    from twin.records.kpi_file import canonical, read_kpi
+
     path = kpi_path(folder, name, case)
     try:
         table = read_kpi(path)

@@ -406,10 +406,11 @@ def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Finger
     from conductor.report.reading.dossier import open_dossier
 
     # Before the report, which says so. The fingerprint is known: every file has just been read.
-    if early := read_shown(open_dossier(options.out))[1].fingerprint:
+    read = read_shown(open_dossier(options.out))
+    if early := read[1].fingerprint:
         _sign(options.out, outcomes, early)
     # Plots wait for `conductor report`.
-    late = make_report(options.out, plots=False).content.evidence.fingerprint
+    late = make_report(options.out, plots=False, read=read).content.evidence.fingerprint
     with contextlib.suppress(TwinError):  # the reason is told already
         sign_derived(options.out)
     return outcomes, late or fingerprint(options.out)

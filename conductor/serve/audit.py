@@ -17,14 +17,17 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from schemas.wire.control import Control, Request, Stop, Submit
 from schemas.words import counted, plain
-from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.roles import Act, Role, may
 from twin.fabric.refusals import Refusals
+
+if TYPE_CHECKING:
+    from twin.fabric.front.process import FrontEvent
 
 FILE_NAME = "audit.jsonl"
 OLD_NAME = "audit.1.jsonl"

@@ -57,13 +57,24 @@ class Content:
         return files - self.read - self.damaged
 
 
-def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = None) -> Content:
+Shown = tuple[set[str], KpiReading]
+"""Cases with a table row and curves, and what the KPI files of all cases say."""
+
+
+def read_content(
+    dossier: Dossier,
+    *,
+    anew: bool = False,
+    serial: Path | None = None,
+    read: Shown | None = None,
+) -> Content:
     """Read and check the KPI files; keep the curves of the cases that are shown.
 
     Args:
         dossier: the campaign.
         anew: read every file, also those that an earlier report has read and that are unchanged.
         serial: folder in which the same campaign was run one case at a time, for the speed-up.
+        read: what this process has just read of :func:`read_shown`; nothing is read again.
 
     Raises:
         UsageError: ``serial`` is no such folder.
@@ -73,7 +84,7 @@ def read_content(dossier: Dossier, *, anew: bool = False, serial: Path | None = 
     anew = anew or not origin.cache_fits
     leases = read_leases(dossier.folder)
     pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
-    shown, reading = read_shown(dossier, anew=anew)
+    shown, reading = read or read_shown(dossier, anew=anew)
     return Content(
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
@@ -119,9 +130,7 @@ def first_screen(dossier: Dossier) -> list[str]:
     ]
 
 
-def read_shown(
-    dossier: Dossier, *, anew: bool = False, known: Known = NOTHING_KNOWN
-) -> tuple[set[str], KpiReading]:
+def read_shown(dossier: Dossier, *, anew: bool = False, known: Known = NOTHING_KNOWN) -> Shown:
     """Cases with a table row and curves, and what was read; those that did not pass come first."""
     order = sorted(range(len(dossier.rows)), key=lambda i: dossier.rows[i].passed is True)
     shown = {dossier.rows[i].case.id for i in order[:CASES_MAX]}

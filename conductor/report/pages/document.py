@@ -10,7 +10,7 @@ import msgspec
 
 from conductor.report.analysis.highlights import judged_rest_m
 from conductor.report.analysis.perception_cost import perception_costs
-from conductor.report.pages.content import Content, first_screen, read_content
+from conductor.report.pages.content import Content, Shown, first_screen, read_content
 from conductor.report.pages.page import render
 from conductor.report.pages.summary import write_summary_of
 from conductor.report.pages.tables import case_record, verdict_table
@@ -38,7 +38,12 @@ class WrittenReport:
 
 
 def make_report(
-    folder: Path, *, anew: bool = False, serial: Path | None = None, plots: bool = True
+    folder: Path,
+    *,
+    anew: bool = False,
+    serial: Path | None = None,
+    plots: bool = True,
+    read: Shown | None = None,
 ) -> WrittenReport:
     """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
     plots, into the campaign ``folder``.
@@ -51,13 +56,14 @@ def make_report(
         anew: read every KPI file, also those that an earlier report has read.
         serial: folder in which the same campaign was run one case at a time, for the speed-up.
         plots: draw the plots as well, which for 256 cases takes as long as all the rest.
+        read: KPI files that this process has just read (:func:`read_shown`).
 
     Raises:
         UsageError: no campaign was run here, or nothing was simulated in it.
         InfrastructureError: campaign or outcomes are damaged, or the disk lets us down.
     """
     dossier = open_dossier(folder)
-    content = read_content(dossier, anew=anew, serial=serial)
+    content = read_content(dossier, anew=anew, serial=serial, read=read)
     write_summary_of(dossier)
     gather_resources(dossier.folder, complete=dossier.outcomes.complete)
     path = folder / PAGE_FILE

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import NoReturn
 
 import msgspec
 import pytest
@@ -15,9 +16,11 @@ from conductor.records.fingerprint import fingerprint
 from conductor.records.outcomes import CaseOutcome
 from conductor.report import make_report
 from conductor.report.pages import content
-from conductor.report.pages.content import Content, read_content
+from conductor.report.pages.content import Content, read_content, read_shown
+from conductor.report.reading import kpi_files
 from conductor.report.reading.cache import FOLDER
 from conductor.report.reading.dossier import open_dossier
+from twin.base.errors import InfrastructureError
 from twin.records.kpi_file import read_kpi, write_kpi
 
 replace = msgspec.structs.replace
@@ -55,6 +58,30 @@ def test_nothing_new_means_nothing_read_and_the_same_page(tmp_path: Path) -> Non
     assert second.content.evidence.fingerprint == fingerprint(tmp_path)
     assert make_report(tmp_path, anew=True).content.read == 8
     assert text_of(tmp_path) == first
+
+
+def test_what_a_command_has_just_read_is_not_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_campaign(tmp_path)
+    read = read_shown(open_dossier(tmp_path))
+    opened: list[str] = []
+
+    def read_case(_folder: Path, name: str, *_rest: object) -> NoReturn:
+        opened.append(name)
+        raise InfrastructureError(f"{name} was opened")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kpi_files, "read_case", read_case)
+        make_report(tmp_path, anew=True)
+        assert len(opened) == 8
+        opened.clear()
+        told = make_report(tmp_path, read=read)
+    assert not opened
+    assert told.content.evidence.fingerprint == fingerprint(tmp_path)
+    text = text_of(tmp_path)
+    make_report(tmp_path, anew=True)
+    assert text_of(tmp_path) == text
 
 
 def test_only_cases_that_have_ended_since_are_read(tmp_path: Path) -> None:
