@@ -6,6 +6,7 @@ are empty, and the environment comes in steps, as a car's light and visibility s
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -51,9 +52,16 @@ def _without(kind: str, data: SensorData, told: NDArray[np.bool_]) -> SensorData
     return SensorData(shown, np.where(told, data.count, 0).astype(data.count.dtype))
 
 
-def stepped(values: NDArray[np.float64], steps: Sequence[float]) -> NDArray[np.float64]:
+def stepped(values: NDArray[np.float64], steps: tuple[float, ...]) -> NDArray[np.float64]:
     """Each value as the middle of the two steps that it lies between; on a step it stays."""
+    edges, middles = _scale(steps)
+    above = edges.searchsorted(values, side="right").clip(1, len(edges) - 1)
+    stays = (values == edges[above - 1]) | (values == edges[above]) | (values == 0)
+    return np.where(stays, values, middles[above])
+
+
+@functools.cache
+def _scale(steps: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Steps with one more at each end, and the middle below each of them; asked in every tick."""
     edges = np.array([steps[0] / 2, *steps, steps[-1] * 2])
-    above = np.clip(np.searchsorted(edges, values, side="right"), 1, len(edges) - 1)
-    middle = np.sqrt(edges[above - 1] * edges[above])
-    return np.where(np.isin(values, edges) | (values == 0), values, middle)
+    return edges, np.sqrt(np.append(edges[0], edges[:-1]) * edges)
