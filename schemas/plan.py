@@ -19,7 +19,7 @@ from schemas.axes import (
 )
 from schemas.campaign import CASES_MAX, ID_CHARS_MAX, Campaign, campaign_mistakes, count_of
 from schemas.case import Case, RigSpec, Variation
-from schemas.kinds.plugins import used_plugins
+from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.names import minutes
 from schemas.sections.autonomy import Autonomy, driver
 from schemas.sections.camera import Camera
@@ -58,11 +58,17 @@ def examine(data: Any) -> tuple[Campaign | None, list[Case], list[Mistake]]:
 
 
 def _plugins(campaign: Campaign, cases: Iterable[Case]) -> dict[str, str]:
-    """The plug-ins of this installation whose kinds are named by the campaign. A sensor that is
-    named and off is in the messages of cases all the same."""
+    """Name -> version of the plug-ins of this installation whose kinds the campaign names."""
+    used = {kind.plugin for kind in kinds_of_others(campaign, cases)}
+    return {plugin.name: plugin.version for plugin in sorted(used)}
+
+
+def kinds_of_others(campaign: Campaign, cases: Iterable[Case]) -> list[ForeignKind]:
+    """The kinds of other distributions that the campaign names. A sensor that is named and off is
+    in the messages of cases all the same."""
     sections = {id(case.variation.sensors): case.variation.sensors for case in cases}
     sensors = {name for section in sections.values() for name in section.sections()}
-    return used_plugins(campaign.scenario, sensors, campaign.autonomy.bridge)
+    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge))
 
 
 def _same_place(one: str, other: str) -> bool:

@@ -16,7 +16,8 @@ from typing import Any
 
 import msgspec
 
-from conductor.run.good_networks import identities, remember, remembered, unchanged
+from conductor.run.good_networks import FILE, identities, unchanged
+from conductor.run.known_good import remember, remembered
 from schemas.campaign import Campaign
 from schemas.plan import expand
 from schemas.sections.perception import NetworkPerception
@@ -65,7 +66,7 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
     camera, files = cases[0].rig.camera, campaign.files
     size_px = (camera.width, camera.height)
     known = identities({name: used[name] for name in first.values()}, files, device, size_px)
-    good = set(remembered())
+    good = set(remembered(FILE))
     asked = {name: used[name] for name in first.values() if known.get(name) not in good}
     if not asked:
         yield
@@ -78,7 +79,8 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
             child.kill()
     loaded = [name for name in asked if not answer[name]["error"]]
     # What was loaded may be other files than those that were read before.
-    remember([known[n] for n in loaded if n in known and unchanged(asked[n], files)])
+    good_now = [known[n] for n in loaded if n in known and unchanged(asked[n], files)]
+    remember(FILE, good_now)
     mistakes = [
         Mistake(f"autonomy.perception.{name}", answer[name]["error"])
         for name in asked

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from conductor.run.repository import with_repository
-from conductor.run.scene_check import scene_mistakes
 from conductor.run.stack_check import stack_mistakes
+from conductor.run.twin_check import twin_mistakes
 from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import asset_digest, file_digest, is_path
@@ -177,7 +177,7 @@ def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[
         mistakes += missing
     else:
         mistakes += _missing_mounts(cases)
-        mistakes += scene_mistakes(campaign, cases) if not mistakes else []
+        mistakes += twin_mistakes(campaign, cases) if not mistakes else []
     mistakes += _missing_models(campaign, cases)
     mistakes += _missing_image(campaign)
     mistakes += stack_mistakes(campaign, cases)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
@@ -17,26 +17,40 @@ _LACK_CHARS_MAX = 200
 """Longest reason why a plug-in cannot be used: a conductor keeps no longer ones."""
 
 
-def used_plugins(scenario: NamesFamily, sensors: Iterable[str], bridge: str) -> dict[str, str]:
-    """The distributions that bring what a campaign names; those that are merely installed are not
-    among them.
+class ForeignKind(NamedTuple):
+    """A kind of another distribution that a campaign uses."""
+
+    key: str
+    """Of the campaign, that names it."""
+    plugin: Plugin
+    implementation: str
+    """``module:attribute``; empty: it needs none."""
+
+
+def foreign_kinds(
+    scenario: NamesFamily, sensors: Iterable[str], bridge: str
+) -> Iterator[ForeignKind]:
+    """The kinds of other distributions that a campaign names; what is merely installed is not among
+    them.
 
     Args:
         scenario: with its family, whose KPIs may come from further distributions.
         sensors: names of those of the vehicle's own sensors that it has a section of.
         bridge: its name.
 
-    Returns:
-        name of a distribution -> version, sorted; those that are not shipped.
     """
-    named: list[tuple[Kinds[Any], Iterable[str]]] = [
-        (scenario_kinds(), (scenario.type,)),
-        (kpi_kinds(), kind_of(scenario).kpis),
-        (sensor_kinds(), sensors),
-        (bridges(), (bridge,)),
+    named: list[tuple[Kinds[Any], str, Iterable[str]]] = [
+        (scenario_kinds(), "scenario.type", (scenario.type,)),
+        (kpi_kinds(), "scenario.type", kind_of(scenario).kpis),
+        (sensor_kinds(), "sensors", sorted(sensors)),
+        (bridges(), "autonomy.bridge", (bridge,)),
     ]
-    found = {kinds.brought[n] for kinds, names in named for n in names if n in kinds.brought}
-    return {plugin.name: plugin.version for plugin in sorted(found)}
+    for kinds, key, names in named:
+        for name in names:
+            kind = kinds.get(name)
+            if kind is not None and name in kinds.brought:
+                at = f"{key}.{name}" if key == "sensors" else key
+                yield ForeignKind(at, kinds.brought[name], kind.implementation)
 
 
 def lacking_plugins() -> dict[str, str]:

@@ -94,7 +94,8 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
         except (Exception, SystemExit) as error:  # code of others may raise anything, or exit
             line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {_why(error)}"
             broken[point.name] = plain(" ".join(line.split()), 300)
-            brought.setdefault(point.name, _plugin(point))
+            if point.name not in names:  # else it would pass for who brings a kind that is good
+                brought[point.name] = _plugin(point)
             continue
         declared += found
         names |= {each.name for each in found}

@@ -42,6 +42,7 @@ ELSEWHERE = {
     "twin bench": "measurements",
     "twin dataset": "minutes: tests/kernel/test_dataset_files",
     "twin reenact": "a case that was changed from outside: test_hand_on_a_case",
+    "twin validate campaign": "asked by conductors: tests/unit/conductor/run/test_twin_check",
     "twin validate vehicle": "minutes: tests/kernel/test_vehicle_validation",
     "twin worker": "started by every conductor here",
     "viewer bench": "a measurement",

@@ -11,7 +11,6 @@ import msgspec
 import typer
 
 from schemas.campaign import Campaign
-from schemas.plan import expand
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
 
@@ -32,12 +31,6 @@ def scene(
     name: Annotated[
         str, typer.Argument(help="A shipped scene, or the path of a scene file.")
     ] = "downtown",
-    campaign: Annotated[
-        str,
-        typer.Option(
-            hidden=True, help="The scenes and objects of this campaign, JSON on standard input: -."
-        ),
-    ] = "",
     output: OutputOption = Output.human,
 ) -> None:
     """Check a scene file: its keys, the scripts of its objects, vehicles that overlap.
@@ -46,11 +39,7 @@ def scene(
     """
     from twin.validate.scene_check import Variant, mistakes_of
 
-    variants = [Variant(name, {})]
-    if campaign:
-        cases = expand(msgspec.json.decode(sys.stdin.buffer.read(), type=Campaign))
-        variants = [Variant(case.rig.scene, case.variation.objects) for case in cases]
-    mistakes = mistakes_of(variants)
+    mistakes = mistakes_of([Variant(name, {})])
     if output is Output.json:
         print(json.dumps({"valid": not mistakes, "mistakes": mistakes}))
     elif mistakes:
@@ -58,6 +47,23 @@ def scene(
     else:
         print(f"{name}: valid")
     raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
+
+
+@app.command(hidden=True)
+def campaign() -> None:
+    """Say what is wrong with the scenes, objects and plug-ins of a campaign.
+
+    Reads a campaign as JSON from standard input, and writes JSON: {"mistakes": [{"path", "message"}
+    ...]}. The exit code is 0 either way; `conductor` asks this before it leases a case.
+    """
+    from twin.validate.campaign_check import campaign_mistakes
+
+    try:
+        given = msgspec.json.decode(sys.stdin.buffer.read(), type=Campaign)
+    except msgspec.DecodeError as error:
+        raise UsageError(f"standard input: {error}") from None
+    mistakes = campaign_mistakes(given)
+    print(json.dumps({"mistakes": [{"path": m.path, "message": m.message} for m in mistakes]}))
 
 
 @app.command()

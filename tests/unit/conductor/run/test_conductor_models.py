@@ -13,7 +13,8 @@ from tiny_networks import write_dark_spot_detector
 from waiting import PATIENCE_S
 
 from conductor.run import good_networks, models
-from conductor.run.good_networks import BYTES_MAX, KEPT_MAX, remember, remembered, unchanged
+from conductor.run.good_networks import FILE, unchanged
+from conductor.run.known_good import BYTES_MAX, KEPT_MAX, remember, remembered
 from conductor.run.models import check_models, models_checked
 from conductor.run.source import load
 from schemas.campaign import Campaign
@@ -115,26 +116,26 @@ def test_what_was_good_once_is_not_loaded_again(asked, cache, monkeypatch, tmp_p
 
 def test_a_memory_that_is_damaged_or_cannot_be_written_is_as_none(cache):
     first, second = "1" * 64, "2" * 64
-    remember([first])
-    remember([second, first])
-    assert remembered() == [second, first]
+    remember(FILE, [first])
+    remember(FILE, [second, first])
+    assert remembered(FILE) == [second, first]
     (file,) = (cache / "drivetwin").iterdir()
     for damaged in (b"", b"[", b"{}", b"[1]", b'["short"]', b"\xff", b"[" * 100_000):
         file.write_bytes(damaged)
-        assert remembered() == []
-    remember([first])
-    assert remembered() == [first]
-    remember([f"{number:064x}" for number in range(KEPT_MAX + 5)])
-    assert len(remembered()) == KEPT_MAX
+        assert remembered(FILE) == []
+    remember(FILE, [first])
+    assert remembered(FILE) == [first]
+    remember(FILE, [f"{number:064x}" for number in range(KEPT_MAX + 5)])
+    assert len(remembered(FILE)) == KEPT_MAX
     assert file.stat().st_size < BYTES_MAX
     file.unlink()
     os.mkfifo(file)  # nobody writes to it
-    assert remembered() == []
+    assert remembered(FILE) == []
     file.unlink()
     file.parent.rmdir()
     file.parent.write_text("no folder")
-    remember([first])
-    assert remembered() == []
+    remember(FILE, [first])
+    assert remembered(FILE) == []
 
 
 def test_what_changed_while_it_was_loaded_is_not_remembered(tmp_path):
@@ -143,7 +144,7 @@ def test_what_changed_while_it_was_loaded_is_not_remembered(tmp_path):
     given = structs.replace(campaign({"a": network(path)}, ["a"]), files=files)
     with models_checked(given, "c.yaml"):
         write_dark_spot_detector(path, label="truck")
-    assert remembered() == []
+    assert remembered(FILE) == []
     path.unlink()
     assert not unchanged(NetworkPerception(model=str(path)), files)
 
