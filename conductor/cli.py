@@ -60,7 +60,7 @@ from twin.fabric.connection_options import (
 from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from schemas.plan import Plan
 
 app = make_app(
     "conductor",
@@ -106,26 +106,26 @@ def run_command(
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
     from conductor.run.source import load, only_case, with_drive, with_render
-    from schemas.plan import first
 
-    loaded = load(campaign, seed=seed)
+    plan = load(campaign, seed=seed)
     if case:
-        loaded = only_case(loaded, case)
+        plan = only_case(plan, case)
     if cases is not None:
-        loaded = first(loaded, cases)
+        plan = plan.first(cases)
     if render is not None:
-        loaded = with_render(loaded, render is OnOff.on)
+        plan = with_render(plan, render is OnOff.on)
+    loaded = plan.campaign
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other
     if workers is None and loaded.autonomy.bridge != "none":
         workers = "1"  # two would wait for each other at the port of their scripts
     if record_drive:
-        loaded = with_drive(loaded)
+        plan = with_drive(plan)
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
-        with models_checked(loaded, campaign, device):
+        with models_checked(plan, campaign, device):
             # Here, because importing it takes nearly as long as loading a network.
             from conductor.run.command import RunOptions, local_workers, run_campaign
 
@@ -140,12 +140,12 @@ def run_command(
                 memory_gb=memory_gb,
                 json=output is Output.json,
             )
-            local = local_workers(loaded, options)
+            local = local_workers(plan, options)
             at_end.callback(local.stop)
         keep_to_itself()  # keys and sessions are nothing for a stack of the same user
         options = replace(options, key=own_key(key, insecure=insecure))
         at_end.enter_context(strangers_named())
-        raise typer.Exit(run_campaign(loaded, options, local, computed))
+        raise typer.Exit(run_campaign(plan, options, local, computed))
 
 
 @app.command()
@@ -181,12 +181,12 @@ def serve(
         checked_address(metrics)
     with strangers_named():
         if campaign:
-            loaded = _checked(campaign)
+            plan = _checked(campaign)
             # Here, because only this way of serving needs it.
             from conductor.run.command import RunOptions, serve_until_done
 
             options = RunOptions(
-                out=state or Path("runs") / loaded.campaign,
+                out=state or Path("runs") / plan.campaign.campaign,
                 by_batch=by_batch,
                 listen=listen,
                 namespace=namespace,
@@ -195,7 +195,7 @@ def serve(
                 view=view,
                 metrics=metrics,
             )
-            raise typer.Exit(serve_until_done(loaded, options))
+            raise typer.Exit(serve_until_done(plan, options))
         from conductor.serve.command import serve_folder
 
         code = serve_folder(
@@ -212,8 +212,8 @@ def serve(
     raise typer.Exit(code)
 
 
-def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
-    """A campaign whose models were looked at, too.
+def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
+    """The plan of a campaign whose models were looked at, too.
 
     Raises:
         UsageError: one line per mistake.
@@ -221,9 +221,9 @@ def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Cam
     from conductor.run.models import check_models
     from conductor.run.source import load
 
-    loaded = load(source, seed=seed, fetch=fetch)
-    check_models(loaded, source)
-    return loaded
+    plan = load(source, seed=seed, fetch=fetch)
+    check_models(plan, source)
+    return plan
 
 
 @app.command()
@@ -246,7 +246,7 @@ def submit(
     from conductor.commands.client import client_of
     from twin.fabric.keys.roles import Role
 
-    loaded = _checked(campaign, seed=seed)
+    loaded = _checked(campaign, seed=seed).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -335,16 +335,14 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
-    from schemas.plan import expand
-
     try:
-        loaded = _checked(campaign, fetch=fetch)
+        plan = _checked(campaign, fetch=fetch)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))
             raise typer.Exit(EXIT_USAGE) from None
         raise
-    cases = expand(loaded)
+    loaded, cases = plan.campaign, plan.cases
     if output is Output.json:
         found = {
             "valid": True,

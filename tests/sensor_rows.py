@@ -8,7 +8,7 @@ from case_changes import changed
 
 from schemas.case import Case
 from schemas.kinds.sensor import sensor_kinds
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from twin.sensors.mount import SensorMount
 from twin.sensors.truth import TRUTH
 from twin.world.kernel_cache import prepare_kernels
@@ -30,9 +30,9 @@ def case(name: str = "a", seed: int = 4, hz: int = 20, **sensors: dict) -> Case:
         "sensors": sensors,
         "matrix": {"weather": ["clear"]},
     }
-    campaign, cases, mistakes = parse_cases(data)
-    assert campaign is not None, mistakes
-    return changed(cases[0], id=name)
+    plan, mistakes = parse_plan(data)
+    assert plan is not None, mistakes
+    return changed(plan.cases[0], id=name)
 
 
 def built(sensor, one, slots: int = 1, origin: Origin = HOME):

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
+from conductor.bench.report_campaign import plan_of, write_files, write_outcomes
 from conductor.report.pages.document import PAGE_FILE
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
 
@@ -50,9 +50,9 @@ def bench_report(cases: int, folder: Path, *, as_json: bool, check: bool) -> int
 
 
 def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
-    campaign = campaign_of(cases)
+    plan = plan_of(cases)
     print("writing the campaign", file=sys.stderr)
-    ends = write_files(scratch, campaign)
+    ends = write_files(scratch, plan)
     new = max(1, round(_NEW_SHARE * len(ends)))
     steps = [
         ("first report, 2 % of the cases left", 2 * new),
@@ -63,7 +63,7 @@ def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
     found: list[ReportRun] = []
     for what, left in steps:
         if not found or left != steps[len(found) - 1][1]:
-            write_outcomes(scratch, campaign, ends, left)
+            write_outcomes(scratch, plan.campaign, ends, left)
         found.append(_measure(what, scratch))
     page_bytes = (scratch / PAGE_FILE).stat().st_size
     missed = list(_missed(found))

@@ -20,7 +20,7 @@ from schemas.case import Case
 from schemas.files.kpi import SCALARS
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.plan import expand, parse_campaign
+from schemas.plan import Plan, parse_plan
 from twin.records.kpi_file import KPI_SCHEMA, kpi_sha256, kpi_table
 
 TICKS = 400
@@ -32,7 +32,7 @@ _MODELS = {"yolov2": 0.04, "yolov2-tiny": 0.16, "yolov3": 0.03, "yolov3-tiny": 0
 _TICK_S = 0.05
 
 
-def campaign_of(cases: int) -> Campaign:
+def plan_of(cases: int) -> Plan:
     """The paper's matrix of 256 cells, repeated until there are at least ``cases``."""
     data = {
         "schema": 1,
@@ -52,15 +52,15 @@ def campaign_of(cases: int) -> Campaign:
             "repeat": list(range(-(-cases // 256))),
         },
     }
-    campaign, mistakes = parse_campaign(data)
-    if campaign is None:
+    plan, mistakes = parse_plan(data)
+    if plan is None:
         raise AssertionError(mistakes[0].message)
-    return campaign
+    return plan
 
 
-def write_files(folder: Path, campaign: Campaign) -> list[tuple[Case, CaseOutcome]]:
+def write_files(folder: Path, plan: Plan) -> list[tuple[Case, CaseOutcome]]:
     """Write campaign, KPI files and timeline; returns every case with its outcome."""
-    cases = expand(campaign)
+    campaign, cases = plan.campaign, plan.cases
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "campaign.yaml").write_text(dump_yaml(msgspec.to_builtins(campaign)))
     detections = _template()

@@ -107,8 +107,7 @@ def fields(
 def campaigns_command() -> None:
     """List the shipped campaigns."""
     from conductor.run.source import load, shipped
-    from schemas.plan import expand
 
     for name in shipped():
-        loaded = load(name)
-        print(f"{name:14} {len(expand(loaded)):5} cases  {loaded.description}")
+        plan = load(name)
+        print(f"{name:14} {len(plan.cases):5} cases  {plan.campaign.description}")

@@ -10,7 +10,7 @@ from conductor.core.relocate import moved
 from conductor.core.state import PROTECTED_ONLY, CampaignState, State
 from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit
@@ -137,9 +137,12 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
     if given not in state.campaigns and (error := _unfit(state, request, out)):
         return None, [f"{given}: {error}"]
     view = {} if state.config.view is None else {"view": state.config.view.value}
-    campaign, cases, mistakes = parse_cases({**request.campaign, **view})
-    if campaign is None:
+    # The message is all that a conductor knows of a campaign, and what the journal keeps of it: a
+    # plan that a client of the same process has made is no part of a submission.
+    plan, mistakes = parse_plan({**request.campaign, **view})
+    if plan is None:
         return None, [mistake.line(given) for mistake in mistakes]
+    campaign, cases = plan.campaign, plan.cases
     name = campaign.campaign
     if state.config.protected and (why := open_by_nature(campaign.autonomy)):
         return None, [f"{name}: {why}; {PROTECTED_ONLY}"]

@@ -47,7 +47,7 @@ from conductor.trust.sign_run import (
 )
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.plan import expand
+from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.verdict import no_collision
 from schemas.wire.control import Stop, Submit
@@ -140,10 +140,10 @@ class Signals:
             raise self._stop
 
 
-def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
+def local_workers(plan: Plan, options: RunOptions) -> LocalWorkers:
     """The workers of a run. Those of a new one are started here: they and their simulators load
     while the rest of the campaign is checked, and leave nothing behind if it is refused."""
-    folder = options.out.absolute()
+    campaign, folder = plan.campaign, options.out.absolute()
     loads = campaign.simulator != "noop" and campaign.autonomy.placement != "inline"
     worker_options = [
         *(("--load-simulator",) if loads else ()),
@@ -152,7 +152,7 @@ def local_workers(campaign: Campaign, options: RunOptions) -> LocalWorkers:
         *("--join-dir", str(folder / "rigs")),
         *("--spool", str(folder / "spool")),
     ]
-    places = _places(options, len(expand(campaign)))
+    places = _places(options, len(plan.cases))
     workers = LocalWorkers(worker_options, folder, places, _memory_count(campaign, options))
     if loads and _is_new(folder):
         workers.start()
@@ -167,12 +167,12 @@ def _is_new(folder: Path) -> bool:
 
 
 def run_campaign(
-    campaign: Campaign,
+    plan: Plan,
     options: RunOptions,
     workers: LocalWorkers,
     computed: Callable[[], None] = lambda: None,
 ) -> int:
-    """Run ``campaign`` to its end with ``workers`` of this machine; the exit code.
+    """Run ``plan`` to its end with ``workers`` of this machine; the exit code.
 
     ``computed`` is called when they have ended.
     """
@@ -180,7 +180,7 @@ def run_campaign(
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
     console = Console(stderr=True)
-    cases = len(expand(campaign))
+    campaign, cases = plan.campaign, len(plan.cases)
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
     with _signals() as signals:
@@ -202,10 +202,10 @@ def run_campaign(
     return _tell(campaign, options, outcomes, found, time.monotonic() - started)
 
 
-def serve_until_done(campaign: Campaign, options: RunOptions) -> int:
-    """Run ``campaign`` to its end with workers that join from elsewhere; the exit code."""
+def serve_until_done(plan: Plan, options: RunOptions) -> int:
+    """Run ``plan`` to its end with workers that join from elsewhere; the exit code."""
     options = replace(options, workers=WorkersOption(count=0))
-    return run_campaign(campaign, options, LocalWorkers((), options.out.absolute(), ()))
+    return run_campaign(plan, options, LocalWorkers((), options.out.absolute(), ()))
 
 
 def _execute(

@@ -18,8 +18,7 @@ import msgspec
 
 from conductor.run.good_networks import FILE, identities, unchanged
 from conductor.run.known_good import remember, remembered
-from schemas.campaign import Campaign
-from schemas.plan import expand
+from schemas.plan import Plan
 from schemas.sections.perception import NetworkPerception
 from schemas.validation import Mistake
 from twin.base.errors import InfrastructureError, UsageError
@@ -29,20 +28,20 @@ TIMEOUT_S = 100.0
 """Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
 
 
-def check_models(campaign: Campaign, shown: str, device: str = "cpu") -> None:
-    """Load the networks that cases of ``campaign`` use; see :func:`models_checked`."""
-    with models_checked(campaign, shown, device):
+def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
+    """Load the networks that cases of ``plan`` use; see :func:`models_checked`."""
+    with models_checked(plan, shown, device):
         pass
 
 
 @contextmanager
-def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Iterator[None]:
-    """Load the networks that cases of ``campaign`` use, on this machine, while the body
+def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None]:
+    """Load the networks that cases of ``plan`` use, on this machine, while the body
     of the ``with`` does something else; it is known at its end. Those that are known to be good
     (:mod:`conductor.run.good_networks`) are not loaded.
 
     Args:
-        campaign: with absolute paths, see :func:`conductor.run.source.load`.
+        plan: with absolute paths, see :func:`conductor.run.source.load`.
         shown: name of the campaign for messages.
         device: where workers on this machine compute, ``cpu`` or ``cuda:N``.
 
@@ -50,7 +49,7 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
         UsageError: one line per network that cannot be loaded, naming its file.
         InfrastructureError: the check itself did not work.
     """
-    cases = expand(campaign)
+    cases = plan.cases
     used = {
         case.variation.model: case.variation.perception
         for case in cases
@@ -63,7 +62,7 @@ def models_checked(campaign: Campaign, shown: str, device: str = "cpu") -> Itera
     first: dict[tuple[str, ...], str] = {}
     for name, variant in used.items():
         first.setdefault(_what_is_loaded(variant), name)
-    camera, files = cases[0].rig.camera, campaign.files
+    camera, files = cases[0].rig.camera, plan.campaign.files
     size_px = (camera.width, camera.height)
     known = identities({name: used[name] for name in first.values()}, files, device, size_px)
     good = set(remembered(FILE))

@@ -11,11 +11,11 @@ import msgspec
 from conductor.run.repository import with_repository
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
-from schemas.campaign import UNREPEATABLE, Campaign
+from schemas.campaign import UNREPEATABLE, Campaign, campaign_mistakes
 from schemas.case import Case
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.plan import examine, only, parse_campaign
+from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
@@ -53,8 +53,8 @@ def find(name: str) -> Path:
     raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
 
 
-def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
-    """Load and check a campaign.
+def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
+    """Load and check a campaign, with its cases.
 
     Args:
         name: shipped name or path.
@@ -70,16 +70,18 @@ def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Campaign:
     except YamlError as error:
         raise UsageError(str(error)) from None
     shown = name if path.parent != _SHIPPED else path.name
-    campaign, mistakes = check(data, path.parent)
-    if campaign is None:
+    plan, mistakes = check(data, path.parent)
+    if plan is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+    campaign = plan.campaign
     if fetch:
         campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
-    return msgspec.structs.replace(
+    complete = msgspec.structs.replace(
         campaign, files=_digests(campaign), stack_identity=_identity(campaign, shown)
     )
+    return plan.amended(complete)
 
 
 def _identity(campaign: Campaign, shown: str) -> StackIdentity:
@@ -121,68 +123,70 @@ def _digests(campaign: Campaign) -> dict[str, str]:
         raise UsageError(f"{error.filename}: cannot be read ({error.strerror})") from None
 
 
-def only_case(campaign: Campaign, case: str) -> Campaign:
-    """The campaign with this one case.
+def only_case(plan: Plan, case: str) -> Plan:
+    """The plan with this one case.
 
     Raises:
         UsageError: it has no such case.
     """
-    found = only(campaign, case)
+    found = plan.only(case)
     if found is None:
         raise UsageError(
-            f"--case {case}: no case of '{campaign.campaign}'; "
+            f"--case {case}: no case of '{plan.campaign.campaign}'; "
             "`conductor validate FILE --output json` lists them"
         )
     return found
 
 
-def with_render(campaign: Campaign, render: bool) -> Campaign:
-    """The campaign with cameras that see, or that do not.
+def with_render(plan: Plan, render: bool) -> Plan:
+    """The plan with cameras that see, or that do not.
 
     Raises:
         UsageError: its stack cannot do without.
     """
-    plain = msgspec.to_builtins(msgspec.structs.replace(campaign, render=render))
-    changed, mistakes = parse_campaign(plain)
-    if changed is None:
+    changed = msgspec.structs.replace(plan.campaign, render=render)
+    if mistakes := campaign_mistakes(changed):
         raise UsageError(f"--render {mistakes[0].message}")
-    return changed
+    return plan.amended(changed)
 
 
-def with_drive(campaign: Campaign) -> Campaign:
-    """The campaign with a record of every drive.
+def with_drive(plan: Plan) -> Plan:
+    """The plan with a record of every drive.
 
     Raises:
         UsageError: it goes with the wall clock.
     """
-    if campaign.clock == "realtime":
+    if plan.campaign.clock == "realtime":
         raise UsageError(f"--record-drive: {UNREPEATABLE}")
-    recording = msgspec.structs.replace(campaign.recording, drive="all")
-    return msgspec.structs.replace(campaign, recording=recording)
+    recording = msgspec.structs.replace(plan.campaign.recording, drive="all")
+    return plan.amended(msgspec.structs.replace(plan.campaign, recording=recording))
 
 
-def check(data: Any, folder: Path | None = None) -> tuple[Campaign | None, list[Mistake]]:
+def check(data: Any, folder: Path | None = None) -> tuple[Plan | None, list[Mistake]]:
     """Every mistake of a campaign's content, also about things outside the file.
 
     Args:
         data: the content.
         folder: where the file lies: paths of models are relative to it, and absolute in the
-            campaign that is returned.
+            plan that is returned.
     """
-    campaign, cases, mistakes = examine(data)
-    if campaign is None or not cases:
+    plan, mistakes = examine(data)
+    if plan is None:
         return None, mistakes
-    campaign = _with_absolute_files(campaign, folder or Path())
+    plan = plan.amended(_with_absolute_files(plan.campaign, folder or Path()))
+    campaign, cases = plan.campaign, plan.cases
+    if not cases:
+        return None, mistakes
     if missing := _missing_files(cases):
         mistakes += missing
     else:
         mistakes += _missing_mounts(cases)
-        mistakes += twin_mistakes(campaign, cases) if not mistakes else []
+        mistakes += twin_mistakes(plan) if not mistakes else []
     mistakes += _missing_models(campaign, cases)
     mistakes += _missing_image(campaign)
     mistakes += stack_mistakes(campaign, cases)
     mistakes += _other_plugins(data.get("plugins") or {}, campaign.plugins)
-    return (None, mistakes) if mistakes else (campaign, [])
+    return (None, mistakes) if mistakes else (plan, [])
 
 
 def _other_plugins(given: dict[str, str], installed: dict[str, str]) -> list[Mistake]:

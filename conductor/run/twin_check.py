@@ -26,7 +26,7 @@ from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError
 from schemas.identity import digest
 from schemas.kinds.plugins import ForeignKind
-from schemas.plan import kinds_of_others
+from schemas.plan import Plan
 from schemas.validation import Mistake
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.process import how_it_ended
@@ -39,19 +39,19 @@ FILE = "good-campaigns.json"
 """Where digests of good ones are kept, see :mod:`conductor.run.known_good`."""
 
 
-def twin_mistakes(campaign: Campaign, cases: Sequence[Case]) -> list[Mistake]:
-    """What is wrong with the scenes and plug-ins of ``cases``.
+def twin_mistakes(plan: Plan) -> list[Mistake]:
+    """What is wrong with the scenes and plug-ins of a campaign's cases.
 
     Raises:
         InfrastructureError: the check itself did not work.
     """
-    kinds = kinds_of_others(campaign, cases)
+    cases, kinds = plan.cases, plan.kinds_of_others()
     if not kinds and not any(is_path(c.rig.scene) or c.variation.objects for c in cases):
         return []
     identity = _identity(cases, kinds)
     if identity and identity in remembered(FILE):
         return []
-    mistakes = _ask(campaign, kinds)
+    mistakes = _ask(plan.campaign, kinds)
     # What was looked at may be other files than those that were read before.
     if not mistakes and identity and _identity(cases, kinds) == identity:
         remember(FILE, [identity])

@@ -35,7 +35,7 @@ from schemas.files.judging import CLAIMED, Claim, Judgement
 from schemas.words import plain
 from twin.base.errors import TwinError, storage_error
 from twin.base.own_folder import own_folder
-from twin.records.scenarios import scenarios_in
+from twin.records.campaign_file import read_plan
 
 Told = Callable[[str, int, int], None]
 """What is being done, how much of it is done, and how much there is."""
@@ -226,7 +226,8 @@ def _check_deep(
 ) -> None:
     """KPI digests, fingerprint and verdicts, from the rows."""
     started_s = time.perf_counter()
-    scenarios = scenarios_in(folder / CAMPAIGN_FILE)
+    cases = read_plan(folder / CAMPAIGN_FILE).cases
+    scenarios = {case.id: case.variation.scenario for case in cases}
     claims = [
         Claim(
             folder=str(folder.absolute()),

@@ -20,11 +20,10 @@ import msgspec
 from devkit.checking.frames import CheckDrive
 from devkit.checking.rig import CheckRig
 from devkit.checking.stack_rig import running
-from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.messages import Command, command_mistake
-from schemas.plan import parse_campaign
+from schemas.plan import Plan, parse_plan
 from schemas.sections.perception import with_absolute_files
 from schemas.words import counted
 from twin.base.errors import InfrastructureError, UsageError
@@ -53,8 +52,8 @@ class RuleCheck:
     detail: str
 
 
-def campaign_of(stack: str, parameters: dict[str, Any]) -> Campaign:
-    """The campaign whose stack is meant, and whose sensors it sees.
+def plan_of(stack: str, parameters: dict[str, Any]) -> Plan:
+    """The plan of the campaign whose stack is meant, and whose sensors it sees.
 
     Args:
         stack: path of a campaign file, ``module:Class``, or a command line.
@@ -82,13 +81,14 @@ def campaign_of(stack: str, parameters: dict[str, Any]) -> Campaign:
         data["autonomy"] = {"stack": stack, "parameters": parameters}
     else:
         data["autonomy"] = {"command": words, "parameters": parameters}
-    campaign, mistakes = parse_campaign(data)
-    if campaign is None:
+    plan, mistakes = parse_plan(data)
+    if plan is None:
         raise UsageError("\n".join(mistake.line(stack) for mistake in mistakes))
     folder = Path(stack).parent if names_file(stack) else Path()
-    variants = with_absolute_files(campaign.autonomy.perception, folder)
-    autonomy = msgspec.structs.replace(campaign.autonomy, perception=variants)
-    return msgspec.structs.replace(campaign, autonomy=autonomy)
+    autonomy = plan.campaign.autonomy
+    variants = with_absolute_files(autonomy.perception, folder)
+    autonomy = msgspec.structs.replace(autonomy, perception=variants)
+    return plan.amended(msgspec.structs.replace(plan.campaign, autonomy=autonomy))
 
 
 def check_present(case: Case) -> None:

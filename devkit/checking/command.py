@@ -30,11 +30,10 @@ def check(
     Two processes of it see made-up drives, without a simulator: the same frames twice, another case
     between, frames that are lost, a seq that comes again, messages of a later version.
     """
-    from devkit.checking.check import campaign_of, check_present, check_stack
-    from schemas.plan import expand
+    from devkit.checking.check import check_present, check_stack, plan_of
 
     values = parsed_parameters(parameters)
-    case = expand(campaign_of(stack, values))[0]
+    case = plan_of(stack, values).cases[0]
     check_present(case)
     human = output is Output.human
     done = check_stack(case, ticks, deadline_s, _print if human else _quiet)

@@ -103,13 +103,12 @@ def replay(
 
 
 def _asked(stack: str, parameters: dict[str, Any], device: str, timeout_s: float) -> StackChoice:
-    from devkit.checking.check import campaign_of, names_file
+    from devkit.checking.check import names_file, plan_of
     from devkit.replaying.replay import StackChoice
 
-    campaign = campaign_of(stack, parameters) if stack else None
-    from_file = campaign is not None and names_file(stack)
-    variants = campaign.autonomy.perception if campaign and from_file else {}
-    return StackChoice(campaign, variants, parameters, device, timeout_s)
+    plan = plan_of(stack, parameters) if stack else None
+    variants = plan.campaign.autonomy.perception if plan and names_file(stack) else {}
+    return StackChoice(plan.cases[0].rig if plan else None, variants, parameters, device, timeout_s)
 
 
 def _print(one: Replayed) -> None:

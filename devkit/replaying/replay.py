@@ -22,12 +22,10 @@ from devkit.checking.check import check_present
 from devkit.checking.stack_rig import StackRig, running
 from devkit.replaying.compare import FieldRow, compared
 from schemas import SCHEMA_VERSION
-from schemas.campaign import Campaign
-from schemas.case import Case
+from schemas.case import Case, RigSpec
 from schemas.files.drive_record import DRIVE_FILE, RecordHead, RecordSeen
 from schemas.identity import stack_name
 from schemas.messages import Command, Frame, Tick
-from schemas.plan import expand
 from schemas.sections.perception import Perception
 from schemas.wire import topics
 from schemas.words import plain
@@ -51,8 +49,8 @@ class StackFailedError(TwinError):
 class StackChoice:
     """Which stack is to drive."""
 
-    campaign: Campaign | None = None
-    """Campaign whose stack and parameters count; None: the recorded ones."""
+    rig: RigSpec | None = None
+    """Whose stack and parameters count; None: the recorded ones."""
     variants: Mapping[str, Perception] = field(default_factory=dict)
     """Perception variants that replace recorded ones of the same name."""
     parameters: Mapping[str, Any] | None = None
@@ -144,7 +142,7 @@ def replay(
             command and nobody asked to run it.
         StackFailedError: the stack does not start.
     """
-    if asked.campaign is None and not asked.run_command:
+    if asked.rig is None and not asked.run_command:
         _refuse_commands(paths)
     done, damaged = [], []
     with contextlib.ExitStack() as held:
@@ -199,17 +197,16 @@ def _started(held: contextlib.ExitStack, case: Case, timeout_s: float) -> Replay
 
 def _case(recorded: Case, asked: StackChoice) -> Case:
     """The recorded case with the stack that was asked for."""
-    if asked.campaign is None:
+    if asked.rig is None:
         parameters = {**recorded.rig.parameters, **(asked.parameters or {})}
         rig = msgspec.structs.replace(recorded.rig, parameters=parameters)
         return msgspec.structs.replace(recorded, rig=rig)
-    given = expand(asked.campaign)[0]
     return Case(
         rig=msgspec.structs.replace(
             recorded.rig,
-            stack=given.rig.stack,
-            foreign=given.rig.foreign,
-            parameters=given.rig.parameters,
+            stack=asked.rig.stack,
+            foreign=asked.rig.foreign,
+            parameters=asked.rig.parameters,
         ),
         variation=msgspec.structs.replace(
             recorded.variation,
@@ -294,7 +291,7 @@ class ReplayRig(StackRig):
                 "perception": case.variation.perception,
             }
             changed |= {"device": asked.device or seen.episode.device}
-            if asked.campaign is not None:
+            if asked.rig is not None:
                 changed["files"] = case.variation.files
             episodes = [msgspec.structs.replace(seen.episode, **changed)]
         sensors = list(sensor_messages(seen, reader, each))

@@ -163,13 +163,21 @@ def load_yaml(path: Path) -> Any:
     Raises:
         YamlError: missing, unreadable, no regular file, too large, not UTF-8 or not YAML.
     """
+    return parse_yaml(read_yaml_text(path), str(path))
+
+
+def read_yaml_text(path: Path) -> str:
+    """The text of a YAML file, which :func:`parse_yaml` reads.
+
+    Raises:
+        YamlError: missing, unreadable, no regular file, too large or not UTF-8.
+    """
     try:
-        text = read_regular(path, FILE_BYTES_MAX).decode()
+        return read_regular(path, FILE_BYTES_MAX).decode()
     except OSError as error:
         raise YamlError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise YamlError(f"{path}: not UTF-8 text (byte {error.start})") from None
-    return parse_yaml(text, str(path))
 
 
 def dump_yaml(data: Any) -> str:

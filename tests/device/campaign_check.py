@@ -41,7 +41,6 @@ from devkit.darknet.variant import ARCHITECTURES, architecture_network
 from devkit.detector.model_files import shipped_models
 from schemas.files.yaml_file import load_yaml
 from schemas.messages import Command
-from schemas.plan import expand
 from twin.base.gpu.nvml import visible_gpus
 from twin.bench.campaign import Request, as_json, lines, measure
 from twin.rig.simulator import TRANSPORT_VARIABLE
@@ -235,7 +234,7 @@ def engine(check: Check) -> None:
     from twin.base.stopwatch import Stopwatch
     from twin.rig.engine import Engine
 
-    cases = expand(load(full_campaign(check, "engine")))
+    cases = load(full_campaign(check, "engine")).cases
     slots, ticks = check.slots, 4 if check.cpu else 20
     watch = Stopwatch()
     simulator = Engine(cases[0], slots, check.device, watch=watch)
@@ -364,7 +363,7 @@ def scale(check: Check, part: str, path: str) -> None:
     """A campaign on one GPU, two and so on, with the slots that `conductor run` chooses: by wall
     time, and from the first tick to the last."""
     gpus = 1 if check.cpu else len(visible_gpus())
-    cases = len(expand(load(path)))
+    cases = len(load(path).cases)
     plans = [
         Plan(f"gpus-{n}", path, 4, n, None if check.cpu else gpu_slots(cases, 4 * n, None))
         for n in (1, 2, 4, 8)

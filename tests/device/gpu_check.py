@@ -21,7 +21,6 @@ from case_changes import changed
 
 from conductor.run.source import load
 from schemas.messages import Command
-from schemas.plan import expand
 
 
 def campaign(name: str, device: str, slots: int, out: Path) -> dict[str, object]:
@@ -43,7 +42,7 @@ def frames_per_s(device: str, slots: int, width: int, height: int, ticks: int) -
     """Rendered frames per second of the bare engine, without bus and stack."""
     from twin.rig.engine import Engine
 
-    case = expand(load("aeb-demo"))[0]
+    case = load("aeb-demo").cases[0]
     camera = msgspec.structs.replace(case.rig.camera, width=width, height=height, hz=20)
     case = changed(case, camera=camera)
     engine = Engine(case, slots, device)
@@ -108,7 +107,7 @@ def sensor_bytes_equal(device: str) -> bool:
     from twin.rig.engine import Engine
 
     sensors = Sensors(encoders=Encoders(), gnss=Gnss(dropouts_per_min=60.0), imu=Imu())
-    cases = [changed(c, sensors=sensors) for c in expand(load("chaos-16"))]
+    cases = [changed(c, sensors=sensors) for c in load("chaos-16").cases]
 
     def drive(order: dict[int, int], slots: int) -> list[bytes]:
         engine = Engine(cases[0], slots, device)

@@ -28,7 +28,6 @@ from campaign_check import Check, full_campaign
 from conductor.records.fingerprint import fingerprint
 from conductor.records.outcomes import read_outcomes
 from conductor.run.source import load
-from schemas.plan import expand
 
 SHORT = {"ego_start_m": 40.0, "ego_speed_mps": 8.0, "duration_s": 2.0}
 """Two seconds; files of sensors and networks are the real ones."""
@@ -94,7 +93,7 @@ def trouble(check: Check) -> None:
     """Cases that end their rig, beside others."""
     plan: dict[str, Any] = {"scenario": SHORT, **axes(2)}
     peaceful = full_campaign(check, "peace", **plan, autonomy={"parameters": {}})
-    names = [case.id for case in expand(load(peaceful))]
+    names = [case.id for case in load(peaceful).cases]
     kinds = ("nan", "crash", "hang", "memory", "fault")
     troubled = dict(zip(kinds, names[1::3], strict=True))
     autonomy = {"stack": STACK, "parameters": troubled}

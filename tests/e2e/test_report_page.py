@@ -13,7 +13,7 @@ from unit.conductor.report.reading.test_report_leases import one_after_the_other
 from unit.conductor.report.reading.test_report_resources import sample, write_parts
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
-from conductor.bench.report_campaign import campaign_of, write_files, write_outcomes
+from conductor.bench.report_campaign import plan_of, write_files, write_outcomes
 from conductor.report import make_report
 from schemas.campaign import WEATHERS
 
@@ -243,9 +243,9 @@ def test_odd_campaigns_are_drawn_without_complaints(
 
 
 def test_the_paper_s_256_cases(browser: Any, tmp_path: Path) -> None:
-    campaign = campaign_of(256)
-    ends = write_files(tmp_path, campaign)
-    write_outcomes(tmp_path, campaign, ends, left=0)
+    plan = plan_of(256)
+    ends = write_files(tmp_path, plan)
+    write_outcomes(tmp_path, plan.campaign, ends, left=0)
     path = make_report(tmp_path).page
     assert path.stat().st_size < 10_000_000
     with looked_at(browser, path) as page:
@@ -287,8 +287,8 @@ COLLIDING_LABELS = """plot => {
 def _folder(kind: str, folder: Path) -> Path:
     """A campaign folder: eight cases, one system with 64, or four with 64 each."""
     if kind == "256 cases":
-        campaign = campaign_of(256)
-        write_outcomes(folder, campaign, write_files(folder, campaign), left=0)
+        plan = plan_of(256)
+        write_outcomes(folder, plan.campaign, write_files(folder, plan), left=0)
     elif kind == "64 cases":
         hours = [f"{hour:02}:00" for hour in range(5, 21, 2)]
         matrix = {"weather": list(WEATHERS), "time_of_day": hours}

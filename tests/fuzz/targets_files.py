@@ -26,7 +26,7 @@ from hpc.site import load_site
 from schemas.files.assets import asset_digest
 from schemas.files.drive_record import DRIVE_FILE
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.plan import parse_cases
+from schemas.plan import parse_campaign
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery
@@ -48,7 +48,7 @@ MISTAKES_MAX = 500
 
 
 def _campaign(path: Path) -> object:
-    campaign, _, mistakes = parse_cases(load_yaml(path))
+    campaign, mistakes = parse_campaign(load_yaml(path))
     if campaign is None:
         raise UsageError("\n".join(mistake.line(path.name) for mistake in mistakes))
     return campaign

@@ -262,12 +262,14 @@ def command_in_a_record(theatre: Theatre) -> Found:
 
     from schemas import SCHEMA_VERSION
     from schemas.files.drive_record import RecordHead, RecordSeen
-    from schemas.plan import examine
+    from schemas.plan import parse_plan
     from schemas.sections.foreign import Foreign
     from twin.records.drive_record import RecordWriter
 
     ran = theatre.folder / "ran"
-    _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    plan, mistakes = parse_plan({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    assert plan is not None, mistakes
+    cases = plan.cases
     foreign = Foreign(["/bin/sh", "-c", f"touch {ran}; exit 1"])
     case = changed(cases[0], stack="", foreign=foreign)
     path: Path = theatre.folder / "cases/clear/attempt-1/drive.record"

@@ -18,7 +18,7 @@ from schemas.words import counted
 from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.discovery import OUTCOMES_NAME
 from twin.kpi.judge import examine
-from twin.records.scenarios import scenarios_in
+from twin.records.campaign_file import read_plan
 
 _PR_SET_NO_NEW_PRIVS = 38
 SHOWN_MAX = 50
@@ -98,7 +98,8 @@ def claims_of(folder: Path) -> list[Claim]:
         ) from None
     except JsonError as error:
         raise InfrastructureError(f"{folder / OUTCOMES_NAME}: damaged: {error}") from None
-    scenarios = scenarios_in(folder / "campaign.yaml")
+    cases = read_plan(folder / "campaign.yaml").cases
+    scenarios = {case.id: case.variation.scenario for case in cases}
     return [
         Claim(
             folder=str(folder),

@@ -15,7 +15,7 @@ import warp as wp
 from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import rig_key
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from schemas.sections.perception import NetworkPerception, file_fields
 from twin.base.errors import UsageError
 from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
@@ -105,10 +105,10 @@ def show_memory_of_case(case: bytes, slots: int, device: str, *, as_json: bool) 
 
 
 def _cases(data: Any, shown: str) -> list[Case]:
-    campaign, cases, mistakes = parse_cases(data)
-    if campaign is None:
+    plan, mistakes = parse_plan(data)
+    if plan is None:
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
-    return cases
+    return plan.cases
 
 
 def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from schemas.campaign import Campaign
 from schemas.kinds.registry import implementation
-from schemas.plan import expand, kinds_of_others
+from schemas.plan import plan_of
 from schemas.validation import Mistake
 from twin.validate.scene_check import Variant, mistakes_of
 
@@ -12,10 +12,11 @@ from twin.validate.scene_check import Variant, mistakes_of
 def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     """One per line of :func:`twin.validate.scene_check.mistakes_of`, and one per kind of another
     distribution whose implementation cannot be imported."""
-    cases = expand(campaign)
-    lines = mistakes_of(Variant(case.rig.scene, case.variation.objects) for case in cases)
+    plan = plan_of(campaign)
+    asked = (Variant(case.rig.scene, case.variation.objects) for case in plan.cases)
+    lines = mistakes_of(asked)
     mistakes = [Mistake("scenario.scene", line) for line in lines]
-    kinds = [kind for kind in kinds_of_others(campaign, cases) if kind.implementation]
+    kinds = [kind for kind in plan.kinds_of_others() if kind.implementation]
     if not kinds:
         return mistakes
     from twin.world.kernel_cache import prepare_kernels

@@ -18,12 +18,11 @@ from conductor.report.autodrive.layout import IMPORT_FILE, ExportedEnd, ImportNo
 from conductor.report.autodrive.logs import Log
 from conductor.report.autodrive.source import LogFolder, StudyCase, read_source, short_logs, title
 from conductor.serve.folders import CAMPAIGN_FILE
-from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.files.autodrive_log import CONFIG_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.plan import expand, parse_campaign
+from schemas.plan import Plan, parse_plan
 from schemas.words import plain
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
@@ -71,11 +70,11 @@ def import_autodrive(folder: Path, out: Path) -> ImportNote:
     """
     source = read_source(folder)
     notes = list(source.notes)
-    campaign = _campaign(folder, source, notes)
+    plan = _plan(folder, source, notes)
     _prepare(out)
     found = [
         _import_case(out, case, place, source)
-        for case, place in zip(expand(campaign), source.kept, strict=True)
+        for case, place in zip(plan.cases, source.kept, strict=True)
     ]
     for one in found:
         notes += one.log.notes
@@ -96,11 +95,11 @@ def import_autodrive(folder: Path, out: Path) -> ImportNote:
         log_s_min=source.config.log_s_min,
         no_collision=[x.case.id for x in found if x.no_collision and x.end.outcome == "unresolved"],
     )
-    _write_campaign(out, campaign, {one.case.id: one.end for one in found}, imported)
+    _write_campaign(out, plan, {one.case.id: one.end for one in found}, imported)
     return imported
 
 
-def _campaign(folder: Path, source: LogFolder, notes: list[str]) -> Campaign:
+def _plan(folder: Path, source: LogFolder, notes: list[str]) -> Plan:
     kept = source.kept
     names = _names({place.described.model for place in kept}, notes)
     ends_s = [log.rows[-1].time_us / 1e6 for log in source.logs.values() if log.rows]
@@ -131,10 +130,10 @@ def _campaign(folder: Path, source: LogFolder, notes: list[str]) -> Campaign:
         },
         "cases": points,
     }
-    campaign, mistakes = parse_campaign(data)
-    if campaign is None:
+    plan, mistakes = parse_plan(data)
+    if plan is None:
         raise UsageError(f"{folder}: {mistakes[0].line('its cases')}")
-    return campaign
+    return plan
 
 
 def _names(models: set[str], notes: list[str]) -> dict[str, str]:
@@ -220,13 +219,14 @@ def _as_exported(exported: ExportedEnd) -> CaseOutcome:
 
 
 def _write_campaign(
-    out: Path, campaign: Campaign, ends: dict[str, CaseOutcome], imported: ImportNote
+    out: Path, plan: Plan, ends: dict[str, CaseOutcome], imported: ImportNote
 ) -> None:
     """The files that make the folder a campaign; the outcomes last, so that it is one only when it
     is complete."""
+    campaign = plan.campaign
     outcomes = Outcomes(
         campaign=campaign.campaign,
-        digest=campaign_digest(campaign, expand(campaign)),
+        digest=campaign_digest(campaign, plan.cases),
         digests=DIGESTS,
         seed=campaign.seed,
         simulator=SIMULATOR,

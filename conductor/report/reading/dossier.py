@@ -13,14 +13,13 @@ from conductor.report.autodrive.layout import ImportNote, read_imported
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.campaign import Campaign
 from schemas.case import Case
-from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.identity import campaign_digest
 from schemas.kinds.kpi import KpiKind
 from schemas.kinds.scenario import ScenarioKind, kind_of
-from schemas.plan import expand, parse_campaign
 from schemas.verdict import no_collision
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.records.campaign_file import read_plan
 
 NOT_ENDED = "not ended"
 """Status of a case without an outcome."""
@@ -136,8 +135,8 @@ def open_dossier(folder: Path) -> Dossier:
             f"{folder}: campaign '{outcomes.campaign}' ran with simulator noop, so nothing was "
             "simulated and there is nothing to report; run a campaign with simulator warp"
         )
-    campaign = _read_campaign(folder / CAMPAIGN_FILE)
-    cases = expand(campaign)
+    plan = read_plan(folder / CAMPAIGN_FILE)
+    campaign, cases = plan.campaign, plan.cases
     if {case.id for case in cases} != set(outcomes.cases):
         odd = sorted({case.id for case in cases} ^ set(outcomes.cases))
         raise InfrastructureError(
@@ -172,14 +171,3 @@ def _with_batch(case: Case, batch: int) -> Case:
     """The case with the label of another batch."""
     variation = msgspec.structs.replace(case.variation, batch=batch)
     return msgspec.structs.replace(case, variation=variation)
-
-
-def _read_campaign(path: Path) -> Campaign:
-    try:
-        data = load_yaml(path)
-    except YamlError as error:
-        raise InfrastructureError(str(error)) from None
-    campaign, mistakes = parse_campaign(data)
-    if campaign is None:
-        raise InfrastructureError(mistakes[0].line(str(path)))
-    return campaign

@@ -12,7 +12,7 @@ from devkit.darknet.variant import ARCHITECTURES
 from schemas.campaign import WEATHERS
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest, rig_key, stream_key
-from schemas.plan import expand, only, parse_campaign
+from schemas.plan import expand, parse_campaign, parse_plan
 from schemas.sections.view_mode import View, ViewMode
 from twin.base.errors import UsageError
 
@@ -154,8 +154,8 @@ def test_unreadable_files(tmp_path):
 
 def test_shipped_campaigns_are_the_papers():
     assert set(shipped()) == {"aeb-256", "aeb-demo", "chaos-16", "lane-loop", "latency-study"}
-    campaign = load("aeb-256")
-    cases = expand(campaign)
+    plan = load("aeb-256")
+    campaign, cases = plan.campaign, plan.cases
     assert len(cases) == len({c.id for c in cases}) == 256
     assert {c.variation.model for c in cases} == {f"{name}-w25" for name in ARCHITECTURES}
     assert {c.variation.weather for c in cases} == set(WEATHERS)
@@ -164,13 +164,13 @@ def test_shipped_campaigns_are_the_papers():
     assert {c.variation.model for c in cases if c.variation.batch in (1, 2)} == {"yolov2-w25"}
     assert campaign.scenario.ego_start_m == 148
     assert campaign.control_hz == campaign.camera.hz == 20
-    demo = expand(load("aeb-demo"))
+    demo = load("aeb-demo").cases
     assert len(demo) == 8
     assert {c.id for c in demo} <= {c.id for c in cases}
     assert demo[0].variation.scenario.ego_start_m >= 60
     assert demo[0].rig.camera.noise
-    assert len(expand(load("chaos-16"))) == 16
-    lane = expand(load("lane-loop"))
+    assert len(load("chaos-16").cases) == 16
+    lane = load("lane-loop").cases
     assert [c.variation.weather for c in lane] == ["clear", "light_rain"]
     assert {(c.variation.scenario.type, c.variation.scenario.distance_m) for c in lane} == {
         ("lane_keeping", 1000)
@@ -222,13 +222,13 @@ def test_one_case_of_a_campaign_is_the_same_case():
         "exclude": [{"weather": "clear", "scenario.duration_s": 4}],
         "cases": [{"weather": "cloudy", "repeat": 3}],
     }
-    campaign, mistakes = parse_campaign(data)
+    plan, mistakes = parse_plan(data)
     assert mistakes == []
-    cases = expand(campaign)
-    assert len(cases) == 4
-    for case in cases:
-        assert expand(only(campaign, case.id)) == [case]
-    assert only(campaign, "no-such") is None
+    assert len(plan.cases) == 4
+    for case in plan.cases:
+        one = plan.only(case.id)
+        assert one.cases == expand(one.campaign) == [case]
+    assert plan.only("no-such") is None
 
 
 def test_what_is_shown_is_no_part_of_a_case_but_of_its_rig():

@@ -8,7 +8,7 @@ from msgspec import Meta, Struct
 
 from schemas.campaign import Campaign
 from schemas.files.yaml_file import load_yaml
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from schemas.reference import FieldKey, keys_of, markdown
 
 DOCUMENT = Path(__file__).parents[3] / "docs/campaign.md"
@@ -55,6 +55,6 @@ def test_the_documentation_shows_these_keys():
 def test_the_example_of_the_documentation_is_valid(tmp_path):
     example = tmp_path / "example.yaml"
     example.write_text(DOCUMENT.read_text().split("```yaml\n")[1].split("```")[0])
-    _, cases, mistakes = parse_cases(load_yaml(example))
+    plan, mistakes = parse_plan(load_yaml(example))
     assert mistakes == []
-    assert len(cases) == 2 * 2 * 2 * 2 - 2 * 2 + 1
+    assert len(plan.cases) == 2 * 2 * 2 * 2 - 2 * 2 + 1

@@ -14,7 +14,7 @@ from conductor_bench import CONFIG, S, campaign, hello, result, shown, submit
 
 import conductor.core.admit
 import conductor.serve.engine
-import schemas.plan
+import schemas.points
 from conductor.core.admit import CASES_HELD_MAX, OUT_CHARS_MAX, PART_BYTES_MAX, admit
 from conductor.core.facts import Replied, WorkerLeft
 from conductor.core.fold import apply
@@ -23,7 +23,7 @@ from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
-from schemas.plan import CASES_MAX, parse_cases
+from schemas.plan import CASES_MAX, parse_campaign
 from schemas.validation import MISTAKES_MAX
 from schemas.wire.bounds import COUNT_MAX, ENTRIES_MAX, INT64_MAX, TICKS_MAX
 from schemas.wire.codec import WireError, decode, encode
@@ -230,7 +230,7 @@ def test_too_many_cases_are_refused_before_they_are_expanded(
     def expanded(*_: object) -> None:
         raise AssertionError("it takes 4 s for a hundred thousand cases")
 
-    monkeypatch.setattr(conductor.core.admit, "parse_cases", expanded)
+    monkeypatch.setattr(conductor.core.admit, "parse_plan", expanded)
     fact, (error,) = admit(_full(), Submit(V, {"campaign": "c", **given}))
     assert fact is None
     assert f"{count} more given, at most {CASES_HELD_MAX}" in error
@@ -262,14 +262,14 @@ def test_a_known_campaign_goes_on_however_full_the_conductor_is() -> None:
 
 def test_mistakes_of_many_cases_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     looked = []
-    value_of = schemas.plan.value_of
+    value_of = schemas.points.value_of
 
     def counted(*given: Any) -> Any:
         looked.append(1)
         return value_of(*given)
 
-    monkeypatch.setattr(schemas.plan, "value_of", counted)
-    _, _, mistakes = parse_cases(
+    monkeypatch.setattr(schemas.points, "value_of", counted)
+    _, mistakes = parse_campaign(
         {**campaign(cases=1), "cases": [{"repeat": -i} for i in range(1, 9000)]}
     )
     assert len(mistakes) == MISTAKES_MAX + 1

@@ -11,13 +11,13 @@ from conductor.core.backlog import LOOK_MAX, Backlog
 from conductor.core.case_table import CaseTable, pack, unpack
 from conductor.core.durations import BUCKET_MAX, Durations
 from schemas.case import Case
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 
 
 def _cases(**fields: object) -> list[Case]:
-    _, cases, mistakes = parse_cases({"campaign": "c", **fields})
-    assert not mistakes
-    return cases
+    plan, mistakes = parse_plan({"campaign": "c", **fields})
+    assert plan is not None, mistakes
+    return plan.cases
 
 
 def test_a_table_written_before_a_field_existed():

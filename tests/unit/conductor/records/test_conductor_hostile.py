@@ -24,7 +24,7 @@ from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import ID_CHARS_MAX
 from schemas.files.yaml_file import YamlError, parse_yaml
-from schemas.plan import parse_cases
+from schemas.plan import examine, parse_campaign
 from schemas.wire.codec import CONTAINERS_MAX, WireError, decode, encode
 from schemas.wire.control import Next, Request, Result, Submit
 from schemas.wire.delivery import AttemptFiles, files_sha256
@@ -84,7 +84,7 @@ def test_messages_that_swell_are_refused_before_they_do() -> None:
 
 @pytest.mark.parametrize("name", PATHS)
 def test_names_that_are_paths_are_no_campaigns(name: str) -> None:
-    campaign, _, mistakes = parse_cases({"campaign": name, "matrix": {"weather": ["clear"]}})
+    campaign, mistakes = parse_campaign({"campaign": name, "matrix": {"weather": ["clear"]}})
     assert campaign is None
     assert mistakes[0].path == "campaign"
     assert mistakes[0].line("c.yaml").isprintable()
@@ -94,12 +94,13 @@ def test_names_that_are_paths_are_no_campaigns(name: str) -> None:
 def test_case_names_are_folders_below_their_campaign(value: str) -> None:
     """Whatever stands on an axis: a case is refused, or its name is one part of a path."""
     point = {"scenario.scene": value}
-    campaign, cases, _ = parse_cases({"campaign": "c", "cases": [point, {}]})
+    plan, mistakes = examine({"campaign": "c", "cases": [point, {}]})
+    cases = [] if plan is None else plan.cases
     for case in cases:
         assert case.id == Path(case.id).name
         assert case.id.isprintable()
         assert len(case.id) <= ID_CHARS_MAX
-    assert campaign is None or [case.id for case in cases][-1] == "case"
+    assert mistakes or [case.id for case in cases][-1] == "case"
 
 
 @pytest.mark.parametrize("path", [p for p in PATHS if p])

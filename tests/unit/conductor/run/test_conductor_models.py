@@ -17,16 +17,15 @@ from conductor.run.good_networks import FILE, unchanged
 from conductor.run.known_good import BYTES_MAX, KEPT_MAX, remember, remembered
 from conductor.run.models import check_models, models_checked
 from conductor.run.source import load
-from schemas.campaign import Campaign
 from schemas.files.assets import file_digest
-from schemas.plan import parse_campaign
+from schemas.plan import Plan, parse_plan
 from schemas.sections.perception import NetworkPerception
 from twin.base.errors import InfrastructureError, UsageError
 
 
-def campaign(perception: dict[str, dict[str, object]], used: list[str]) -> Campaign:
+def plan_of(perception: dict[str, dict[str, object]], used: list[str]) -> Plan:
     data = {"campaign": "c", "autonomy": {"perception": perception}, "matrix": {"model": used}}
-    found, mistakes = parse_campaign(data)
+    found, mistakes = parse_plan(data)
     assert found is not None, mistakes
     return found
 
@@ -68,13 +67,13 @@ def test_only_what_cases_use_is_loaded_each_network_once(asked, tmp_path):
         "gone": network(tmp_path / "gone.onnx"),
         "truth": truth,
     }
-    check_models(campaign(variants, ["a", "b", "c", "truth"]), "c.yaml")
+    check_models(plan_of(variants, ["a", "b", "c", "truth"]), "c.yaml")
     assert asked == [["a", "c"]]
-    check_models(campaign(variants, ["truth"]), "c.yaml")
-    check_models(campaign({"truth": truth}, ["truth"]), "c.yaml")
+    check_models(plan_of(variants, ["truth"]), "c.yaml")
+    check_models(plan_of({"truth": truth}, ["truth"]), "c.yaml")
     assert len(asked) == 1
     with pytest.raises(UsageError) as caught:
-        check_models(campaign(variants, ["a", "gone"]), "c.yaml")
+        check_models(plan_of(variants, ["a", "gone"]), "c.yaml")
     assert str(caught.value) == (
         f"c.yaml: autonomy.perception.gone: {tmp_path}/gone.onnx: No such file or directory"
     )
@@ -141,7 +140,8 @@ def test_a_memory_that_is_damaged_or_cannot_be_written_is_as_none(cache):
 def test_what_changed_while_it_was_loaded_is_not_remembered(tmp_path):
     path = write_dark_spot_detector(tmp_path / "a.onnx")
     files = {str(path): file_digest(path)}
-    given = structs.replace(campaign({"a": network(path)}, ["a"]), files=files)
+    plan = plan_of({"a": network(path)}, ["a"])
+    given = plan.amended(structs.replace(plan.campaign, files=files))
     with models_checked(given, "c.yaml"):
         write_dark_spot_detector(path, label="truck")
     assert remembered(FILE) == []
@@ -156,8 +156,8 @@ def test_a_worker_with_a_gpu_needs_its_runtime(asked, tmp_path):
         pytest.skip("ONNX Runtime can use GPUs here")
     path = write_dark_spot_detector(tmp_path / "a.onnx")
     with pytest.raises(UsageError, match=r"a\.onnx: this onnxruntime has no CUDAExecutionProvid"):
-        check_models(campaign({"a": network(path)}, ["a"]), "c.yaml", "cuda:0")
-    check_models(campaign({"a": network(path, runtime="opencv")}, ["a"]), "c.yaml", "cuda:0")
+        check_models(plan_of({"a": network(path)}, ["a"]), "c.yaml", "cuda:0")
+    check_models(plan_of({"a": network(path, runtime="opencv")}, ["a"]), "c.yaml", "cuda:0")
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_a_check_that_breaks_down_is_no_mistake_of_the_campaign(monkeypatch, tmp
     monkeypatch.setattr(
         models.subprocess, "Popen", lambda _, **how: real([sys.executable, "-c", code], **how)
     )
-    given = campaign({"a": network(tmp_path / "a.onnx")}, ["a"])
+    given = plan_of({"a": network(tmp_path / "a.onnx")}, ["a"])
     with pytest.raises(InfrastructureError) as caught:
         check_models(given, "c.yaml")
     assert words in str(caught.value)

@@ -12,7 +12,7 @@ import conductor.run.command
 from conductor.run.command import RunOptions, local_workers, run_campaign
 from conductor.run.places import WorkersOption
 from conductor.serve.shell import Conductor
-from schemas.plan import parse_campaign
+from schemas.plan import parse_plan
 
 LINES_MAX = 500
 """More than a run of an ended campaign executes."""
@@ -52,31 +52,31 @@ def ended(tmp_path, monkeypatch):
             super().__init__(*arguments, **options)
             conductors.append(self)
 
-    campaign, mistakes = parse_campaign(
+    plan, mistakes = parse_plan(
         {"campaign": "alpha", "simulator": "noop", "matrix": {"repeat": [0]}}
     )
-    assert campaign is not None, mistakes
+    assert plan is not None, mistakes
     options = RunOptions(out=tmp_path / "run", workers=WorkersOption(count=1))
-    workers = local_workers(campaign, options)
+    workers = local_workers(plan, options)
     try:
-        assert run_campaign(campaign, options, workers) == 0
+        assert run_campaign(plan, options, workers) == 0
     finally:
         workers.stop()
     monkeypatch.setattr(conductor.run.command, "Conductor", Remembered)
-    yield campaign, options
+    yield plan, options
     for found in conductors:
         found.stop()
 
 
 def test_a_signal_before_any_line_leaves_no_conductor_serving(ended):
-    campaign, options = ended
+    plan, options = ended
     codes = []
     for at in range(LINES_MAX):
         at_line = SignalAtLine(at)
-        workers = local_workers(campaign, options)
+        workers = local_workers(plan, options)
         sys.settrace(at_line)
         try:
-            codes.append(run_campaign(campaign, options, workers))
+            codes.append(run_campaign(plan, options, workers))
         finally:
             sys.settrace(None)
             workers.stop()

@@ -126,7 +126,7 @@ def test_a_missing_module_is_one_line(package, module):
 def test_the_shipped_stacks_pass():
     assert lines(Autonomy().stack, cruise_speed_mps=5) == []
     for name in shipped():
-        assert load(name).campaign == name
+        assert load(name).campaign.campaign == name
 
 
 def test_a_missing_package_of_a_bridge_is_one_line(monkeypatch):

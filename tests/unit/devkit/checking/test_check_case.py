@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from devkit.checking.check import campaign_of
+from devkit.checking.check import plan_of
 from twin.base.errors import UsageError
 
 
 def test_a_command_line_may_end_with_a_file_of_its_own():
-    found = campaign_of("/opt/run --config mine.yaml", {"gap_m": 8})
+    found = plan_of("/opt/run --config mine.yaml", {"gap_m": 8}).campaign
     assert found.autonomy.command == ["/opt/run", "--config", "mine.yaml"]
-    assert campaign_of("a.b:C", {}).autonomy.stack == "a.b:C"
+    assert plan_of("a.b:C", {}).campaign.autonomy.stack == "a.b:C"
     with pytest.raises(UsageError, match=r"mine\.yaml"):
-        campaign_of("mine.yaml", {})
+        plan_of("mine.yaml", {})
 
 
 def test_models_lie_beside_the_campaign_file(tmp_path, monkeypatch):
@@ -23,7 +23,7 @@ def test_models_lie_beside_the_campaign_file(tmp_path, monkeypatch):
     variants = {"mine": {"type": "network", "model": "nets/mine.onnx"}}
     data = {"campaign": "c", "autonomy": {"perception": variants}, "matrix": {"repeat": [0]}}
     (tmp_path / "c.yaml").write_text(json.dumps(data))  # JSON is YAML
-    found = campaign_of("../c.yaml", {})
+    found = plan_of("../c.yaml", {}).campaign
     model = Path(found.autonomy.perception["mine"].model)
     assert model.resolve() == tmp_path / "nets/mine.onnx"
     assert model.is_absolute()

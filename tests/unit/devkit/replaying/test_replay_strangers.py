@@ -11,7 +11,7 @@ from case_changes import changed
 
 from schemas import SCHEMA_VERSION
 from schemas.files.drive_record import RecordHead, RecordSeen
-from schemas.plan import examine
+from schemas.plan import parse_plan
 from schemas.sections.foreign import Foreign, Repository
 from twin.records.drive_record import RecordWriter
 
@@ -19,7 +19,9 @@ SECONDS = ["--deadline-s", "5"]
 
 
 def record(folder: Path, foreign: Foreign | None) -> Path:
-    _, cases, _ = examine({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    plan, mistakes = parse_plan({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    assert plan is not None, mistakes
+    cases = plan.cases
     stack = "" if foreign else cases[0].rig.stack
     case = changed(cases[0], stack=stack, foreign=foreign)
     attempt = folder / "cases/clear/attempt-1"

@@ -10,7 +10,6 @@ import twin
 from conductor.run.source import load
 from schemas.files.assets import asset_digest, asset_files, mesh_files
 from schemas.identity import case_digest, rig_key
-from schemas.plan import expand
 from twin.base.errors import RefusedError, UsageError
 from twin.rig.engine import Engine
 from twin.vehicle.vehicle_file import load_vehicle
@@ -35,17 +34,17 @@ def files(tmp_path):
 
 def test_another_content_is_another_case(files):
     campaign, car = files
-    before = expand(load(str(campaign)))[0]
+    before = load(str(campaign)).cases[0]
     assert before.rig.files == {str(car): asset_digest(car)}
     car.write_text(car.read_text().replace("width_m: 2.", "width_m: 1.9"))
-    after = expand(load(str(campaign)))[0]
+    after = load(str(campaign)).cases[0]
     assert case_digest(before) != case_digest(after)
     assert rig_key(before) != rig_key(after)
 
 
 def test_a_simulator_refuses_other_content(files):
     campaign, car = files
-    case = expand(load(str(campaign)))[0]
+    case = load(str(campaign)).cases[0]
     Engine(case, 1).close()
     car.write_text(car.read_text() + "\n# changed\n")
     with pytest.raises(RefusedError, match=r"car\.yaml: it, or a file it names, is not what"):
@@ -53,7 +52,7 @@ def test_a_simulator_refuses_other_content(files):
 
 
 def test_shipped_files_need_no_digest():
-    assert expand(load("aeb-demo"))[0].rig.files == {}
+    assert load("aeb-demo").cases[0].rig.files == {}
 
 
 def test_files_that_files_name_count(tmp_path):
@@ -112,7 +111,7 @@ def test_a_lidar_profile_by_path_belongs_to_the_vehicle(files):
     before = asset_digest(car)
     assert load_vehicle(str(car)).lidar("roof").profile == str(folder / "own.yaml")
     campaign.write_text(campaign.read_text() + "lidars: [{name: roof}]\n")
-    engine = Engine(expand(load(str(campaign)))[0], 1)
+    engine = Engine(load(str(campaign)).cases[0], 1)
     assert engine.lidar_sites[0].channels == 16
     own = folder / "own.yaml"
     own.write_text(own.read_text().replace("noise_m: ", "noise_m: 1"))

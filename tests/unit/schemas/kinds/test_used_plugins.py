@@ -8,7 +8,7 @@ import pytest
 from plugin_site import ROOT, beside
 
 from schemas.identity import campaign_digest
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 
 PLAIN = {"campaign": "c", "matrix": {"weather": ["clear"]}}
 STOPS = {**PLAIN, "scenario": {"type": "stop_line", "line_m": 4}}
@@ -20,12 +20,12 @@ import json, sys
 from schemas.identity import campaign_digest
 from schemas.kinds.plugins import lacking_plugins
 from schemas.kinds.registry import installed_plugins
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 found = []
 for data in json.load(sys.stdin):
-    campaign, cases, mistakes = parse_cases(data)
-    assert campaign is not None, mistakes
-    found.append([campaign.plugins, campaign_digest(campaign, cases)])
+    plan, mistakes = parse_plan(data)
+    assert plan is not None, mistakes
+    found.append([plan.campaign.plugins, campaign_digest(plan.campaign, plan.cases)])
 print(json.dumps([found, installed_plugins(), lacking_plugins()]))
 """
 
@@ -80,9 +80,9 @@ def test_a_digest_has_the_plugins_that_the_campaign_uses_and_no_others(tmp_path)
     assert [plugins for plugins, _ in one] == [{}, {}] + [{"plugin-example": "1.0"}] * 2
     # Without it: what does not use it keeps its bytes.
     for data, (_, digest) in zip(every[:2], one, strict=False):
-        campaign, cases, _ = parse_cases(data)
-        assert campaign.plugins == {}
-        assert campaign_digest(campaign, cases) == digest
+        plan, _ = parse_plan(data)
+        assert plan.campaign.plugins == {}
+        assert campaign_digest(plan.campaign, plan.cases) == digest
     two, _, _ = said(beside(tmp_path / "2", "1.1"), DIGESTS, every)
     assert [a == b for (_, a), (_, b) in zip(one, two, strict=True)] == [True, True, False, False]
 

@@ -5,7 +5,7 @@ import pytest
 
 from schemas.case import Variation
 from schemas.names import minutes
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from schemas.sections.environment import Environment
 
 DRIZZLE = {"drizzle": {"rain": 0.2, "fog": 0.1, "wind": 0.4}}
@@ -13,12 +13,13 @@ DRIZZLE = {"drizzle": {"rain": 0.2, "fog": 0.1, "wind": 0.4}}
 
 def parse(environment, weather=("clear",), **axes):
     matrix = {"weather": list(weather), **axes}
-    return parse_cases({"campaign": "c", "environment": environment, "matrix": matrix})
+    return parse_plan({"campaign": "c", "environment": environment, "matrix": matrix})
 
 
 def test_campaigns_without_the_section_have_its_defaults():
-    _, cases, mistakes = parse_cases({"campaign": "c", "matrix": {"weather": ["clear"]}})
+    plan, mistakes = parse_plan({"campaign": "c", "matrix": {"weather": ["clear"]}})
     assert mistakes == []
+    cases = plan.cases
     assert cases[0].variation.environment == Environment()
     plain = msgspec.to_builtins(cases[0].variation)
     del plain["environment"]
@@ -26,12 +27,13 @@ def test_campaigns_without_the_section_have_its_defaults():
 
 
 def test_custom_weathers_and_fields_are_axes():
-    _, cases, mistakes = parse(
+    plan, mistakes = parse(
         {"custom": DRIZZLE},
         ("clear", "drizzle"),
         **{"environment.family": ["physical", "autodrive"], "environment.exposure_ev100": [12]},
     )
     assert mistakes == []
+    cases = plan.cases
     assert [c.id for c in cases][2] == "drizzle-exposure_ev100_12-family_physical"
     assert {(c.variation.weather, c.variation.environment.family) for c in cases} == {
         (w, f) for w in ("clear", "drizzle") for f in ("physical", "autodrive")
@@ -69,8 +71,8 @@ def test_custom_weathers_and_fields_are_axes():
     ],
 )
 def test_mistakes_name_place_and_what_is_allowed(environment, weather, path, words):
-    _, cases, mistakes = parse(environment, (weather,))
-    assert cases == []
+    plan, mistakes = parse(environment, (weather,))
+    assert plan is None
     assert [m.path for m in mistakes] == [path]
     for word in words:
         assert word in mistakes[0].message
@@ -78,7 +80,7 @@ def test_mistakes_name_place_and_what_is_allowed(environment, weather, path, wor
 
 
 def test_custom_and_timeline_are_no_axes():
-    _, _, mistakes = parse({}, **{"environment.timeline": ["x"]})
+    _, mistakes = parse({}, **{"environment.timeline": ["x"]})
     assert [m.path for m in mistakes] == ["matrix.environment.timeline"]
 
 
@@ -91,8 +93,8 @@ def test_a_change_may_begin_when_the_one_before_ends():
         {"at_s": 1.0, "over_s": 2.0, "weather": "heavy_fog"},
         {"at_s": 3.0, "weather": "clear"},
     ]
-    _, cases, mistakes = parse({"timeline": timeline})
+    plan, mistakes = parse({"timeline": timeline})
     assert mistakes == []
-    assert [change.at_s for change in cases[0].variation.environment.timeline] == [1.0, 3.0]
+    assert [change.at_s for change in plan.cases[0].variation.environment.timeline] == [1.0, 3.0]
     timeline[1]["at_s"] = 2.999
-    assert len(parse({"timeline": timeline})[2]) == 1
+    assert len(parse({"timeline": timeline})[1]) == 1

@@ -11,7 +11,7 @@ from case_changes import changed
 from conductor.core.case_table import pack, unpack
 from conductor.run.source import check, load
 from schemas.identity import campaign_digest, case_digest, rig_key
-from schemas.plan import expand, parse_cases
+from schemas.plan import parse_plan
 from schemas.sections.perception import NetworkPerception, file_fields
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Lease
@@ -44,7 +44,7 @@ def campaign(tmp_path):
 def test_paths_are_those_beside_the_campaign_file(campaign, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     loaded = load("here/own.yaml")
-    mine, dark, truth = expand(loaded)
+    mine, dark, truth = loaded.cases
     nets = campaign.parent / "nets"
     assert mine.variation.perception.model == str(nets / "mine.onnx")
     assert set(mine.variation.files) == {str(nets / "mine.onnx"), str(nets / "mine.json")}
@@ -56,22 +56,22 @@ def test_paths_are_those_beside_the_campaign_file(campaign, tmp_path, monkeypatc
 
 
 def test_variants_share_a_rig_whatever_their_files(campaign):
-    assert len({rig_key(case) for case in expand(load(str(campaign)))}) == 1
+    assert len({rig_key(case) for case in load(str(campaign)).cases}) == 1
 
 
 def test_another_content_is_another_campaign(campaign):
     before = load(str(campaign))
     (campaign.parent / "nets" / "a.weights").write_text("other")
     after = load(str(campaign))
-    assert campaign_digest(before, expand(before)) != campaign_digest(after, expand(after))
-    changed = [
-        case_digest(a) != case_digest(b) for a, b in zip(expand(before), expand(after), strict=True)
-    ]
+    digests = [campaign_digest(plan.campaign, plan.cases) for plan in (before, after)]
+    assert digests[0] != digests[1]
+    pairs = zip(before.cases, after.cases, strict=True)
+    changed = [case_digest(a) != case_digest(b) for a, b in pairs]
     assert changed == [False, True, False]
 
 
 def test_they_travel(campaign):
-    cases = expand(load(str(campaign)))
+    cases = load(str(campaign)).cases
     assert unpack(pack(cases)) == cases
     lease = Lease(token=1, attempt=1, out="/x", case=cases[0])
     assert decode(encode(lease), Lease) == lease
@@ -91,7 +91,7 @@ def test_missing_files_are_named_with_their_key(campaign):
 def test_variants_that_no_case_uses_may_lack_their_files(campaign):
     shutil.rmtree(campaign.parent / "nets")
     campaign.write_text(CAMPAIGN.replace("[mine, dark, truth]", "[truth]"))
-    assert len(expand(load(str(campaign)))) == 1
+    assert len(load(str(campaign)).cases) == 1
 
 
 @pytest.mark.parametrize(
@@ -143,11 +143,12 @@ def test_a_stack_is_told_of_each_variant_once():
         },
         "matrix": {"model": ["sharp", "plain"], "weather": ["clear", "heavy_rain"]},
     }
-    campaign, cases, mistakes = parse_cases(data)
-    assert campaign is not None, mistakes
+    plan, mistakes = parse_plan(data)
+    assert plan is not None, mistakes
+    cases = plan.cases
     expected = expected_of(cases, "cpu")
     assert [each.perception.contrast_min for each in expected] == [0.1, 0.05]
-    assert {each.width for each in expected} == {campaign.camera.width}
+    assert {each.width for each in expected} == {plan.campaign.camera.width}
     many = [
         changed(
             cases[0],

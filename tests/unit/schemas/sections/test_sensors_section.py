@@ -13,7 +13,7 @@ from schemas.case import Variation
 from schemas.identity import case_digest, rig_key
 from schemas.kinds.sensors.gnss import Gnss
 from schemas.kinds.sensors.imu import Imu
-from schemas.plan import expand, parse_campaign, parse_cases
+from schemas.plan import expand, parse_campaign, parse_plan
 from schemas.sections.sensors import Sensors
 from schemas.wire import topics
 
@@ -21,9 +21,9 @@ GOOD = {"campaign": "c", "matrix": {"weather": ["clear"]}}
 
 
 def cases(sensors, **more):
-    campaign, found, mistakes = parse_cases({**copy.deepcopy(GOOD), "sensors": sensors, **more})
-    assert campaign is not None, mistakes
-    return found
+    plan, mistakes = parse_plan({**copy.deepcopy(GOOD), "sensors": sensors, **more})
+    assert plan is not None, mistakes
+    return plan.cases
 
 
 def test_a_sensor_that_is_not_named_is_not_there():

@@ -7,7 +7,7 @@ import pytest
 from conductor.run.source import load
 from twin.base.gpu.slot_count import MemoryCount
 
-CAMPAIGN = msgspec.json.encode(load("chaos-16"))
+CAMPAIGN = msgspec.json.encode(load("chaos-16").campaign)
 
 
 def test_it_counts():

@@ -3,12 +3,11 @@
 import pytest
 
 from conductor.run.source import load
-from schemas.plan import expand
 from schemas.wire.control import Lease
 from twin.rig.slot import RigTick, Slot, SlotEnd, Slots
 from twin.rig.slot_listener import SlotListener, SlotListeners
 
-CASES = expand(load("chaos-16"))
+CASES = load("chaos-16").cases
 
 
 def slot_of(index, token):

@@ -4,11 +4,10 @@ import pytest
 
 from conductor.run.source import load
 from schemas.messages import PerceptionCost
-from schemas.plan import expand
 from schemas.wire.control import Lease
 from twin.rig.slot import Slot
 
-LEASE = Lease(1, 1, "", expand(load("chaos-16"))[0])
+LEASE = Lease(1, 1, "", load("chaos-16").cases[0])
 
 
 def summed(total, cost):

@@ -13,7 +13,6 @@ from waiting import PATIENCE_S
 
 from conductor.run.source import load
 from schemas.messages import PerceptionCost
-from schemas.plan import expand
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Lease
 from twin.base.errors import TwinError
@@ -32,7 +31,7 @@ def ended(folder: Path, token: int) -> tuple[Slot, SlotEnd]:
     state = np.zeros((1, len(COLUMN)))
     recorder.add([0], np.array([token]), np.array([0]), state, [None], [{}])
     finished = Finished(0, "verdict", "pass", [], {}, recorder.of(0).table())
-    lease = Lease(token, 1, str(folder), expand(load("chaos-16"))[token])
+    lease = Lease(token, 1, str(folder), load("chaos-16").cases[token])
     slot = Slot(0, lease, 0.0, perception=PerceptionCost("numpy cpu", 3, 0.5), rig_wall_s=0.25)
     return slot, SlotEnd(finished, 12.5)
 

@@ -16,7 +16,6 @@ from waiting import PATIENCE_S, wait_for
 
 from conductor.run.source import load
 from devkit.detector.model_files import shipped_models
-from schemas.plan import expand
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Lease
@@ -109,7 +108,7 @@ def test_a_gpu_that_is_not_here_keeps_nobody_from_hearing_what_to_do(device):
         maps = Path(f"/proc/{simulator.pid}/maps")
         wait_for(lambda: "warp" in maps.read_text(), "the simulator loads what it needs")
         build = BuildRig(
-            lease=Lease(token=1, attempt=1, out="", case=expand(load("chaos-16"))[0]),
+            lease=Lease(token=1, attempt=1, out="", case=load("chaos-16").cases[0]),
             rig="r",
             listen="tcp/256.0.0.1:0",
             namespace="twin",
@@ -173,7 +172,7 @@ def test_what_a_waiting_stack_is_told_counts_as_if_typed(line, code, words):
 
 
 def test_only_a_shipped_stack_at_the_worker_is_run_by_what_waits(tmp_path):
-    case = expand(load("chaos-16"))[0]
+    case = load("chaos-16").cases[0]
     assert may_run(case)
     foreign = Foreign(command=["true"])
     others = [
@@ -217,7 +216,7 @@ def test_a_frozen_stack_is_not_told_what_no_pipe_takes(tmp_path):
 
 
 def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path):
-    case = expand(load("chaos-16"))[0]
+    case = load("chaos-16").cases[0]
     inbox = queue.SimpleQueue()
     loading = begin_loading("cpu")
     rig = RigProcess(

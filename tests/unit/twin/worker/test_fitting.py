@@ -10,10 +10,10 @@ import msgspec
 
 from conductor.run.source import find
 from schemas.files.yaml_file import load_yaml
-from schemas.plan import parse_cases
+from schemas.plan import expand, parse_campaign
 from twin.worker.options import fitting
 
-CASE = parse_cases(load_yaml(find("aeb-demo")))[1][0]
+CASE = expand(parse_campaign(load_yaml(find("aeb-demo")))[0])[0]
 
 
 def count(text: bytes, *options: str) -> subprocess.CompletedProcess:

@@ -16,7 +16,6 @@ from msgspec import structs
 from waiting import PATIENCE_S
 
 from conductor.run.source import load
-from schemas.plan import expand
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Lease
 from twin.base.gpu.first_use import PIPES_VARIABLE, apart
@@ -79,7 +78,7 @@ def test_processes_of_a_case_that_runs_alone_are_apart(tmp_path, monkeypatch, al
         "twin.worker.rig_process.apart", lambda device: {PIPES_VARIABLE: f"/no/{device}"}
     )
     monkeypatch.setenv(PIPES_VARIABLE, "/service")
-    case = expand(load("chaos-16"))[0]
+    case = load("chaos-16").cases[0]
     lease = Lease(token=1, attempt=1, out=str(tmp_path), case=case)
     inbox = queue.SimpleQueue()
     loading = begin_loading("cpu")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from schemas.plan import parse_cases
+from schemas.plan import parse_plan
 from twin.world.scene import Origin
 from twin.world.sky.environment import CaseEnvironment
 from twin.world.sky.weather import WEATHER, WEATHER_AUTODRIVE, blended
@@ -15,9 +15,9 @@ S = 1_000_000_000
 def case(weather="clear", time_of_day="12:00", **environment):
     matrix = {"weather": [weather], "time_of_day": [time_of_day]}
     data = {"campaign": "c", "environment": environment, "matrix": matrix}
-    _, cases, mistakes = parse_cases(data)
+    plan, mistakes = parse_plan(data)
     assert mistakes == []
-    return cases[0]
+    return plan.cases[0]
 
 
 def test_without_changes_it_stays_and_costs_nothing():

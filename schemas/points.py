@@ -1,0 +1,192 @@
+"""The points of a campaign: what each one of its matrix or list makes of the sections."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any, NamedTuple
+
+from schemas.axes import (
+    Memo,
+    case_id,
+    objects_of,
+    parameters_of,
+    section_of,
+    sensors_of,
+    value_of,
+)
+from schemas.campaign import ID_CHARS_MAX, Campaign
+from schemas.names import minutes
+from schemas.sections.autonomy import Autonomy
+from schemas.sections.camera import Camera
+from schemas.sections.environment import Environment
+from schemas.sections.objects import ObjectVariation
+from schemas.sections.scenario import Scenario
+from schemas.sections.sensors import Sensors
+from schemas.validation import MISTAKES_MAX, Mistake, suggest
+
+
+class Point(NamedTuple):
+    """One case as its axes decide it: the part that is slow to find out.
+
+    The rest of a case is the same for all cases of a campaign, see :mod:`schemas.plan`.
+    """
+
+    id: str
+    """Of its case."""
+    values: dict[str, Any]
+    """Axis -> value, as the file has them."""
+    model: str
+    time_of_day_min: int
+    weather: str
+    repeat: int
+    scenario: Scenario
+    camera: Camera
+    sensors: Sensors
+    sensor_hz: dict[str, int]
+    """Rates of the vehicle's own sensors that are there, by name [Hz]."""
+    environment: Environment
+    autonomy: Autonomy
+    """Only what an axis may name of it is read: :data:`schemas.sections.autonomy.DELAYS`."""
+    parameters: dict[str, Any]
+    """Of the stack; those that axes name."""
+    objects: dict[str, ObjectVariation]
+
+
+def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
+    """Every point in file order, those with mistakes left out, and the mistakes."""
+    kept, mistakes = _grid(campaign)
+    points: dict[str, Point] = {}
+    memo: Memo = {}
+    for where, values in kept:
+        point, found = _point(campaign, values, where, memo)
+        mistakes += [m for m in found if m not in mistakes]
+        if len(mistakes) > MISTAKES_MAX:
+            mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
+            break
+        if point is None:
+            continue
+        if point.id in points:
+            mistakes.append(Mistake(where, f"case '{point.id}' appears twice"))
+        points[point.id] = point
+    if not kept and not mistakes:
+        mistakes.append(Mistake("exclude", "every case is excluded; nothing is left to run"))
+    return list(points.values()), mistakes
+
+
+def _grid(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
+    """Where each case stands in the file, and its values; in file order."""
+    points: list[tuple[str, dict[str, Any]]] = []
+    if campaign.matrix:
+        for values in itertools.product(*campaign.matrix.values()):
+            points.append(("matrix", dict(zip(campaign.matrix, values, strict=True))))
+    excluded = [False] * len(campaign.exclude)
+    kept = []
+    for where, point in points:
+        hits = [
+            index
+            for index, pattern in enumerate(campaign.exclude)
+            if all(axis in point and point[axis] == value for axis, value in pattern.items())
+        ]
+        for index in hits:
+            excluded[index] = True
+        if not hits:
+            kept.append((where, point))
+    mistakes = [
+        Mistake(f"exclude[{index}]", "matches no case of the matrix; correct or remove it")
+        for index, hit in enumerate(excluded)
+        if not hit
+    ]
+    kept += [(f"cases[{index}]", dict(point)) for index, point in enumerate(campaign.cases)]
+    return kept, mistakes
+
+
+def _model(campaign: Campaign, point: dict[str, Any], where: str) -> tuple[str, list[Mistake]]:
+    """The perception variant of a point of the matrix; where there is but one it need not say."""
+    variants = campaign.autonomy.perception
+    given = point.get("model", next(iter(variants)) if len(variants) == 1 else None)
+    path, model = f"{where}.model", str(given)
+    if given is None:
+        return model, [Mistake(path, f"missing; choose of {', '.join(variants)}")]
+    if model not in variants:
+        return model, [Mistake(path, f"given {given!r}; {suggest(model, list(variants))}")]
+    return model, []
+
+
+def _point(
+    campaign: Campaign, point: dict[str, Any], where: str, memo: Memo
+) -> tuple[Point | None, list[Mistake]]:
+    model, mistakes = _model(campaign, point, where)
+    time_of_day, found = value_of(point, "time_of_day", where, memo)
+    mistakes += found
+    weather, found = value_of(point, "weather", where, memo)
+    mistakes += found
+    known = campaign.environment.weathers()
+    if weather is not None and weather not in known:
+        given = f"given {weather!r}; {suggest(weather, known)}"
+        mistakes.append(Mistake(f"{where}.weather", given))
+    repeat, found = value_of(point, "repeat", where, memo)
+    mistakes += found
+    scenario, found = section_of(campaign.scenario, "scenario", point, where, memo)
+    mistakes += found
+    camera, found = section_of(campaign.camera, "camera", point, where, memo)
+    mistakes += found
+    sensors, found = sensors_of(campaign.sensors, point, where, memo)
+    mistakes += found
+    environment, found = section_of(campaign.environment, "environment", point, where, memo)
+    mistakes += found
+    autonomy, found = section_of(campaign.autonomy, "autonomy", point, where, memo)
+    mistakes += found
+    objects, found = objects_of(campaign.objects, point, where, memo)
+    mistakes += found
+    if mistakes:
+        return None, mistakes
+    sensor_hz = sensors.rates(campaign.control_hz)
+    mistakes = _rates(campaign, camera, sensor_hz, autonomy)
+    name = case_id(model, time_of_day, weather, point)
+    if len(name) > ID_CHARS_MAX:
+        given = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
+        mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
+    if mistakes:
+        return None, mistakes
+    found_point = Point(
+        id=name,
+        values=point,
+        model=model,
+        time_of_day_min=minutes(time_of_day),
+        weather=weather,
+        repeat=repeat,
+        scenario=scenario,
+        camera=camera,
+        sensors=sensors,
+        sensor_hz=sensor_hz,
+        environment=environment,
+        autonomy=autonomy,
+        parameters=parameters_of(point),
+        objects=objects,
+    )
+    return found_point, []
+
+
+def _rates(
+    campaign: Campaign, camera: Camera, sensor_hz: dict[str, int], autonomy: Autonomy
+) -> list[Mistake]:
+    """Periods are whole physics steps of 2 ms, and sensors' rates divide the control rate."""
+    mistakes = []
+    control_hz = campaign.control_hz
+    if 500 % control_hz:
+        mistakes.append(
+            Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
+        )
+    rates = {"camera": camera.hz}
+    rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
+    rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
+    rates.update((f"sensors.{name}", hz) for name, hz in sensor_hz.items())
+    if autonomy.rate_hz and control_hz % autonomy.rate_hz:
+        allowed = f"given {autonomy.rate_hz}, allowed: a divisor of control_hz {control_hz}"
+        mistakes.append(Mistake("autonomy.rate_hz", allowed))
+    mistakes += [
+        Mistake(f"{name}.hz", f"given {hz}, allowed: a divisor of control_hz {control_hz}")
+        for name, hz in rates.items()
+        if hz > control_hz or control_hz % hz
+    ]
+    return mistakes
